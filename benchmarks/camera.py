@@ -8,9 +8,7 @@ Errors of the calibrated arm are distances to its true position at postures that
 
 import sys
 import tempfile
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,13 +17,13 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from chains import chain_urdf, turning
-from rendering import Camera, Desk, board, board_shots, tag, write_video
+from rendering import Camera, Desk, Sticker, board, board_shots, tag, write_video
 from tables import typed
 
 import calib
 from calib.recording.board import parse_board
-from calib.recording.joint_table import read_joints
 from calib.recording.lens import load_lens
+from calib.recording.motion_tables import read_joints
 from calib.recording.setting import Setup
 from calib.recording.tag_logs import log_pictures, log_video
 
@@ -101,9 +99,9 @@ def film(folder: Path, desk: Desk, seconds: float, seed: int, rate: float = 15.0
     np.savetxt(folder / "joints.csv", table, delimiter=",", header=header, comments="")
 
 
-def on_board(desk: Desk, q: np.ndarray) -> np.ndarray:
-    """Return true tips in the board's frame [m]."""
-    turn, at = LYING.frame
+def on_board(desk: Desk, q: np.ndarray, lying: Sticker = LYING) -> np.ndarray:
+    """Return true tips in the frame of the board that lies on the desk [m]."""
+    turn, at = lying.frame
     world = np.c_[desk.tip(q), np.full(len(q), desk.height)]
     return ((world - at) @ turn)[:, :2] + np.array(BOARD.size) / 2
 
@@ -125,14 +123,6 @@ def judge(model: calib.Model, desk: Desk) -> str:
         away = np.linalg.norm(x - on_board(desk, q), axis=1)
     text = f"mean {1e3 * np.nanmean(away):.3f} mm, max {1e3 * np.nanmax(away):.3f} mm"
     return text + (f", no answer for {lost} of {len(q)}" if lost else "")
-
-
-@contextmanager
-def stage(name: str) -> Iterator[None]:
-    """Print how long a stage takes, process time."""
-    start = time.process_time()
-    yield
-    print(f"    {name}: {time.process_time() - start:.1f} s")
 
 
 def logged(folder: Path, metres: bool, name: str = "log.csv") -> tuple[calib.Samples, str]:
@@ -163,15 +153,12 @@ def run(folder: Path, count: int, seconds: float) -> None:
     models = {}
     for metres in (False, True):
         what = "metres" if metres else "pixels"
-        with stage(f"calib log, {count} pictures, {what}"):
-            log, noise = logged(folder / "still", metres, f"{what}.csv")
-        with stage("calib train"):
-            models[what] = calib.train(log)
+        log, noise = logged(folder / "still", metres, f"{what}.csv")
+        models[what] = calib.train(log)
         print(f"{what}, no URDF (noise {noise}): {judge(models[what], DESK)}")
         if metres:
-            with stage("train the URDF, adapt"):
-                old = calib.train(calib.babble(arm, 20_000, seed=0), size=20)
-                found = calib.adapt(old, log)
+            old = calib.train(calib.babble(arm, 20_000, seed=0), size=20)
+            found = calib.adapt(old, log)
             print(f"{what}, wrong URDF, adapted: {judge(found.model, DESK)}")
             given = calib.train(calib.read_log(folder / "still" / f"{what}.csv", arm))
             print(f"{what}, trained with the URDF as prior: {judge(given, DESK)}")
@@ -188,8 +175,7 @@ def run(folder: Path, count: int, seconds: float) -> None:
         lens, _ = load_lens(folder / "still" / "shots", BOARD)
         table = read_joints(folder / "film" / "joints.csv")
         for what, setting in (("pixels", Setup(7)), ("metres", Setup(7, board=BOARD, lens=lens))):
-            with stage(f"calib log, {seconds:g} s of video"):
-                shot = log_video(folder / "film" / "run.mp4", table, setting)
+            shot = log_video(folder / "film" / "run.mp4", table, setting)
             off = 1e3 * abs(shot.source["time_offset"] - 1004.0)
             calib.write_log(shot, folder / "film" / f"{what}.csv")
             log = calib.read_log(folder / "film" / f"{what}.csv", joints=NAMES)

@@ -20,11 +20,11 @@ from tables import typed
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from camera import BOARD, DESK, LYING, NAMES, on_board, postures, stops
-from rendering import Camera, Desk, board, write_video
+from rendering import Camera, Desk, Sticker, board, write_video
 
 from calib.errors import CalibError
-from calib.recording.joint_table import JointTable
 from calib.recording.lens import Lens
+from calib.recording.motion_tables import JointTable
 from calib.recording.setting import Setup
 from calib.recording.tag_logs import log_pictures, log_video
 from calib.samples.samples import Samples
@@ -62,7 +62,7 @@ def logged(q: np.ndarray, pictures: list[np.ndarray], setting: Setup) -> Samples
         return log_pictures(folder, JointTable("joints", tuple(NAMES), q, None, names), setting)
 
 
-def told(name: str, desk: Desk, make: Callable[[], Samples]) -> None:
+def told(name: str, desk: Desk, make: Callable[[], Samples], lying: Sticker = LYING) -> None:
     """Print how far a log is off, and what it says."""
     try:
         log = make()
@@ -70,7 +70,7 @@ def told(name: str, desk: Desk, make: Callable[[], Samples]) -> None:
         print(f"{name}: refused: {error}")
         return
     metres = log.unit == "m"
-    miss = log.x - (on_board(desk, log.q) if metres else desk.tip_pixels(log.q))
+    miss = log.x - (on_board(desk, log.q, lying) if metres else desk.tip_pixels(log.q))
     scale, unit = (1e3, "mm") if metres else (1.0, "px")
     rms = scale * np.sqrt(np.square(miss).mean())
     worst = scale * np.linalg.norm(miss, axis=1).max()
@@ -88,29 +88,10 @@ def clipped(count: int) -> None:
         lying = board(7, 5, 0.024, 0.018, (0.36 + shift, -0.06 - shift, 0.0, 0.1))
         desk = replace(DESK, still=(lying,))
         q, pictures = shots(desk, count)
-
-        def made(q=q, pictures=pictures) -> Samples:
-            return logged(q, pictures, METRES)
-
         seen = desk.camera.project(lying.outline())
         share = np.mean(((seen > 0) & (seen < desk.camera.size)).all(1))
-        moved = (np.array([shift, -shift]) @ LYING.frame[0][:2, :2]) if shift else np.zeros(2)
-        print(f"clipped, {100 * share:.0f} % of the outline in the picture, moved {moved.round(3)}")
-        told("   ", _Placed(desk, lying), made)  # type: ignore[arg-type]
-
-
-class _Placed:
-    """A desk whose board lies elsewhere: the truth is told in that board's frame."""
-
-    def __init__(self, desk: Desk, lying: object) -> None:
-        self.desk, self.lying, self.height = desk, lying, desk.height
-
-    def tip(self, q: np.ndarray) -> np.ndarray:
-        """Return tips as if the board lay where `on_board` has it."""
-        turn, at = self.lying.frame  # type: ignore[attr-defined]
-        world = np.c_[self.desk.tip(q), np.full(len(q), self.height)]
-        turn0, at0 = LYING.frame
-        return (((world - at) @ turn) @ turn0.T + at0)[:, :2]
+        name = f"clipped, {100 * share:.0f} % of the outline in the picture"
+        told(name, desk, lambda q=q, p=pictures: logged(q, p, METRES), lying)
 
 
 def tilted(count: int) -> None:

@@ -20,9 +20,9 @@ from calib.arm.rotations import matrix_of
 from calib.common.scale import METRES
 from calib.recording.board_pictures import BoardPictures, find_board
 from calib.recording.bundle import project
-from calib.recording.conventions import readings
-from calib.recording.flange_table import FlangeTable, read_flange_poses
 from calib.recording.lens import Lens
+from calib.recording.motion_tables import FlangeTable, read_flange_poses
+from calib.recording.readings import pose_readings
 from calib.recording.rigid import inverse, rigid
 
 FOLDS = 5
@@ -38,7 +38,7 @@ def flange_of(rig: calib.HandEye, table: FlangeTable) -> np.ndarray:
     """All flange poses (n, 4, 4) [m] as the rig reads them."""
     found = rig.convention
     names = ("rotation", "angles", "inverse")
-    for reading in readings(table):
+    for reading in pose_readings(table):
         if all(getattr(reading, name) == found[name] for name in names):
             flange = reading.flange.copy()
             flange[:, :3, 3] /= METRES[found["unit"]]

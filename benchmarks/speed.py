@@ -1,13 +1,14 @@
-"""Speed beside peers: training of maps, queries, whole commands; tables of docs/performance.md.
+"""Speed beside peers: training of maps, whole commands; tables of docs/performance.md.
 
     python benchmarks/speed.py [--quick] [--only SECTION ...] [--peers PEER ...] [--sides N ...]
 
-SECTION: maps (training of self-organizing maps to a quality, beside other libraries), queries
-(batches of a 70x70 model), processes (whole commands).  Peers that are not installed are left out,
-aloud.  The quality of a map is the mean distance of fresh samples to their winners over the bound
-0.377 sqrt(A / N) of a perfect hexagonal lattice of N nodes on the area A.  The least training that
-reaches it is searched for each peer first, up to an hour for all of `map_peers.PEERS`; every
-training runs in a process of its own, after a tiny one that loads and compiles what there is.
+SECTION: maps (training of self-organizing maps to a quality, beside other libraries), processes
+(whole commands); queries are those of inverse.py and realtime.py.  Peers that are not installed are
+left out, aloud.  The quality of a map is the mean distance of fresh samples to their winners over
+the bound 0.377 sqrt(A / N) of a perfect hexagonal lattice of N nodes on the area A.  The least
+training that reaches it is searched for each peer first, up to an hour for all of
+`map_peers.PEERS`; every training runs in a process of its own, after a tiny one that loads and
+compiles what there is.
 """
 
 import argparse
@@ -27,9 +28,8 @@ from typing import Any
 
 import map_peers
 import numpy as np
-from map_peers import OURS, PEERS, Array, Peer, Setting
+from map_peers import OURS, PEERS, Peer, Setting
 from tables import number, table
-from threadpoolctl import threadpool_limits
 
 ROOT = Path(__file__).parents[1]
 FASTEST = ("calib", "sparse-som", "numbasom")
@@ -201,44 +201,6 @@ def _row(
     }  # fmt: skip
 
 
-def queries(quick: bool) -> None:
-    """Batches of a 70x70 model of 20,000 exact samples, one thread; joints given are 10 mrad off.
-
-    Single calls are those of realtime.py.
-    """
-    import calib
-
-    size, samples, batch = (20, 2000, 5000) if quick else (70, 20_000, 100_000)
-    repeats = 2 if quick else 7
-    arm = calib.load_arm("two_link")
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "two_link.calib"
-        calib.train(calib.babble(arm, samples, seed=0), size=size).save(path)
-        load = statistics.median(spent(lambda: calib.load(path))[0] for _ in range(5 * repeats))
-        print(f"\nModel file {path.stat().st_size / 1e6:.2f} MB, loaded in {1e3 * load:.1f} ms.")
-        model = calib.load(path)
-    rng = np.random.default_rng(3)
-    q = rng.uniform(arm.lower, arm.upper, (batch, arm.dof))
-    x, near = arm.forward(q), np.clip(q + 0.01 * rng.normal(size=q.shape), arm.lower, arm.upper)
-    runs: dict[str, tuple[Callable[[], Array], Callable[[Array], Array]]] = {
-        "forward, batch": (lambda: model.forward(q), lambda said: said - x),
-        "inverse, batch, near given": (
-            lambda: model.inverse(x, near=near), lambda said: arm.forward(said) - x),
-        "inverse, batch": (lambda: model.inverse(x), lambda said: arm.forward(said) - x),
-    }  # fmt: skip
-    rows = []
-    with threadpool_limits(1):
-        for name, (run, gap) in runs.items():
-            miss = 1e3 * np.linalg.norm(gap(run()), axis=1)
-            each = [spent(run)[0] / batch for _ in range(repeats)]
-            rows.append({
-                "query": name, "processor time [us]": interval([1e6 * s for s in each]),
-                "per second": 1.0 / statistics.median(each),
-                "mean error [mm]": float(np.nanmean(miss)), "max [mm]": float(np.nanmax(miss)),
-            })  # fmt: skip
-    table("Queries, one core", rows)
-
-
 YARDSTICK = "import numpy, scipy.spatial"
 _PROBE = """
 import json, resource, subprocess, sys, time
@@ -313,7 +275,7 @@ def main() -> None:
     """Run the sections."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="tiny sizes: does it all run?")
-    sections = ("maps", "queries", "processes")
+    sections = ("maps", "processes")
     parser.add_argument("--only", nargs="+", choices=sections, default=sections)
     parser.add_argument("--peers", nargs="+", default=list(FASTEST), metavar="PEER")
     parser.add_argument("--sides", nargs="+", type=int, default=[30, 70])
@@ -328,8 +290,6 @@ def main() -> None:
           f"Python {platform.python_version()}, load {os.getloadavg()[0]:.1f}")  # fmt: skip
     if "maps" in options.only:
         maps(options.quick, options.peers, options.sides)
-    if "queries" in options.only:
-        queries(options.quick)
     if "processes" in options.only:
         processes(options.quick)
 

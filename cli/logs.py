@@ -7,14 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import calib
+from calib.common.names import by_name
+
 from .output import say
 from .parsing import BadOption, OfJoint, refuse
 from .units import in_si, joints_that_turn
 
 if TYPE_CHECKING:
-    from calib import Samples
     from calib.arm.arm import Arm
-    from calib.model.model import Model
     from calib.samples.tables import Source
 
 FOR_LOGS = "applies to a log: expected --data LOG too"
@@ -83,9 +84,8 @@ def babble_log(
     noise: float | None,
     change: Sequence[str] | None,
     seed: int,
-) -> Samples:
+) -> calib.Samples:
     """Babble in simulation, and say what was assumed."""
-    import calib
     from calib.errors import OptionError
     from calib.samples.simulation import parse_changes
 
@@ -108,9 +108,8 @@ def read_measured_log(
     reading: Reading,
     lens: str | None = None,
     sensor: str = "",
-) -> Samples:
+) -> calib.Samples:
     """Read a log, for the robot where there is one, and say what was assumed."""
-    import calib
     from calib.samples.tables import open_source
 
     source = open_source(path)  # once: it may be a pipe
@@ -122,7 +121,7 @@ def read_measured_log(
         arm = _arm_of_log(robot, selection, source, reading.columns or {})
         say(arm.notes)
         joints = None
-        turns = dict(zip(arm.joint_names, arm.revolute, strict=True))
+        turns = by_name(arm.joint_names, arm.revolute)
     glass = None
     if lens is not None:
         from calib.recording.lens import load_lens
@@ -176,8 +175,10 @@ def _arm_of_log(
 
 
 def with_facts(
-    log: Samples, distance: Sequence[str] | None, plane: Sequence[str] | None
-) -> Samples:
+    log: calib.Samples,
+    distance: Sequence[str] | None,
+    plane: Sequence[str] | None,
+) -> calib.Samples:
     """Return a log with what was typed of the points that its rows touched."""
     if log.touch is None:
         why = "is of touched points: expected a log with a column `point`"
@@ -186,9 +187,8 @@ def with_facts(
     return replace(log, touch=log.touch.stated(distance or (), plane or ()))
 
 
-def log_for(model: Model, path: str, reading: Reading) -> Samples:
+def log_for(model: calib.Model, path: str, reading: Reading) -> calib.Samples:
     """Read a log of a model's joints, in the model's unit where that is known."""
-    import calib
     from calib.common.scale import METRES
     from calib.errors import LogError
     from calib.samples.joint_values import check_joint_values
@@ -236,7 +236,7 @@ def log_for(model: Model, path: str, reading: Reading) -> Samples:
     return replace(log, x=log.x * factor, unit=about.unit, source=facts)
 
 
-def _sensor_of_log(model: Model, source: Source) -> str:
+def _sensor_of_log(model: calib.Model, source: Source) -> str:
     """Name the sensor of a log among a model's: by its column `sensor`, or the file's name.
 
     It is the first one's where neither says another.
@@ -256,7 +256,9 @@ def _sensor_of_log(model: Model, source: Source) -> str:
     return [*sensors, model.sensors[0]][0]
 
 
-def log_of(model: Model, path: str | None, reading: Reading) -> Samples | None:
+def log_of(
+    model: calib.Model, path: str | None, reading: Reading
+) -> calib.Samples | None:
     """Read a log to look at; None where none is given."""
     if path is None:
         refuse(vars(reading), FOR_LOGS)

@@ -295,13 +295,11 @@ TagTable = Annotated[
     str | None, value("--tags-at FILE", "Table of desk tags: tag, x, y [m].")
 ]
 TagSize = Annotated[
-    str | None, value("--tag-size 40mm", "Of the tip's tag, for --pose.")
+    str | None,
+    value("--tag-size 40mm", "Of the tip's: its pose in space, too."),
 ]
 TagHeight = Annotated[
     str | None, value("--tag-height 25mm", "Of the tip's, above the desk.")
-]
-WholePose = Annotated[
-    bool, option("--pose", "z and the quaternion too, in space.")
 ]
 SeenPicture = Annotated[
     str | None, value("--picture seen.png", "Draw what was seen on a photo.")

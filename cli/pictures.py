@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import calib
 from calib.common.choices import PICTURES, VIDEOS
 
 from .logs import Reading, log_of
@@ -14,11 +15,8 @@ from .output import say
 from .parsing import BadOption
 
 if TYPE_CHECKING:
-    from calib.model.model import Model
     from calib.recording.lens import Lens
-    from calib.recording.rig import HandEye
     from calib.recording.setting import Setup
-    from calib.samples.samples import Samples
 
 
 def is_of_camera(name: str) -> bool:
@@ -52,7 +50,6 @@ def setup(
     lens: str | None,
     tag_size: str | None,
     tag_height: str | None,
-    pose: bool,
 ) -> Setup:
     """What is in pictures of a tag; a lens that is calibrated is written beside the log."""
     from calib.recording.board import Board, parse_board, parse_length
@@ -86,7 +83,6 @@ def setup(
         glass,
         None if tag_size is None else parse_length(tag_size, "`tag_size`"),
         parse_length(tag_height or "0mm", "`tag_height`", signed=True),
-        pose,
     )
 
 
@@ -100,11 +96,11 @@ def record_tag(
     max_gap: float,
     still: float | None,
     time_offset: float | None,
-) -> Samples:
+) -> calib.Samples:
     """Make a log of pictures or a video, and draw what was seen if that is wanted."""
-    from calib.recording.joint_table import read_joints
-    from calib.recording.photo import read_photo, write_overlay
-    from calib.recording.pictures import list_pictures
+    from calib.recording.motion_tables import read_joints
+    from calib.recording.pictures import list_pictures, read_photo
+    from calib.recording.setting import write_overlay
     from calib.recording.tag_logs import log_pictures, log_video
 
     if joints.path is None:
@@ -162,7 +158,7 @@ def record_board(
     lens: Lens | str | None,
     joints: JointReading,
     camera: str | None,
-) -> Samples:
+) -> calib.Samples:
     """Make a log of pictures of a board; `lens` is a lens, its file or its pictures, or None."""
     from calib.recording.board_pictures import find_board
     from calib.recording.lens import load_lens
@@ -190,12 +186,12 @@ def record_board(
 
 
 def log_of_pictures(
-    model: Model,
+    model: calib.Model,
     source: str,
     joints_file: str | None,
     camera: str | None,
     degrees: bool | None,
-) -> Samples:
+) -> calib.Samples:
     """Make a log of pictures, read as those of the model were."""
     from calib.recording.lens import lens_of_model
 
@@ -218,7 +214,9 @@ def log_of_pictures(
     )
 
 
-def photo_of_log(model: Model, log: Samples, data: str) -> Model:
+def photo_of_log(
+    model: calib.Model, log: calib.Samples, data: str
+) -> calib.Model:
     """Return a model with the picture that its log names, if it lies beside or below the log."""
     from calib.errors import CalibError
 
@@ -247,9 +245,8 @@ def load_drawn(
     data: str | None,
     photo: str | None,
     no_photo: bool,
-) -> tuple[Model | HandEye, Samples | None]:
+) -> tuple[calib.Model | calib.HandEye, calib.Samples | None]:
     """Load a model or a rig as it is to be drawn, and a log of its own arm where one is given."""
-    import calib
     from calib.recording.rig import is_rig, load_rig
 
     if is_rig(path):
@@ -267,9 +264,11 @@ def load_drawn(
     return model, log
 
 
-def with_photo(model: Model, path: str, log: Samples | None) -> Model:
+def with_photo(
+    model: calib.Model, path: str, log: calib.Samples | None
+) -> calib.Model:
     """Return a model with a photo, by the camera of the log."""
-    from calib.recording.photo import take_photo
+    from calib.recording.pictures import take_photo
 
     source = None if log is None else log.source
     unit = model.about.unit

@@ -72,26 +72,23 @@ class Query:
         self._output = None if output == "-" else output
         about = self.model.about
         self.joints = JointFormat(about, degrees)
-        self.frame = "sensor"
-        self.axes = self.model.axes
-        self.unit = about.unit
-        # what the numbers of an answer mean, for JSON
-        self.meaning: dict[str, object] = {}
+        based = frame == "base"
+        self.frame = "base" if based else "sensor"
+        self.axes = ("x", "y", "z") if based else self.model.axes
+        self.unit = "m" if based else about.unit
         # of a simulation, and in the base frame, both bounds are the same: one is printed
-        self.bounds = BOUNDS if about.source == "log" else BOUNDS[:1]
-        bound_of = about.bound_of
-        if frame == "base":
-            self.frame = frame
-            self.axes = ("x", "y", "z")
-            self.unit = "m"
+        one_bound = based or about.source != "log"
+        self.bounds = BOUNDS[:1] if one_bound else BOUNDS
+        self.meaning: dict[str, object] = {
+            "unit": self.unit,
+            "bound_of": "true position" if based else about.bound_of,
+            "units": units_of(about, self.unit),
+        }
+        """What the numbers of an answer mean, for JSON."""
+        if based:
             self.meaning["frame"] = frame
-            self.bounds = BOUNDS[:1]
-            bound_of = "true position"
         elif about.sensor:
             self.meaning["sensor"] = about.sensor
-        self.meaning["unit"] = self.unit
-        self.meaning["bound_of"] = bound_of
-        self.meaning["units"] = units_of(about, self.unit)
         self.factor, self.shown = for_people(self.unit)
         self.typed = 1.0
         """Factor from the model's unit to what is typed, and written to tables of answers."""
@@ -111,13 +108,15 @@ class Query:
 
     def within_range(
         self, option: str, typed: Sequence[float] | None
-    ) -> list[float] | None:
-        """Return joint values [rad or m] that were typed for an option, within what was learned."""
+    ) -> Array | None:
+        """Return joint values (dof,) [rad or m] of an option, within what was learned."""
         q = self.joints.one_each(option, typed)
-        beyond = None if q is None else self.joints.beyond(self.model, q)
+        if q is None:
+            return None
+        beyond = self.joints.beyond(self.model, q)
         if beyond is not None:
             raise BadOption(f"{option} {beyond}")
-        return q
+        return np.array(q)
 
     def table(
         self, q: Array, quantities: Columns, title: str = ""
@@ -200,7 +199,7 @@ class Query:
         return Outcome(document, lines, result=(), columns=written, code=code)
 
 
-def beside(batch: Batch, valid: Mask, added: Columns) -> Columns:
+def columns_with(batch: Batch, valid: Mask, added: Columns) -> Columns:
     """Columns of a table of queries with answers of rows that are `valid` (n,), else NaN or 0."""
     answers: dict[str, ArrayLike] = {}
     for name, column in added.items():

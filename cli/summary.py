@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import calib
 from calib.common.choices import READOUTS
 from calib.common.wording import printable
 
@@ -12,7 +13,6 @@ from .output import NO, TextTable, number, with_unit
 from .units import units_of
 
 if TYPE_CHECKING:
-    from calib import Model
     from calib.model.about import About, Errors
 
 _EXACT = 1e-9  # share of the extent below which an error is rounding
@@ -27,7 +27,7 @@ _TERMS = (
 
 
 def summary(
-    model: Model, path: str, errors: Errors, seconds: Mapping[str, float]
+    model: calib.Model, path: str, errors: Errors, seconds: Mapping[str, float]
 ) -> dict[str, object]:
     """Return what `train`, `evaluate` and `info` print as JSON; `seconds` have a "total"."""
     about = model.about
@@ -60,7 +60,7 @@ def summary(
     return facts
 
 
-def _sensor(model: Model) -> dict[str, object]:
+def _sensor(model: calib.Model) -> dict[str, object]:
     """Return what a sensor is as JSON: its name, kind, unit, view, noise and rows."""
     about = model.about
     body = model.body
@@ -80,7 +80,7 @@ def _sensor(model: Model) -> dict[str, object]:
     }
 
 
-def _view_of(model: Model) -> dict[str, object]:
+def _view_of(model: calib.Model) -> dict[str, object]:
     """Return what the sensor measures as JSON: the kind of view and its fitted parameters."""
     body = model.body
     if body is None:
@@ -123,7 +123,7 @@ def _mean_distance(errors: Errors) -> float:
 
 
 def accuracy(
-    model: Model,
+    model: calib.Model,
     errors: Errors,
     within: Mapping[str, float],
     rows: str,
@@ -146,7 +146,7 @@ def accuracy(
     return line
 
 
-def accuracy_of_sensor(model: Model) -> str:
+def accuracy_of_sensor(model: calib.Model) -> str:
     """Return in one line how far predictions of a sensor were off when its model was made."""
     about = model.about
     tested = f"{about.tested} {tested_rows(about)}"
@@ -161,7 +161,7 @@ def tested_rows(about: About) -> str:
     return "rows held out in blocks of the log"
 
 
-def error_table(model: Model, errors: Errors, title: str) -> TextTable:
+def error_table(model: calib.Model, errors: Errors, title: str) -> TextTable:
     """Return all errors, a line for each readout, direction and quantity."""
     from calib.model.about import STATISTICS, error_statistics
 
@@ -179,7 +179,7 @@ def error_table(model: Model, errors: Errors, title: str) -> TextTable:
     return TextTable(header, rows, title, left=4, foot=_TERMS)
 
 
-def findings_of_body(model: Model) -> list[str]:
+def findings_of_body(model: calib.Model) -> list[str]:
     """Return in one line what differs from the drawing, or what was found without one."""
     from calib.use.geometry_fit import body_with_zeros
 
@@ -227,7 +227,9 @@ def code_of(warnings: list[str]) -> int:
     return NO if warnings else 0
 
 
-def advice(model: Model, errors: Errors, warnings: Sequence[str]) -> list[str]:
+def advice(
+    model: calib.Model, errors: Errors, warnings: Sequence[str]
+) -> list[str]:
     """Say in one line what limits the accuracy, and the one thing that would help most.
 
     Nothing limits a model that does not hold: its `warnings` say what to do.
@@ -235,7 +237,7 @@ def advice(model: Model, errors: Errors, warnings: Sequence[str]) -> list[str]:
     return [] if warnings else [_limit(model, errors)]
 
 
-def _limit(model: Model, errors: Errors) -> str:
+def _limit(model: calib.Model, errors: Errors) -> str:
     about = model.about
     unit = about.unit
     mean = _mean_distance(errors)

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import calib
+from calib.common.names import by_name
 from calib.common.wording import for_people, unit_of_joint
 
 from .output import with_decimals, with_unit
@@ -14,12 +16,11 @@ from .parsing import BadOption, OfJoint, bad_value
 if TYPE_CHECKING:
     from calib.arm.arm import Arm
     from calib.model.about import About
-    from calib.model.model import Model
 
 
 def units_of(about: About, positions: str | None = None) -> dict[str, object]:
     """Units of the numbers in a JSON document; errors and bounds have that of the positions."""
-    joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))
+    joints = by_name(about.joint_names, about.units_of_joints)
     return {
         "joints": joints,
         "positions": positions or about.unit,
@@ -71,7 +72,7 @@ class JointFormat:
             for value, factor in zip(typed, self.typed, strict=True)
         ]
 
-    def beyond(self, model: Model, q: Sequence[float]) -> str | None:
+    def beyond(self, model: calib.Model, q: Sequence[float]) -> str | None:
         """Say which joint of q (dof,) [rad or m] is outside of its learned range, None if none."""
         import numpy as np
 

@@ -22,11 +22,10 @@ from rendering import Desk, board, tag  # noqa: E402
 
 import calib  # noqa: E402
 from calib.recording.board import parse_board  # noqa: E402
-from calib.recording.joint_table import read_joints  # noqa: E402
 from calib.recording.lens import Lens  # noqa: E402
-from calib.recording.photo import take_photo, write_overlay  # noqa: E402
-from calib.recording.pictures import list_pictures, read_picture  # noqa: E402
-from calib.recording.setting import Setup  # noqa: E402
+from calib.recording.motion_tables import read_joints  # noqa: E402
+from calib.recording.pictures import list_pictures, read_picture, take_photo  # noqa: E402
+from calib.recording.setting import Setup, write_overlay  # noqa: E402
 from calib.recording.tag_logs import log_pictures  # noqa: E402
 
 
@@ -66,7 +65,7 @@ def main(target: Path) -> None:
         model = calib.train(log)
         shown = take_photo(list_pictures(folder / "pictures")[7], model.sensory.weights, "px")
         drawn = io.BytesIO()
-        figure = calib.figures(replace(model, photo=shown), names=["photo"])["photo"]
+        figure = calib.figures(replace(model, photo=shown))["photo"]
         figure.savefig(drawn, dpi=144, facecolor="white")
         save(Image.open(drawn), target / "webcam-map.jpg")
 

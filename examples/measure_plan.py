@@ -40,7 +40,7 @@ def main() -> None:
     first = calib.plan(arm, 60)
     for line in first.why:
         print(line)
-    print(f"travel: {100 * first.length / first.random_length:.0f} % of that of a random order")
+    print(f"travel: {first.length:.1f} ranges of the joint that moves most")
     first.write("poses.csv")
     model = calib.train(measured(arm, first.q, 1), size=10)
     truth = replace(calib.babble(arm, 2000, seed=5), simulation=None)

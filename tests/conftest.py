@@ -43,7 +43,7 @@ class Program:
 
         words = args[0].split() if len(args) == 1 and isinstance(args[0], str) else args
         out, err, before = io.StringIO(), io.StringIO(), sys.stdin
-        sys.stdin = io.StringIO(stdin)
+        sys.stdin = io.TextIOWrapper(io.BytesIO(stdin.encode()))
         try:
             with redirect_stdout(out), redirect_stderr(err):
                 code = run([str(word) for word in words])

@@ -106,16 +106,10 @@ class Sticker:
         return np.c_[side * [w, h], np.zeros(len(side))] @ turn.T + at
 
 
-def tag_cells(number: int, dictionary: int = cv2.aruco.DICT_APRILTAG_36h11) -> Array:
-    """Return the pattern of a tag as OpenCV draws it, 0 for black and 1 for white."""
-    known = cv2.aruco.getPredefinedDictionary(dictionary)
-    size = known.markerSize + 2
-    return cv2.aruco.generateImageMarker(known, number, size).astype(float) / 255.0
-
-
 def tag(number: int, size: float, place: Sequence[float], **more: object) -> Sticker:
     """Return a sticker of an AprilTag 36h11 whose black square has the side `size` [m]."""
-    cells = tag_cells(number)
+    known = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    cells = cv2.aruco.generateImageMarker(known, number, known.markerSize + 2) / 255.0
     return Sticker(cells, size / len(cells), tuple(place), **more)  # type: ignore[arg-type]
 
 

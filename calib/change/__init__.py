@@ -9,7 +9,7 @@ In the order of `judge`, each file after those that it needs::
     system        the log beside a belief, linear in all that may have changed
     significance  the noise, and which group of parameters explains more than chance
     play          a joint that has more play than the model knows
-    explanation   a set of causes fitted to the log
+    explanation   a set of causes fitted to the log, and the climb to the best fit
     explain       the search for the sets of greatest evidence
     tool          how the tool is turned, by orientations
     evidence      tests, bound and explanations weighed together

@@ -9,6 +9,7 @@ import numpy as np
 from ..body.covariance import RADIUS_95
 from ..common.choices import METHODS
 from ..common.rows import row_lengths
+from ..common.wording import quantity
 from ..errors import require
 from ..maps.model_selection import better, blocks
 from ..maps.node_bounds import learn_bounds
@@ -23,7 +24,6 @@ from .adaptation import (
     Adaptation,
     old_model,
     rebuilt,
-    size_in_words,
     with_model,
 )
 from .causes import FRAME, GROUPS
@@ -106,12 +106,14 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
         return old_model(verdict, missed, missed, "nothing", why)
     after = learned.after
     old = old_model(
-        verdict, learned.before, after, _correction(evidence, learned)
+        verdict, learned.before, after, _correction(verdict, evidence, learned)
     )
     if evidence.is_attributed:
         old = replace(
             old, kept=_other_parts(evidence, learned.explanation.groups)
         )
+    elif verdict.changed:  # by no one part
+        old = replace(old, kept=())
     if not learned.improved and not evidence.is_explained:
         return old.with_note(evidence.why_not())
     report(0.8, "maps", float("nan"))
@@ -134,13 +136,13 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
     rounding = LEAST_OWN * float(evidence.reference.structure.extents[0])
     promise = ADAPTING.consistent * after.mean() + rounding
     if error.mean() >= promise:
+        old = replace(old, after=error_sizes(error))
         if error.mean() >= ADAPTING.clearly_better * learned.before.mean():
             why = "the model that would be written misses these rows by more than promised"
             return old.with_note(why)
-        old = replace(old, after=error_sizes(error))
     made = replace(old, improved=True)
     if not made.everywhere:
-        bound = size_in_words(float(np.median(fresh.model_bounds)), rows.unit)
+        bound = quantity(float(np.median(fresh.model_bounds)), rows.unit)
         where = (
             f"improved at the rows, {100 * made.coverage:.0f} % of the learned range: unknown "
             f"elsewhere, where the position is known to {bound} (median of the bound)"
@@ -155,13 +157,14 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
     return with_model(verdict, made, fresh, judged, residual, "few-shot", frame)
 
 
-def _correction(evidence: Evidence, learned: Update) -> str:
+def _correction(verdict: Verdict, evidence: Evidence, learned: Update) -> str:
     """What is corrected, in words."""
     if evidence.is_attributed:
         return learned.explanation.name
-    drifted = evidence.score > 1.0
-    why = "no single change explains the log" if drifted else "nothing changed"
-    return f"{why}, rows added" if drifted or learned.improved else why
+    why = "nothing changed"
+    if verdict.changed:
+        why = "no single change stands out"
+    return f"{why}, rows added" if learned.improved else why
 
 
 def _other_parts(
@@ -200,10 +203,10 @@ def _wider(verdict: Verdict, old: Adaptation, fresh: Model) -> Adaptation:
         bounds=np.maximum(model.bounds, bound),
         model_bounds=np.maximum(model.model_bounds, bound),
     )
-    size = size_in_words(missed, rows.unit)
+    size = quantity(missed, rows.unit)
     words = (
-        f"the rows are missed by {size} (95 %) but do not show why: the prediction stays, with a "
-        "wider bound"
+        f"the rows are missed by {size} (95 %), and no correction is clearly better than none: "
+        "the prediction stays, with a wider bound"
     )
     return replace(old, model=wider).with_note(words)
 

@@ -11,7 +11,6 @@ from ..body.belief import Body
 from ..common.arrays import Array
 from ..common.rows import row_lengths, spread_rows
 from ..common.scale import Scale
-from ..common.wording import for_people
 from ..maps import local_models
 from ..maps.local_models import NO_MODELS, exponents
 from ..maps.map import Map
@@ -132,22 +131,12 @@ class Adaptation:
         return f"{head}\n  mean error {before:.3g} -> {after:.3g} {self.model.about.unit}"
 
 
-def size_in_words(size: float, unit: str) -> str:
-    """A size [unit] for people."""
-    factor, name = for_people(unit)
-    return f"{factor * size:.3g} {name}"
-
-
 def old_model(
     verdict: Verdict, before: Array, after: Array, correction: str, *notes: str
 ) -> Adaptation:
     """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit]."""
     rows = verdict.rows
     changed = [cause for cause in verdict.causes if cause.group != "noise"]
-    if verdict.evidence is not None and verdict.evidence.is_explained:
-        # what nobody may miss: another unit, a mirror, a joint that turns round
-        loud = verdict.evidence.reference.causes
-        notes = (*notes, *(cause.words for cause in loud))
     return Adaptation(
         model=rows.model,
         improved=False,

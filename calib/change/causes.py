@@ -61,7 +61,7 @@ class Group(NamedTuple):
     built: float = 0.0  # of an arm as it was built, from its drawing
     # of what an adaptation leaves as it was; "" where that is not told
     kept: str = ""
-    changed: str = "{name} changed by {size} {unit}"
+    changed: str = "{name} changed by {size}"
     whole: bool = False  # whether all of its parameters are one cause
 
 
@@ -73,7 +73,7 @@ GROUPS = {
     "view.scale": Group(
         0.3,
         kept="the sensor's scale",
-        changed="the sensor's scale changed by {value:+.3g} %",
+        changed="the sensor's scale changed by {size}",
         whole=True,
     ),
     "view.shear": Group(
@@ -98,35 +98,35 @@ GROUPS = {
         1e-4,
         1e-3,
         "the links' lengths",
-        "the link of {joint} is {share}{length} {longer}",
+        "the link of {joint} is {share} ({length}) {longer}",
     ),
     "offset": Group(
         5 * _DEGREE,
         0.02 * _DEGREE,
         0.1 * _DEGREE,
         "the joints' offsets",
-        "{joint} is off by {size} {unit}",
+        "{joint} is off by {size}",
     ),
     "gain": Group(
         0.03,
         1e-4,
         1e-3,
         "the joints' gains",
-        "{joint} moves {size} % further than it says",
+        "{joint} moves {size} further than it says",
     ),
     "coupling": Group(
         0.03,
         1e-4,
         1e-3,
         "the joints' coupling",
-        "{joint} moves with the joint before it, by {size} % more",
+        "{joint} moves with the joint before it, by {size} more",
     ),
     "elastic": Group(
         0.02,
         2e-5,
         1e-4,
         "elasticity",
-        "{joint} bends under load, by up to {most:.3g} deg",
+        "{joint} bends under load, by up to {most} deg",
         True,
     ),
     "payload": Group(
@@ -134,16 +134,22 @@ GROUPS = {
         2e-5,
         1e-4,
         "the payload",
-        "a payload bends {joint}, by up to {most:.3g} deg",
+        "a payload bends {joint}, by up to {most} deg",
         True,
     ),
     # over the prior of a robot
-    "placement": Group(5.0, 0.1, 1.0, "the joints' placements"),
+    "placement": Group(
+        5.0,
+        0.1,
+        1.0,
+        "the joints' placements",
+        "{joint} sits elsewhere, {name} by {size}",
+    ),
     "tool": Group(0.1, 1e-4, 1e-3, "the tool"),  # [m]
     "tool.rotation": Group(0.3, 0.02 * _DEGREE, 0.1 * _DEGREE),
     "curve": Group(  # of sizes that are given
         0.0,
-        changed="{joint} has another error curve, by up to {most:.3g} deg",
+        changed="{joint} has another error curve, by up to {most} deg",
         whole=True,
     ),
 }
@@ -161,8 +167,7 @@ TESTED = (
 """Groups that are tested joint by joint."""
 
 _CAMERA = ("view.tilt", "view.shear", "view.scale")
-_GEOMETRY = ("offset", "length", "gain", "placement")
-_ARM = (*_GEOMETRY, "elastic", "tool")
+_ARM = ("offset", "length", "gain", "placement", "elastic", "tool")
 _SENSORS = {
     "sensor": FRAME,
     "scale": ("view.scale", *FRAME),
@@ -173,13 +178,8 @@ _SENSORS = {
 
 SETS = (
     ("offset",),
-    ("length",),
-    ("gain",),
     ("offset", "length"),
-    _GEOMETRY,
     _ARM,
-    ("offset", *FRAME),
-    ("length", *FRAME),
     (*_ARM, *FRAME),
     (*_ARM, *_CAMERA, "lens", *FRAME),
 )

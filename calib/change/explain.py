@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import chain
 from operator import attrgetter
 from typing import NamedTuple
@@ -29,13 +28,12 @@ from .causes import (
     indices_of,
     single_causes,
 )
-from .explanation import Explanation
+from .explanation import Explanation, Place, climb
 from .settings import (
     MARGIN,
-    OWN,
-    Level,
+    WAVES,
 )
-from .system import Products, System
+from .system import System
 
 
 @dataclass(frozen=True)
@@ -56,11 +54,9 @@ class SearchSettings:
     near: float = 10.0
     # one in so many sizes of the noise is compared: sets share it nearly
     coarser: int = 3
-    # Gauss-Newton steps at most, and what is left of one that does not better the fit
+    # steps at most to the best fit of a set, and nats that one must gain
     steps: int = 12
-    shorter: float = 0.3
-    # twice the nats by which a step must promise to better the fit
-    nothing_left: float = 1e-2
+    enough: float = 5e-3
 
 
 SEARCH = SearchSettings()
@@ -70,7 +66,7 @@ class Candidate(NamedTuple):
     """A set of causes in the linear system."""
 
     causes: tuple[str, ...]
-    level: Level
+    waves: float  # of `WAVES`
     indices: Indices  # parameters that are free
     evidence: float  # [nats]
     step: Array  # of the parameters, in the standard deviations by which they are free
@@ -78,13 +74,13 @@ class Candidate(NamedTuple):
 
 CauseNames = tuple[str, ...]
 Tried = dict[CauseNames, list[Candidate]]
-"""Sets of causes at each level, the best first."""
+"""Sets of causes with each size of waves, the best first."""
 
 _evidence = attrgetter("evidence")
 
 
 class Information(NamedTuple):
-    """What rows tell at one level, for s sizes of the noise; rows that are alike count once."""
+    """What rows tell beside some waves, for s sizes of the noise; alike rows count once."""
 
     likelihood: Array  # (s,) [nats]
     # (s, k, k), information on the parameters that may be free, each in its standard deviation
@@ -108,45 +104,16 @@ class Information(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
-    """Where the freed parameters of a set may be, and how the rows lie there."""
+class PlaceOfSet(Place):
+    """Where the freed parameters of a set may be: from the reference, in their deviations."""
 
-    normals: Array  # (p,), from the reference, in the standard deviations by which they are free
-    beta: Array  # (d,), all parameters
     residual: Array  # (n, m) [unit]
-    products: Products
     noise: float  # of the greatest likelihood, in `Reference.sizes`
-    temper: float  # rows that count for one
-
-    @cached_property
-    def fit(self) -> float:
-        """Logarithm of the tempered posterior [nats]."""
-        likelihood = float(self.products.likelihood(self.noise)[0])
-        prior = 0.5 * float((self.normals**2).sum())
-        return likelihood / self.temper - prior
-
-    @cached_property
-    def _information(self) -> tuple[Array, Array]:
-        return self.products.information(self.noise)
-
-    @cached_property
-    def precision(self) -> Factor:
-        """Of the posterior, (p, p)."""
-        power, _ = self._information
-        prior = np.eye(len(power))
-        return Factor(power / self.temper + prior)
-
-    @property
-    def gradient(self) -> Array:
-        """Of the logarithm of the posterior, (p,)."""
-        _, pull = self._information
-        return pull / self.temper - self.normals
 
 
 class Search:
     """Sets of causes of a log beside a reference.
 
-    always : groups that are free in every set: a frame that no posterior tells of, a turned tool
     temper : rows that count for one
     """
 
@@ -154,7 +121,6 @@ class Search:
         self,
         system: System,
         cause: str | None,
-        always: Sequence[str],
         temper: float,
     ) -> None:
         reference = system.reference
@@ -163,14 +129,16 @@ class Search:
         self.temper = temper
         groups = changeable(structure)
         self.sd = freedom(reference.body, groups, reference.forgotten)
-        self.start = np.sort(indices_of(structure, always))
+        self.start = np.zeros(0, np.intp)  # what is free in every set
+        if reference.is_fitted:
+            self.start = np.sort(indices_of(structure, FRAME))
         singles = single_causes(structure, cause)
         allowed = np.concatenate([*singles.values()])
         self.free = np.union1d(self.start, allowed).astype(np.intp)
         self.sets = self._sets(singles)
         self.singles = [name for name in singles if name in self.sets]
         self.cost = float(np.log(max(len(self.sets), 1)))
-        self.informations: dict[Level, Information] = {}
+        self.informations: dict[float, Information] = {}
 
     def _sets(self, singles: Mapping[str, Indices]) -> dict[str, Indices]:
         """Parameters of each cause, and of sets that belong together, that may be free."""
@@ -192,12 +160,12 @@ class Search:
                 free_sets[name] = free
         return free_sets
 
-    def information(self, level: Level) -> Information:
-        """What rows tell at a level of all that may be free."""
-        if level in self.informations:
-            return self.informations[level]
+    def information(self, waves: float) -> Information:
+        """What rows tell, beside some waves, of all that may be free."""
+        if waves in self.informations:
+            return self.informations[waves]
         x = self.system.x[:, self.free] * self.sd[self.free]
-        unknown = self.system.unknown(level)
+        unknown = self.system.unknown(waves)
         products = unknown.products(self.system.y, x)
         noises, likelihood = products.noises()
         some = slice(None, None, SEARCH.coarser)
@@ -216,26 +184,26 @@ class Search:
         least = min(least, most)
         between = slice(max(least - 1, 0), most + 2)
         information = Information(*(part[between] for part in information))
-        self.informations[level] = information
+        self.informations[waves] = information
         return information
 
-    def by_level(self, causes: tuple[str, ...]) -> list[Candidate]:
-        """Return a set of causes at each level, the best first."""
+    def by_waves(self, causes: tuple[str, ...]) -> list[Candidate]:
+        """Return a set of causes with each size of waves, the best first."""
         parts = [self.sets[cause] for cause in causes]
         indices = np.unique(np.concatenate([self.start, *parts]))
         places = np.searchsorted(self.free, indices)
         cost = self.cost * len(causes)
         candidates = []
-        for level in OWN:
-            evidence, step = self.information(level).evidence(places)
+        for waves in WAVES:
+            evidence, step = self.information(waves).evidence(places)
             value = float(evidence.max()) - cost
-            candidates.append(Candidate(causes, level, indices, value, step))
+            candidates.append(Candidate(causes, waves, indices, value, step))
         return sorted(candidates, key=_evidence, reverse=True)
 
     def candidates(self) -> list[Candidate]:
         """Nothing, sets that belong together, and causes added one by one, best first."""
-        nothing = self.by_level(())
-        tried: Tried = {(name,): self.by_level((name,)) for name in self.sets}
+        nothing = self.by_waves(())
+        tried: Tried = {(name,): self.by_waves((name,)) for name in self.sets}
         least = nothing[0].evidence
         beam: list[CauseNames] = [()]
         for _ in range(SEARCH.causes):
@@ -245,10 +213,10 @@ class Search:
                 break
             best_first = sorted(
                 longer.values(),
-                key=lambda levels: levels[0].evidence,
+                key=lambda some: some[0].evidence,
                 reverse=True,
             )
-            beam = [levels[0].causes for levels in best_first[: SEARCH.beam]]
+            beam = [some[0].causes for some in best_first[: SEARCH.beam]]
             best = best_first[0][0].evidence
             if best < least + SEARCH.better:
                 break
@@ -257,7 +225,7 @@ class Search:
         return sorted(every, key=_evidence, reverse=True)
 
     def _longer(self, beam: Sequence[CauseNames], tried: Tried) -> Tried:
-        """Sets of a beam with one more cause each, at each level."""
+        """Sets of a beam with one more cause each, with each size of waves."""
         longer: Tried = {}
         for causes in beam:
             for name in self.singles:
@@ -265,30 +233,20 @@ class Search:
                     continue
                 key = tuple(sorted((*causes, name)))
                 if key not in longer:
-                    longer[key] = tried.get(key) or self.by_level(key)
+                    longer[key] = tried.get(key) or self.by_waves(key)
         return longer
 
     def explanation_of(self, candidate: Candidate) -> Explanation:
         """Fit a set by damped Gauss-Newton steps: its noise by likelihood, its evidence."""
-        best = None
-        normals = np.zeros(len(candidate.indices))
-        step = candidate.step
-        for _ in range(SEARCH.steps):
-            place = self._place(candidate, normals + step)
-            if place is None or not place.fit > (best.fit if best else -np.inf):
-                step = SEARCH.shorter * step
-                continue
-            best = place
-            normals = place.normals
-            gradient = place.gradient
-            step = place.precision.solve(gradient)
-            if float(gradient @ step) < SEARCH.nothing_left:
-                break
-        if best is None:
-            raise np.linalg.LinAlgError("no prediction is a number")
+        best = climb(
+            lambda normals: self._place(candidate, normals),
+            candidate.step,
+            most=SEARCH.steps,
+            enough=SEARCH.enough,
+        )
         return self._explanation(candidate, best)
 
-    def _place(self, candidate: Candidate, normals: Array) -> Place | None:
+    def _place(self, candidate: Candidate, normals: Array) -> PlaceOfSet | None:
         """Compare the rows with a set at its parameters (p,), None without a prediction."""
         reference = self.system.reference
         free = candidate.indices
@@ -299,26 +257,37 @@ class Search:
         residual, columns = self.system.residual(beta, free)
         if not np.isfinite(residual).all():
             return None
-        unknown = self.system.unknown(candidate.level)
+        unknown = self.system.unknown(candidate.waves)
         y = self.system.whiten(residual)
         products = unknown.products(y, columns * sd)
         noise = products.most_likely_noise()
-        return Place(normals, beta, residual, products, noise, self.temper)
+        likelihood = float(products.likelihood(noise)[0])
+        power, pull = products.information(noise)
+        return PlaceOfSet(
+            normals=normals,
+            beta=beta,
+            fit=likelihood / self.temper - 0.5 * float(normals @ normals),
+            gradient=pull / self.temper - normals,
+            precision=power / self.temper + np.eye(len(normals)),
+            residual=residual,
+            noise=noise,
+        )
 
-    def _explanation(self, candidate: Candidate, place: Place) -> Explanation:
+    def _explanation(
+        self, candidate: Candidate, place: PlaceOfSet
+    ) -> Explanation:
         """The set of causes at the place of its best fit, with its evidence by Laplace."""
         free = candidate.indices
         sd = np.zeros(len(place.beta))
         sd[free] = self.sd[free]
-        precision = place.precision
-        variance = np.diag(precision.inverse())
+        precision = Factor(place.precision)
         deviation = np.zeros(len(place.beta))
-        deviation[free] = sd[free] * np.sqrt(variance)
+        deviation[free] = sd[free] * np.sqrt(np.diag(precision.inverse()))
         volume = 0.5 * precision.log_determinant()
         cost = self.cost * len(candidate.causes)
         return Explanation(
             causes=candidate.causes,
-            level=candidate.level,
+            waves=candidate.waves,
             reference=self.system.reference,
             indices=free,
             beta=place.beta,
@@ -336,7 +305,7 @@ class Search:
         calm : whether only the sizes of the log's own residual are compared
         """
         fits = [
-            self.explanation_of(candidate) for candidate in self.by_level(())
+            self.explanation_of(candidate) for candidate in self.by_waves(())
         ]
         causes: tuple[str, ...] | None = None
         for _ in range(0 if calm else SEARCH.rounds):
@@ -352,7 +321,7 @@ class Search:
             causes = fits[0].causes
             self.system = self.system.again(fits[0].beta)
             self.informations = {}
-        alone = {(fit.causes, fit.level): fit for fit in reversed(fits)}
+        alone = {(fit.causes, fit.waves): fit for fit in reversed(fits)}
         return list(alone.values())
 
 
@@ -362,7 +331,6 @@ def explain(
     *,
     temper: float,
     calm: bool,
-    turned: Sequence[str] = (),
 ) -> tuple[Explanation, ...]:
     """Return sets of causes with their evidence, the best first.
 
@@ -370,14 +338,9 @@ def explain(
         that is far
     temper : rows that count for one
     calm : whether nothing changed
-    turned : groups that changed for sure, as orientations show: the tool that is turned has moved
     """
     explanations: list[Explanation] = []
     for system in systems:
-        reference = system.reference
-        always = turned
-        if reference.is_fitted:
-            always = (*FRAME, *turned)
-        search = Search(system, cause, always, temper)
+        search = Search(system, cause, temper)
         explanations += search.explanations(calm=calm)
     return tuple(sorted(explanations, key=_evidence, reverse=True))

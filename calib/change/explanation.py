@@ -1,16 +1,75 @@
-"""An explanation: a set of causes that accounts for a log, fitted to it."""
+"""An explanation: a set of causes that accounts for a log, and the climb to where it fits best."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
+import numpy as np
+
+from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..body.settings import NATS
 from ..common.arrays import Array
 from .causes import FRAME
 from .frame import Reference
-from .settings import CREEP, OWN, Level
+from .settings import CALM_WAVES, CREEP
+
+# Share of each parameter's information that is added where a step does not gain, and of it after a
+# step that does
+DAMPING = 1e-4
+BOLDER = 1.0 / 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where standard normals may be, and the posterior there."""
+
+    normals: Array  # (k,)
+    beta: Array  # (d,), the parameters that they say
+    fit: float  # logarithm of the posterior [nats]
+    gradient: Array  # (k,), of that
+    precision: Array  # (k, k), of the posterior
+
+
+P = TypeVar("P", bound=Place)
+
+
+def climb(
+    place_at: Callable[[Array], P | None],
+    start: Array,
+    *,
+    most: int,
+    enough: float,
+) -> P:
+    """The place of the greatest posterior, by damped steps (Levenberg 1944, Marquardt 1963).
+
+    place_at : the place at normals (k,), None where no prediction is a number
+    start : (k,)
+    most : steps
+    enough : nats that a step must gain
+    """
+    best = place_at(start) or place_at(np.zeros_like(start))
+    if best is None:
+        raise np.linalg.LinAlgError("no prediction is a number")
+    damping = 0.0
+    for _ in range(most):
+        damped = best.precision.copy()
+        damped[np.diag_indices(len(damped))] *= 1.0 + damping
+        step = Factor(damped).solve(best.gradient)
+        if 0.5 * float(best.gradient @ step) < enough:
+            break
+        place = place_at(best.normals + step)
+        if place is not None and place.fit > best.fit:
+            gain = place.fit - best.fit
+            best = place
+            damping *= BOLDER
+            if gain < enough:
+                break
+        else:
+            damping = max(damping / BOLDER, DAMPING)
+    return best
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +77,7 @@ class Explanation:
     """A set of causes that accounts for a log, fitted to it."""
 
     causes: tuple[str, ...]
-    level: Level
+    waves: float  # of `WAVES`, that the joints may have
     reference: Reference
     indices: Indices  # parameters that are free
     beta: Array  # (d,), parameters of the greatest evidence
@@ -41,7 +100,7 @@ class Explanation:
     @property
     def is_no_change(self) -> bool:
         """Whether it says that the arm and its sensor are as they were."""
-        return self.level.calm and not len(self.indices)
+        return self.waves <= CALM_WAVES and not len(self.indices)
 
     @property
     def name(self) -> str:
@@ -53,13 +112,13 @@ class Explanation:
         ]
         if FRAME[0] in self.groups:
             names.insert(0, "frame")
-        waves = self.level.waves > CREEP
-        shape = "waves of the joints" if waves else "a smooth residual"
+        has_waves = self.waves > CREEP
+        shape = "waves of the joints" if has_waves else "a smooth residual"
         return ", ".join(names) or shape
 
 
-def least_residual(explanations: Sequence[Explanation]) -> Explanation:
-    """The best, with the least residual of the log's own that the evidence hardly tells from it."""
+def with_least_waves(explanations: Sequence[Explanation]) -> Explanation:
+    """The best, with the least waves that the evidence hardly tells from its own."""
     best = explanations[0]
     least = best.evidence - NATS
     alike = [
@@ -67,11 +126,4 @@ def least_residual(explanations: Sequence[Explanation]) -> Explanation:
         for some in explanations
         if some.causes == best.causes and some.evidence > least
     ]
-    return min(alike, key=lambda some: OWN.index(some.level))
-
-
-def simplest(explanations: Sequence[Explanation]) -> Explanation:
-    """The one that frees least, of those that the evidence hardly tells from the best."""
-    least = explanations[0].evidence - NATS
-    alike = [some for some in explanations if some.evidence > least]
-    return min(alike, key=lambda some: (len(some.indices), -some.evidence))
+    return min(alike, key=lambda some: some.waves)

@@ -26,14 +26,13 @@ from .causes import (
     single_causes,
 )
 from .frame import Reference
-from .settings import CREPT, FALSE_ALARM, NOISIER, OWN
+from .settings import CREEP, CREPT, FALSE_ALARM, NOISIER
 from .system import (
     SYSTEM,
     NoisyJoint,
     Products,
     System,
     Unknown,
-    residual_columns,
 )
 
 
@@ -55,8 +54,6 @@ class SignificanceSettings:
 SIGNIFICANCE = SignificanceSettings()
 SHOWN = {"scale": "sensor scale", "tilt": "sensor tilt"}
 """Groups whose names alone do not say that they are the sensor's."""
-DRIFT = "drift"
-"""Name of the hypotheses that a smooth residual or waves are larger than the model told."""
 
 
 class Change(NamedTuple):
@@ -71,7 +68,7 @@ class Change(NamedTuple):
 class GroupTest:
     """One group of parameters, freed alone."""
 
-    name: str  # ``"sensor"``, ``"sensor scale"``, ``"length:elbow"``, ``"geometry"``, ``"drift"``
+    name: str  # ``"sensor"``, ``"sensor scale"``, ``"length:elbow"``, ``"geometry"``
     # chance of such rows where nothing changed, after Bonferroni
     p_value: float
     statistic: float = 0.0  # twice the gain in log likelihood
@@ -124,7 +121,7 @@ class GroupTests:
 
 def alarms(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
     """Groups above their threshold, the most telling first."""
-    above = [g for g in groups if g.score > 1.0 and g.name != DRIFT]
+    above = [g for g in groups if g.score > 1.0]
     above.sort(key=lambda g: (-g.score, 3.0 * g.freedom - g.statistic))
     return tuple(above)
 
@@ -148,7 +145,7 @@ class FreeNoise:
     def __init__(self, system: System) -> None:
         reference = system.reference
         self.system = system
-        self.unknown = Unknown(system, OWN[0], CREPT, everything(reference))
+        self.unknown = Unknown(system, CREEP, CREPT, everything(reference))
         nothing = system.x[:, :0]
         self.products = self.unknown.products(system.y, nothing)
         self.usual = usual_noise(reference)
@@ -317,22 +314,10 @@ class FTests:
             smallest=smallest,
         )
 
-    def of_variance(self) -> GroupTest:
-        """Test whether all columns, of standard normals, are larger (Satterthwaite 1946)."""
-        power, pull = self.products.information(self.noise)
-        mean = float(np.trace(power))
-        square = float((power**2).sum())
-        freedom = mean**2 / square
-        gain = float(pull @ pull)
-        statistic = freedom * gain / mean / self.temper
-        chance = self.chance(statistic, freedom)
-        return GroupTest(DRIFT, chance, statistic, round(freedom))
 
-
-def moves_of(reference: Reference, probes: Array) -> Array:
+def moves_of(structure: Structure, beta: Array, probes: Array) -> Array:
     """Displacement (d,) of joints (p, dof) by one of each parameter, root mean square [unit]."""
-    structure = reference.structure
-    _, columns = structure.linearise(probes, reference.beta)
+    _, columns = structure.linearise(probes, beta)
     moves = columns[:, : structure.blocks[0]]
     square = (moves**2).sum(axis=1)
     rms: Array = np.sqrt(square.mean(axis=0))
@@ -354,20 +339,10 @@ def group_tests(noise: FreeNoise, probes: Array) -> GroupTests:
         noisier = noise.larger
     system = noise.system
     noisy = system.noisy
-    unknown = Unknown(system, OWN[0], CREPT)
-    count = len(groups) + 2
-    tests = noise.tests(unknown.products(system.y, system.x), count)
-    results = tests.of_groups(groups, moves_of(reference, probes))
-    drifts = [system.whiten(residual_columns(reference, system.log, 1.0))]
-    # waves of the joints that are finer than the rows look like a noisy encoder
-    if reference.body.rows and noisy is None:
-        curves = indices_of(structure, ("curve",))
-        sd = structure.prior(("curve",)).sd[curves]
-        drifts.append(system.x[:, curves] * sd)
-    for columns in drifts:
-        if columns.any():
-            products = unknown.products(system.y, columns)
-            results.append(noise.tests(products, count).of_variance())
+    unknown = Unknown(system, CREEP, CREPT)
+    tests = noise.tests(unknown.products(system.y, system.x), len(groups))
+    moves = moves_of(structure, reference.beta, probes)
+    results = tests.of_groups(groups, moves)
     return GroupTests(
         groups=tuple(results),
         noise=noise.size * float(reference.sizes[0]),

@@ -26,7 +26,7 @@ from ..common.rows import spread_rows
 from .causes import changeable, creep, freedom
 from .frame import Reference, offset_after
 from .rows import LogRows
-from .settings import OUTLIER, PSEUDO, Level
+from .settings import OUTLIER, PSEUDO
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class System:
         self.first = self.whiten(columns)
         self.x = self.first
         self.y = self.whiten(rest)
-        self._unknown: dict[Level, Unknown] = {}
+        self._unknown: dict[float, Unknown] = {}
 
     @cached_property
     def _white(self) -> tuple[Array, float]:
@@ -180,11 +180,11 @@ class System:
         system.y = self.whiten(residual) + system.x @ change
         return system
 
-    def unknown(self, level: Level) -> Unknown:
-        """What is not known at a level of the log's own residual."""
-        if level not in self._unknown:
-            self._unknown[level] = Unknown(self, level)
-        return self._unknown[level]
+    def unknown(self, waves: float) -> Unknown:
+        """What is not known of an arm whose joints may have such waves."""
+        if waves not in self._unknown:
+            self._unknown[waves] = Unknown(self, waves)
+        return self._unknown[waves]
 
 
 @dataclass(frozen=True)
@@ -272,6 +272,7 @@ class Products:
 class Unknown:
     """What no change tells of a log: principal axes (N, r) and variances (r,) in noises.
 
+    waves : of `WAVES`
     crept : times the usual creep of the parameters
     freed : (d,), standard deviation by which parameters may have changed
     """
@@ -279,14 +280,13 @@ class Unknown:
     def __init__(
         self,
         system: System,
-        level: Level,
+        waves: float,
         crept: float = 1.0,
         freed: Array | None = None,
     ) -> None:
         reference = system.reference
-        active, root = prior_columns(reference, level.waves, crept, freed)
-        factor = level.residual * reference.body.kappa
-        smooth = residual_columns(reference, system.log, factor)
+        active, root = prior_columns(reference, waves, crept, freed)
+        smooth = residual_columns(reference, system.log)
         shared = frame_columns(reference, system.log, system.predicted)
         parts = [
             system.whiten(smooth),
@@ -334,25 +334,20 @@ def principal_axes(columns: Array) -> tuple[Array, Array]:
     return axes / np.sqrt(values), values
 
 
-def residual_columns(reference: Reference, log: Log, factor: float) -> Array:
+def residual_columns(reference: Reference, log: Log) -> Array:
     """Outputs (n, m, p m) by a smooth residual of one log, by its values at p of its rows."""
     nodes = log.q[spread_rows(len(log.q), SYSTEM.nodes)]
-    return smooth_columns(reference, log.q, nodes, factor)
+    return smooth_columns(reference, log.q, nodes)
 
 
-def smooth_columns(
-    reference: Reference, q: Array, nodes: Array, factor: float
-) -> Array:
-    """A smooth residual (a Gaussian process): (n, m, p m) by its values at joints (p, dof).
-
-    factor : its size over the usual one
-    """
+def smooth_columns(reference: Reference, q: Array, nodes: Array) -> Array:
+    """A smooth residual (a Gaussian process): (n, m, p m) by its values at joints (p, dof)."""
     lengths = lengths_of(reference.body, nodes)
     alike = matern(nodes, nodes, lengths)
     alike[np.diag_indices(len(alike))] += 1e-6
     root = np.linalg.cholesky(alike)
     features = np.linalg.solve(root, matern(nodes, q, lengths))
-    sd = np.diag(factor * reference.residual_sd)
+    sd = np.diag(reference.body.kappa * reference.residual_sd)
     columns: Array = np.einsum("kn,ij->nikj", features, sd)
     return columns.reshape(len(q), len(sd), -1)
 
@@ -365,7 +360,8 @@ def prior_columns(
 ) -> tuple[Indices, Array]:
     """What is unknown of the arm's parameters: which (k,), by standard normals (k, r).
 
-    waves, crept, freed : as of `Level` and `Unknown`
+    waves : of `WAVES`
+    crept, freed : as of `Unknown`
     """
     body = reference.body
     sd = crept * creep(body, waves)

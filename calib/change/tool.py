@@ -15,9 +15,11 @@ from ..body.rows import Rows
 from ..body.settings import FREE, STUDENT
 from ..body.structure import Structure
 from ..common.arrays import Array
+from ..common.rows import spread_rows
+from ..common.wording import quantity
 from .causes import Cause
 from .rows import LogRows
-from .settings import FALSE_ALARM
+from .settings import FALSE_ALARM, UPDATING
 
 
 @dataclass(frozen=True)
@@ -35,11 +37,11 @@ class ToolTurn:
         """A tool that is turned about its own tip."""
         angle = float(np.linalg.norm(self.turn))
         variance = self.turn @ self.covariance @ self.turn
-        deviation = np.sqrt(variance) / angle
-        size = f"{np.degrees(angle):.3g} deg"
+        half = 1.96 * float(np.sqrt(variance)) / angle
+        size = quantity(angle, "rad", half)
         words = f"the tool is turned by {size} (its orientation, not its place)"
         cause = Cause("tool", "tool.rotation", words, angle, unit="rad")
-        return cause.within(1.96 * float(deviation))
+        return cause.within(half)
 
     def of(self, body: Body) -> Body:
         """A belief with the tool turned."""
@@ -69,6 +71,7 @@ def tool_turn(
     from scipy.special import chdtri
 
     old = rows.body
+    rows = rows.take(spread_rows(len(rows), UPDATING.rows))
     if rows.log.orientation is None or not knows_orientation(old):
         return ToolTurn()
     tool = structure.groups["tool.rotation"]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..body.belief import Body, Second
+from ..body.belief import Body
 from ..body.body_fit import fit
 from ..body.covariance import RADIUS_95, root_of
 from ..body.drawing import PlanarDrawing
@@ -21,12 +21,11 @@ from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..body.planar import PlanarStructure
 from ..body.rows import Rows
-from ..body.settings import STUDENT
 from ..common.arrays import Array
 from ..common.rows import row_lengths, spread_rows
 from .evidence import Evidence
 from .explain import SEARCH
-from .explanation import Explanation, least_residual
+from .explanation import Explanation, Place, climb, with_least_waves
 from .settings import BEYOND, CREEP, UPDATING
 from .system import Log, frame_columns, prior_columns, residual_columns
 
@@ -66,17 +65,18 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
     rows = spread_rows(len(evidence.rows), UPDATING.rows)
     log = evidence.data.some(UPDATING.rows)
     body, residual = _posterior_belief(explanation, log)
-    if learn:  # which only the bound of a new model needs
-        body = replace(body, second=_second_after(explanation, log))
+    # of play that was taken up no model knows
+    logged = evidence.rows.q[rows]
+    residual += body.predict(log.q) - body.predict(logged)
     if evidence.is_attributed:
         body = _as_uncertain(body, explanation, evidence.explanations)
-    body = _with_sound_bound(body, evidence.rows.q[rows], row_lengths(residual))
+    body = _with_sound_bound(body, logged, row_lengths(residual))
     belief = _Belief(body, rows, residual)
     improved = _is_better(evidence, belief)
     if (learn or not improved) and _is_trainable(evidence, explanation):
         trained = _belief_of_training(explanation, evidence.data)
-        better = row_lengths(residual) - row_lengths(trained.residual[rows])
-        if better.mean() > 0.0:
+        missed = row_lengths(trained.residual)
+        if missed.mean() < row_lengths(residual).mean():
             belief = trained
             improved = _is_better(evidence, belief)
     if evidence.tool.score > 1.0:
@@ -133,7 +133,7 @@ def _is_trainable(evidence: Evidence, explanation: Explanation) -> bool:
     return (
         evidence.score > 1.0
         and evidence.prior.simulated
-        and explanation.level.waves > CREEP
+        and explanation.waves > CREEP
         and evidence.rows.widespread
         and isinstance(evidence.reference.structure, PlanarStructure)
         and not evidence.reference.new
@@ -162,22 +162,22 @@ def _belief_of_training(explanation: Explanation, log: Log) -> _Belief:
         signs=structure.signs,
     )
     structure = structure.with_fields(nominal=drawing, simulated=False)
-    rows = Rows(log.q, log.z)
-    fitted = fit(structure, [rows], begin=explanation.beta)
-    return _Belief(fitted.body, np.arange(len(rows)), fitted.held_out)
+    rows = spread_rows(len(log.q), UPDATING.rows_of_training)
+    measured = [Rows(log.q[rows], log.z[rows])]
+    fitted = fit(structure, measured, begin=explanation.beta)
+    return _Belief(fitted.body, rows, fitted.held_out)
 
 
 def _basis(evidence: Evidence) -> Explanation:
     """The best explanation; where nothing is blamed that of no change, which widens the bound."""
     explanations = evidence.explanations
     if evidence.is_attributed:
-        return least_residual(explanations)
+        return with_least_waves(explanations)
     explanations = tuple(some for some in explanations if not some.causes)
     if evidence.score > 1.0 or evidence.prior.simulated:
-        return least_residual(explanations)
-    # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere, and
-    # with the least residual that the evidence allows 1.12 times
-    return next(some for some in explanations if some.level.waves <= CREEP)
+        return with_least_waves(explanations)
+    # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere
+    return next(some for some in explanations if some.waves <= CREEP)
 
 
 def _as_uncertain(
@@ -232,189 +232,114 @@ def _posterior_belief(explanation: Explanation, log: Log) -> tuple[Body, Array]:
     """The posterior as a body, and held-out residuals (n, m) [unit]."""
     reference = explanation.reference
     old = reference.body
-    posterior = _Fit(explanation, log).maximise()
+    posterior = _Posterior(explanation, log)
     kappa = old.kappa
     if old.simulated:
         kappa = max(kappa, UPDATING.simulated_kappa)
-    smooth = explanation.level.residual * reference.residual_sd
     body = replace(
         old,
-        beta=posterior.beta,
+        beta=posterior.place.beta,
         active=posterior.active,
         # the bound inflates by kappa what is kept here without it
         root=posterior.root / old.kappa,
         kappa=kappa,
         noise=explanation.noise * reference.sizes,
-        residual=np.maximum(old.residual, smooth),
+        residual=np.maximum(old.residual, reference.residual_sd),
         second=None,
     )
     return body, posterior.cross_residual()
 
 
-def _second_after(explanation: Explanation, log: Log) -> Second | None:
-    """The second belief of a body after the same log, under the same changes."""
-    reference = explanation.reference
-    old = reference.body
-    if old.second is None:
-        return None
-    apart = old.second.beta - old.beta
-    body = replace(
-        old,
-        beta=old.second.beta,
-        active=old.second.active,
-        root=old.second.root,
-        kappa=1.0,
-    )
-    there = replace(reference, body=body, beta=reference.beta + apart)
-    beta = explanation.beta + apart
-    shifted = replace(explanation, reference=there, beta=beta)
-    posterior = _Fit(shifted, log).maximise()
-    noise = np.maximum(explanation.noise * reference.sizes, old.second.noise)
-    return Second(posterior.beta, posterior.active, posterior.root, noise)
+@dataclass(frozen=True, eq=False)
+class _PlaceOfRows(Place):
+    """Where all parameters may be; about it the rows are linear, rest = A du + e.
 
-
-class _Fit:
-    """All parameters fitted to the rows of a log, beside a smooth residual of the log's own.
-
-    Parameters and the log's own residual are standard normals times columns.
+    The first normals u say what the belief does not know, the others what the log has of its own.
     """
+
+    columns: Array  # (n m, k), A
+    rest: Array  # (n m,), residuals less what the log has of its own
+
+
+class _Posterior:
+    """All parameters after a log, beside a smooth residual of the log's own."""
 
     def __init__(self, explanation: Explanation, log: Log) -> None:
         reference = explanation.reference
-        level = explanation.level
+        structure = reference.structure
         self.reference = reference
-        self.structure = reference.structure
         self.log = log
-        self.temper = explanation.temper
         # [unit], of one number of each output
-        self.scale = np.sqrt(self.temper) * explanation.noise * reference.sizes
-        self.active, self.prior = prior_columns(
-            reference, level.waves, freed=explanation.sd
+        self.scale = (
+            math.sqrt(explanation.temper) * explanation.noise * reference.sizes
         )
-        self.smooth = residual_columns(reference, log, level.residual)
-        self.beta = explanation.beta
-        moved = (self.beta - reference.beta)[self.active]
-        self.normals = np.linalg.lstsq(self.prior, moved, rcond=1e-12)[0]
-        # root of that of each number (n m,), for Student noise
-        self.weight = np.ones(log.z.size)
+        self.active, self.prior = prior_columns(
+            reference, explanation.waves, freed=explanation.sd
+        )
+        self.size = self.prior.shape[1]
+        # which the bound inflates, too
+        smooth = residual_columns(reference, log) / reference.body.kappa
+        predicted = structure.predict(log.q, explanation.beta)
+        shared = frame_columns(reference, log, predicted)
+        self.own = np.concatenate([smooth, shared], axis=2)
+        start = np.zeros(self.size + self.own.shape[2])
+        change = (explanation.beta - reference.beta)[self.active]
+        start[: self.size] = np.linalg.pinv(self.prior, rcond=1e-12) @ change
+        self.place = climb(
+            self._place, start, most=UPDATING.steps, enough=UPDATING.enough
+        )
 
-    def maximise(self) -> _Fit:
-        """Go to the maximum of the posterior, by damped steps (Levenberg 1944, Marquardt 1963).
-
-        Attributes of its end are the weighted columns (n m, k) of all normals, the residuals
-        (n m,), the information (k, k) and the gradient (k,).
-        """
-        size = self.prior.shape[1]
-        gain = np.inf
-        for _ in range(UPDATING.steps):
-            predicted, moved = self.structure.linearise(
-                self.log.q, self.beta, self.active
+    def _place(self, normals: Array) -> _PlaceOfRows | None:
+        """Compare the rows with normals (k,), None without a prediction."""
+        structure = self.reference.structure
+        step = np.zeros(structure.size)
+        step[self.active] = self.prior @ normals[: self.size]
+        beta = structure.retract(self.reference.beta, step)
+        with np.errstate(all="ignore"):
+            predicted, moves = structure.linearise(
+                self.log.q, beta, self.active
             )
-            away = self._away(predicted)
-            shared = frame_columns(self.reference, self.log, predicted)
-            own = self._flat(np.concatenate([self.smooth, shared], axis=2))
-            cost = self._learn_weights(away, own)
-            moved = self._flat(moved) * self.weight[:, None]
-            own_weighted = own * self.weight[:, None]
-            self.columns = np.hstack([moved @ self.prior, own_weighted])
-            self.residual = away * self.weight
-            self.information = self.columns.T @ self.columns
-            self.gradient = self.columns.T @ self.residual
-            # the log's own part is followed anew
-            self.gradient[:size] -= self.normals
-            if gain < UPDATING.nothing_left:
-                break
-            by_parameter = (moved**2).sum(axis=0)[:, None] * self.prior
-            stiffness = self.prior.T @ by_parameter
-            gain = self._descend(cost, own, stiffness)
-        return self
-
-    def cross_residual(self) -> Array:
-        """Residuals (n, m) of blocks of rows that the fit leaves out in turn [unit].
-
-        Without the rows of a block the information is a difference: no fit is needed.
-        """
-        n, outputs = self.log.z.shape
-        size = self.prior.shape[1]
-        all_rows = _with_ones(self.information)
-        residual = np.empty_like(self.residual)
-        for block in np.array_split(np.arange(n), UPDATING.blocks):
-            first = block[0] * outputs
-            end = (block[-1] + 1) * outputs
-            rows = slice(first, end)
-            x = self.columns[rows]
-            y = self.residual[rows]
-            others = Factor(all_rows - x.T @ x)
-            delta = others.solve(self.gradient - x.T @ y)
-            by_parameters = x[:, :size] @ delta[:size]
-            residual[rows] = y - by_parameters
-        unit = (residual / self.weight).reshape(n, -1) * self.scale
-        return np.asarray(unit)
+            residual = structure.residual(self.log.z, predicted)
+        if not np.isfinite(residual).all():
+            return None
+        columns = np.concatenate([moves @ self.prior, self.own], axis=2)
+        columns /= self.scale[:, None]
+        columns = columns.reshape(residual.size, -1)
+        rest = (residual / self.scale).ravel()
+        rest -= columns[:, self.size :] @ normals[self.size :]
+        return _PlaceOfRows(
+            normals=normals,
+            beta=beta,
+            fit=-0.5 * float(rest @ rest + normals @ normals),
+            gradient=columns.T @ rest - normals,
+            precision=columns.T @ columns + np.eye(len(normals)),
+            columns=columns,
+            rest=rest,
+        )
 
     @property
     def root(self) -> Array:
-        """Root (k, r) of the posterior covariance of the active parameters."""
-        size = self.prior.shape[1]
-        inverse = Factor(_with_ones(self.information)).inverse()[:size, :size]
-        return root_of(self.prior @ inverse @ self.prior.T)
+        """Root (p, r) of the posterior covariance of the active parameters."""
+        inverse = Factor(self.place.precision).inverse()
+        of_parameters = inverse[: self.size, : self.size]
+        return root_of(self.prior @ of_parameters @ self.prior.T)
 
-    def _descend(self, cost: float, own: Array, stiffness: Array) -> float:
-        """Move by the first of ever more damped steps that gains, and return the gain."""
-        size = len(stiffness)
-        weight = self.weight
-        normals = self.normals
-        for damping in UPDATING.dampings:
-            damped = _with_ones(self.information)
-            damped[:size, :size] += damping * stiffness
-            step = Factor(damped).solve(self.gradient)[:size]
-            self.normals = normals + step
-            full = np.zeros(self.structure.size)
-            full[self.active] = self.prior @ step
-            beta = self.structure.retract(self.beta, full)
-            with np.errstate(all="ignore"):
-                predicted = self.structure.predict(self.log.q, beta)
-                away = self._away(predicted)
-                gain = cost - self._learn_weights(away, own)
-            if gain > 0.0:
-                self.beta = beta
-                return gain
-            self.weight = weight
-        self.normals = normals
-        return 0.0
+    def cross_residual(self) -> Array:
+        """Residuals (n, m) of blocks of rows that are left out in turn [unit].
 
-    def _learn_weights(self, away: Array, own: Array) -> float:
-        """Set the weights of Student noise, and return twice the negative log posterior.
-
-        What the log's own residual does not follow is Student's.
+        Without the rows of a block the information is a difference: no fit is needed.
         """
-        n, outputs = self.log.z.shape
-        weighted = own * self.weight[:, None]
-        follows = Factor(_with_ones(weighted.T @ weighted))
-        followed = follows.solve(weighted.T @ (self.weight * away))
-        rest = (away - own @ followed).reshape(n, outputs)
-        square = self.temper * (rest**2).sum(axis=1)
-        energy = (STUDENT + outputs) * np.log1p(square / STUDENT).sum()
-        weights = (STUDENT + outputs) / (STUDENT + square)
-        roots = np.sqrt(weights)
-        self.weight = np.repeat(roots, outputs)
-        of_rows = float(energy) / self.temper
-        of_own = float(followed @ followed)
-        of_parameters = float(self.normals @ self.normals)
-        return of_rows + of_own + of_parameters
-
-    def _away(self, predicted: Array) -> Array:
-        """Residuals (n m,) of the log's rows [scales]."""
-        residual = self.structure.residual(self.log.z, predicted)
-        return np.asarray((residual / self.scale).ravel())
-
-    def _flat(self, columns: Array) -> Array:
-        """Columns (n m, k) of columns (n, m, k) [unit], in scales."""
-        scaled = columns / self.scale[:, None]
-        return np.asarray(scaled.reshape(self.log.z.size, -1))
-
-
-def _with_ones(information: Array) -> Array:
-    """Precision (k, k) of standard normals of which rows tell so much."""
-    precision = information.copy()
-    precision[np.diag_indices(len(precision))] += 1.0
-    return precision
+        place = self.place
+        values = place.rest + place.columns @ place.normals
+        moments = place.columns.T @ values
+        residual = np.empty_like(self.log.z)
+        for block in np.array_split(np.arange(len(residual)), UPDATING.blocks):
+            outputs = residual.shape[1]
+            rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
+            x = place.columns[rows]
+            y = values[rows]
+            others = Factor(place.precision - x.T @ x)
+            normals = others.solve(moments - x.T @ y)
+            rest = y - x[:, : self.size] @ normals[: self.size]
+            residual[block] = rest.reshape(-1, outputs)
+        return residual * self.scale

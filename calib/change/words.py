@@ -14,14 +14,14 @@ import numpy as np
 from ..body.parameters import Indices
 from ..body.settings import NATS
 from ..common.arrays import Array, Mask
-from ..common.wording import for_people, with_interval
+from ..common.wording import for_people, quantity, two_digits
 from ..model.alignment import Alignment
 from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, single_causes
 from .evidence import Evidence
-from .explanation import Explanation, simplest
+from .explanation import Explanation
 from .play import Play
 from .settings import CREEP, NOISIER
-from .significance import alarms
+from .significance import alarms, moves_of
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,6 @@ class WordSettings:
     clear: float = 2.6
     # share of the largest displacement from which a cause is named
     matters: float = 0.05
-    # half an interval of a turn [rad]
-    vague: float = math.radians(1.0)
     # times the noise of a model: it learned from exact samples, of which there is no usual one
     exact: float = 1e3
 
@@ -76,21 +74,21 @@ def causes_of(
     return tuple(causes), tuple(notes)
 
 
-def _joint(evidence: Evidence, joint: int) -> tuple[str, str, float, str]:
-    """Name of a joint, its unit, and the factor and name of the unit that people read."""
+def _joint(evidence: Evidence, joint: int) -> tuple[str, str]:
+    """Name of a joint, and its unit."""
     about = evidence.rows.model.about
     unit = "rad" if about.revolute[joint] else "m"
-    return about.joint_names[joint], unit, *for_people(unit)
+    return about.joint_names[joint], unit
 
 
 def _play(evidence: Evidence, play: Play) -> Cause:
     """A joint that has more play than the model knows, by all of it."""
-    name, unit, factor, shown = _joint(evidence, play.joint)
+    name, unit = _joint(evidence, play.joint)
     whole = 2.0 * float(play.half[play.joint])
     half = 2.0 * 1.96 * play.deviation
     words = (
-        f"{name} has {with_interval(factor * whole, factor * half)} {shown} of play that the model "
-        "does not know: `calib train` learns it from a log that goes both ways"
+        f"{name} has {quantity(whole, unit, half)} of play that the model does not know: "
+        "`calib train` learns it from a log that goes both ways"
     )
     cause = Cause(f"backlash:{name}", "backlash", words, whole, unit=unit)
     return cause.within(half)
@@ -101,11 +99,12 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
     tests = evidence.tests
     causes = []
     if tests.noisy is not None and not drifted:
-        name, unit, factor, shown = _joint(evidence, tests.noisy[0])
+        name, unit = _joint(evidence, tests.noisy[0])
         sd = tests.noisy[1]
+        factor, shown = for_people(unit)
         words = (
-            f"{name} is noisy, by {factor * sd:.2g} {shown}: its encoder, or play; no calibration "
-            "mends that"
+            f"{name} is noisy, by {two_digits(factor * sd)} {shown}: its encoder, or play; "
+            "no calibration mends that"
         )
         causes.append(Cause(f"noise:{name}", "noise", words, sd, None, unit))
     noise = tests.noise
@@ -115,8 +114,7 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
         noise = min(noise, evidence.explanations[0].noise * size)
     times = noise / tests.usual
     if tests.noisier and times > NOISIER:
-        factor, unit = for_people(evidence.unit)
-        words = f"the scatter is {factor * noise:.3g} {unit} per axis"
+        words = f"the scatter is {quantity(noise, evidence.unit)} per axis"
         if times < WORDS.exact:
             words += f", {times:.2g} times the usual"
         causes.append(
@@ -131,32 +129,30 @@ def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
     if not moved:
         return causes
     first = min(moved, key=lambda cause: cause.unit != "rad")
-    factor, unit = for_people(first.unit)
     low, high = first.interval or (0.0, 0.0)
     how = "moved in its mount, what it sees by"
-    if unit == "deg":
+    if first.unit == "rad":
         how = "turned in its mount by"
-    size = with_interval(
-        factor * abs(low + high) / 2, factor * (high - low) / 2
-    )
-    words = f"the {what} has {how} {size} {unit}"
+    size = quantity(abs(low + high) / 2, first.unit, (high - low) / 2)
+    words = f"the {what} has {how} {size}"
     once = replace(first, cause="tool", words=words)
     return [once, *(cause for cause in causes if cause not in moved)]
 
 
 def _of_change(evidence: Evidence) -> list[Cause]:
     """Return each parameter that is clearly away from where it was, the largest effect first."""
-    best = simplest(evidence.explanations)
+    best = evidence.explanations[0]
     if not evidence.is_attributed:
         best = _by_test(evidence)
     if not len(best.indices):
         words = "the joints have waves that the model does not know: gears, or their sensors"
         waves = Cause("curve", "curve", words)
-        return [waves] if best.level.waves > CREEP else []
+        return [waves] if best.waves > CREEP else []
     change = np.abs(best.beta - evidence.prior.beta)
     clear = change > WORDS.clear * best.deviation
     clear &= best.deviation > 0.0
-    effects = _effects(evidence, best)
+    moves = moves_of(best.reference.structure, best.beta, evidence.rows.probes)
+    effects = moves * change
     loud = {cause.cause for cause in evidence.reference.causes}
     effects_and_causes: list[tuple[float, Cause]] = []
     for group in best.groups:
@@ -174,18 +170,6 @@ def _of_change(evidence: Evidence) -> list[Cause]:
     finite = [e for e, _ in effects_and_causes if math.isfinite(e)]
     least = WORDS.matters * max(finite, default=0.0)
     return [cause for effect, cause in effects_and_causes if effect >= least]
-
-
-def _effects(evidence: Evidence, best: Explanation) -> Array:
-    """Displacement (d,) by the change of each parameter, root mean square [unit]."""
-    probes = evidence.rows.probes
-    structure = best.reference.structure
-    moves = structure.linearise(probes, best.beta, best.indices)[1]
-    square = (moves**2).sum(axis=1)
-    effects = np.zeros(structure.size)
-    effects[best.indices] = np.sqrt(square.mean(axis=0))
-    change = best.beta - evidence.prior.beta
-    return effects * np.abs(change)
 
 
 def _of_group(
@@ -264,20 +248,15 @@ def _of_parameter(
     changes = best.beta - evidence.prior.beta
     change = float(changes[k])
     half = _half_width(evidence, best, k)
-    factor, unit = (100.0, "%") if label.unit == "1" else for_people(label.unit)
-    length = ""
-    if unit == "mm":
-        length = f" ({with_interval(factor * abs(change), factor * half)} mm)"
     value = math.expm1(change) if label.group == "view.scale" else change
+    share = abs(change / old) if old else math.nan
     words = GROUPS[label.group].changed.format(
         joint=label.joint,
         name=label.name,
-        unit=unit,
-        most=math.degrees(np.abs(changes[part]).max()),
-        value=factor * value,
-        size=with_interval(factor * value, factor * half, "+"),
-        length=length,
-        share=f"{100 * abs(change / old) if old else math.nan:.3g} %",
+        most=two_digits(math.degrees(np.abs(changes[part]).max())),
+        size=quantity(value, label.unit, half, "+"),
+        length=quantity(abs(change), label.unit, half),
+        share=f"{100 * share:.2g} %",
         longer="longer" if change > 0 else "shorter",
     )
     kind = label.group.removeprefix("view.")
@@ -291,14 +270,18 @@ def _move_of_sensor(evidence: Evidence, best: Explanation) -> Cause:
     turn = best.reference.structure.groups["view.rotation"]
     moved = frame_between(evidence, best.beta)
     half = 1.96 * float(np.linalg.norm(best.deviation[turn]))
+    squares = np.zeros(len(moved.shift))
+    for k in indices_of(best.reference.structure, FRAME).tolist():
+        nearby = best.beta.copy()
+        nearby[k] += best.deviation[k]
+        squares += (frame_between(evidence, nearby).shift - moved.shift) ** 2
     value = moved.angle
     if len(turn) == 1:  # with its sign, also of a mirrored one
         change = best.beta - evidence.prior.beta
         angle = float(change[turn[0]])
         value = math.remainder(angle, 2 * math.pi)
-    words = f"the sensor's frame moved: {moved.words(evidence.unit)}"
-    if half > WORDS.vague:
-        words += f" (the turn to ± {math.degrees(half):.2g} deg)"
+    size = moved.words(evidence.unit, half, 1.96 * np.sqrt(squares))
+    words = f"the sensor's frame moved: {size}"
     cause = Cause("sensor", "view.rotation", words, value, unit="rad")
     return cause.within(half)
 
@@ -327,8 +310,11 @@ def _twins(evidence: Evidence, causes: list[Cause]) -> list[str]:
         turned = "an offset of the first joint and a turn of the sensor about its axis"
         notes.append(f"{turned} {_WHICH}")
         if "sensor" not in by_name:
-            turn = math.degrees(offset.value or 0.0)
-            words = f"or the sensor turned by {turn:.3g} deg about {first}"
+            low, high = offset.interval or (0.0, 0.0)
+            turn = quantity((low + high) / 2, "rad", (high - low) / 2, "+")
+            words = (
+                f"the sensor turned by {turn} about {first} would look the same"
+            )
             twin = replace(
                 offset, cause="sensor", group="view.rotation", words=words
             )

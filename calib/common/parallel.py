@@ -1,4 +1,4 @@
-"""Two tasks, on two cores or in turn, and matrices on one."""
+"""Two tasks on two cores, and matrices on one."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -63,8 +63,3 @@ def one_blas_thread() -> Iterator[None]:
         if first:
             with _lock:
                 _limits.pop().close()
-
-
-def in_turn(first: Callable[[], _S], second: Callable[[], _T]) -> tuple[_S, _T]:
-    """Results of two tasks that run one after the other."""
-    return first(), second()

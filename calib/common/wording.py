@@ -100,7 +100,7 @@ def vector(values: Iterable[float]) -> str:
     )
 
 
-def quantity(value: float, unit: str, half: float = 0.0) -> str:
+def quantity(value: float, unit: str, half: float = 0.0, sign: str = "") -> str:
     """Return a value in the unit that suits it, with half of its interval if there is one.
 
     >>> quantity(0.00012345, "m"), quantity(0.01, "rad", 0.0005), quantity(1e-12, "m")
@@ -113,7 +113,7 @@ def quantity(value: float, unit: str, half: float = 0.0) -> str:
     factor, name = unit_for(abs(value) + half, unit)
     if not half:
         return f"{number(factor * value)} {name}"
-    return f"{with_interval(factor * value, factor * half)} {name}"
+    return f"{with_interval(factor * value, factor * half, sign)} {name}"
 
 
 def with_interval(value: float, half: float, sign: str = "") -> str:

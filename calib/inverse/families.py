@@ -154,19 +154,3 @@ def _arrives(newton: Newton, start: Array, goal: Array, x: Array) -> Mask:
         if not len(rows):
             break
     return arrived
-
-
-def free_directions(jacobian: Array) -> Array:
-    """Directions (k, dof) that leave what a Jacobian (m, dof) reaches, each with a joint at 1."""
-    from scipy.linalg import qr
-
-    _, size, directions = np.linalg.svd(jacobian)
-    independent = size > 1e-6 * size[0]
-    rank = np.count_nonzero(independent)
-    null = directions[rank:]
-    if not len(null):
-        return null
-    pivots = qr(null, mode="r", pivoting=True)[1]
-    leading = np.sort(pivots[: len(null)])
-    square = null[:, leading]
-    return np.asarray(np.linalg.solve(square, null))

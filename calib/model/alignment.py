@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..arm.rotations import logarithm, nearest_rotation
 from ..common.arrays import Array
-from ..common.wording import for_people, number
+from ..common.wording import number, quantity
 
 
 @dataclass(frozen=True)
@@ -64,19 +63,33 @@ class Alignment:
         turn = logarithm(nearest_rotation(turned)[None])[0]
         return float(turn[2] if axes == 2 else np.linalg.norm(turn))
 
-    def words(self, unit: str) -> str:
-        """The whole map in words."""
-        factor, name = for_people(unit)
-        shift = ", ".join(number(factor * part, 4) for part in self.shift)
-        scale = f"{self.scale:.5g}"
-        parts = [
-            f"turned {math.degrees(self.angle):.3g} deg",
-            f"shifted {shift} {name}",
-        ]
+    def words(
+        self,
+        unit: str,
+        turn_half: float = 0.0,
+        shift_half: Array | None = None,
+    ) -> str:
+        """The whole map in words.
+
+        turn_half, shift_half : halves of 95 % intervals, where they are known, of the rotation
+            [rad] and of the shift, (m,) [unit]
+        """
+        halves = np.zeros(len(self.shift))
+        if shift_half is not None:
+            halves = shift_half
+        parts = [f"turned {quantity(self.angle, 'rad', turn_half)}"]
         if self.is_mirrored:
             parts.insert(0, "mirrored")
+        scale = number(self.scale, 4)
         if scale != "1":
-            parts.insert(-1, f"scaled {scale}")
+            parts.append(f"scaled {scale}")
+        shifts = [
+            quantity(shift, unit, half)
+            for shift, half in zip(
+                self.shift.tolist(), halves.tolist(), strict=True
+            )
+        ]
+        parts.append(f"shifted {', '.join(shifts)}")
         return ", ".join(parts)
 
     def to_json(self) -> list[list[float]]:

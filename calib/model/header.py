@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -30,7 +29,7 @@ from ..samples.roles import ROUNDING
 from .answers import SURE
 from .nominal import nominal_for_kernel
 from .parts import ROUNDED, Parts
-from .space import Space
+from .space import Space, measured_chain
 from .turns import joint_limits
 
 _FILES = (
@@ -43,18 +42,15 @@ _BENDS = ("curve", "gravity", "neighbour", "local_terms")
 Tables = dict[str, NDArray[np.generic]]
 
 
-@dataclass(frozen=True)
-class Precision:
-    """What a search can expect of a C type."""
-
-    real: str
-    calm: float  # least damping
-    enough: float  # residual that ends a search, of the extent
-    close: float  # residual of a solution, of the extent
-
-
-DOUBLE = Precision("double", calm=1e-12, enough=2e-15, close=SEARCH.close)
-SINGLE = Precision("float", calm=1e-7, enough=1e-6, close=1e-4)
+# what a search can expect of a C type: least damping, and residuals that end a search and of a
+# solution, of the extent
+_DOUBLE = {
+    "real": "double",
+    "calm": 1e-12,
+    "enough": 2e-15,
+    "close": SEARCH.close,
+}
+_SINGLE = {"real": "float", "calm": 1e-7, "enough": 1e-6, "close": 1e-4}
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +131,8 @@ class Header:
             body = self._space.body
             placed = KernelArm.of(body.structure, body.beta)
             if placed.chain.joints == self.arm.chain.joints:
-                arms["placed"] = (placed, self._space.is_measured)
+                measured = measured_chain(self.model.body) is not None
+                arms["placed"] = (placed, measured)
         if self.arm.sag is not None:
             drawn = Deviations.none(self.arm.chain.joints)
             arms["drawn"] = (replace(self.arm, deviations=drawn), False)
@@ -156,7 +153,7 @@ class Header:
             settings["budget"] = SEARCH.spare_budget
         return (
             settings
-            | asdict(SINGLE if single else DOUBLE)
+            | (_SINGLE if single else _DOUBLE)
             | {
                 "dof": dof,
                 "out": arm.outputs,
@@ -388,13 +385,10 @@ def _arm(name: str, arm: KernelArm, single: bool, *, bends: bool) -> str:
 
 def kernel_of(model: Parts) -> tuple[Library | None, str]:
     """A model's compiled kernel, or None, and a sentence on what queries are answered by."""
-    started = time.perf_counter()
     try:
         header = Header.of(model)
         dof = len(header.limit)
         compiled = compile_source(header.text()[0], dof, header.arm.outputs)
     except CalibError as error:
         return None, f"queries are answered by the batch in NumPy: {error}"
-    seconds = time.perf_counter() - started
-    answered = f"queries are answered by compiled C, made in {seconds:.2g} s"
-    return compiled, answered
+    return compiled, "queries are answered by compiled C"

@@ -26,18 +26,7 @@ if TYPE_CHECKING:
 
     from .paths import Path
 
-FUNCTIONS = [
-    "adapt",
-    "check",
-    "correct",
-    "evaluate",
-    "figures",
-    "follow",
-    "monitor",
-    "preview",
-    "recognise",
-    "report",
-]
+FUNCTIONS = "adapt check correct evaluate figures follow monitor preview recognise report"
 """What is done with a model, rather than asked of it, is a function of the package."""
 
 
@@ -57,7 +46,7 @@ class Model(Compilable):
             """Name the function where a method is asked for that is none."""
             hint = (
                 f": call `calib.{name}(model, ...)`"
-                if name in FUNCTIONS
+                if name in FUNCTIONS.split()
                 else ""
             )
             raise AttributeError(f"a model has no attribute {name!r}{hint}")
@@ -131,12 +120,8 @@ class Model(Compilable):
         array([0.281, 0.393])
         """
         if sensor:
-            if sensor not in self.sensors:
-                choices = (
-                    ", ".join(filter(None, self.sensors))
-                    or "none, the model has one sensor"
-                )
-                why = f"sensor {sensor!r}: expected {choices}"
+            if self.sensors == ("",):
+                why = f"sensor {sensor!r}: expected none, the model has one sensor"
                 raise OptionError(why, parameter="sensor")
             return self.by(sensor).forward(q, readout, approach=approach)
         if readout is None or self._readout(readout) == "local":

@@ -325,7 +325,10 @@ def with_arm_of(parts: _P, adapted: _P) -> _P:
     alone = replace(parts, others=())
     before = parts.body
     after = adapted.body
-    if before is None or after is None or not _same_layout(before, after):
+    if before is None or after is None:
+        return alone
+    names = [label.name for label in before.structure.labels]
+    if names != [label.name for label in after.structure.labels]:
         return alone
     second = after.second
     if second is not None:
@@ -350,9 +353,3 @@ def with_arm_of(parts: _P, adapted: _P) -> _P:
         history=adapted.history,
         approach=adapted.approach,
     )
-
-
-def _same_layout(body: Body, other: Body) -> bool:
-    """Whether two bodies have the same parameters in the same order."""
-    names = [label.name for label in body.structure.labels]
-    return names == [label.name for label in other.structure.labels]

@@ -148,12 +148,9 @@ def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:
             "give a longer one"
         )
     # rounding of the length must not add a row
-    parts = np.maximum(1, np.ceil(length / step - 1e-9))
-    counts = np.append(1, parts).astype(np.intp)
-    waypoint = np.repeat(np.arange(len(corners)), counts)
-    shares = [np.arange(1, count + 1) / count for count in counts.tolist()]
-    share = np.concatenate(shares)[:, None]
-    before = corners[np.maximum(waypoint - 1, 0)]
-    after = corners[waypoint]
-    between = before + (after - before) * share
-    return np.where(share < 1.0, between, after), waypoint
+    counts = np.maximum(1, np.ceil(length / step - 1e-9)).astype(np.intp)
+    points = [corners[:1]]
+    for before, after, count in zip(corners, corners[1:], counts, strict=False):
+        points.append(np.linspace(before, after, count + 1)[1:])
+    waypoint = np.repeat(np.arange(len(corners)), np.append(1, counts))
+    return np.concatenate(points), waypoint

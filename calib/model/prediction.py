@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from ..common.arrays import Array, Mask
+from ..common.rows import row_lengths
 from ..samples.motion import Motion
 from .parts import BoundName, Parts
 
@@ -88,11 +89,7 @@ class Prediction:
         The bounds hold for the default readout; another one is further off by at most this
         (triangle inequality).
         """
-        if readout in ("local", self.model.default_readout):
-            return np.zeros(len(self.motion))
-        return np.asarray(
-            np.linalg.norm(self.read(readout) - self.value, axis=1)
-        )
+        return row_lengths(self.read(readout) - self.value)
 
     @cached_property
     def _unit(self) -> Array:

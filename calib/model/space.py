@@ -21,7 +21,6 @@ from ..body.views import is_camera, pixels
 from ..common.arrays import Array, Mask
 from ..common.rows import query_rows
 from ..errors import QueryError
-from ..inverse.families import free_directions
 from .parts import Parts
 
 #: A pose or a position counts as reached within this share of the arm's length.
@@ -91,26 +90,7 @@ class Space:
         rows = np.atleast_2d(np.asarray(q, dtype=float))
         return self.body.bound(rows, noise=False)
 
-    def free(self, q: Array, *, posed: bool, axis: int | None = None) -> Array:
-        """Directions (k, dof) that leave the position, or the pose, of joints (dof,) as it is.
-
-        Of a pose the turn about an axis of the tip may be left open.
-        """
-        _, rotation, jacobian = self.evaluate(q[None])
-        moves = jacobian[0, :3] / self.length
-        if not posed:
-            return free_directions(moves)
-        turns = jacobian[0, 3:]
-        if axis is not None:
-            turns = np.delete(rotation[0].T @ turns, axis, axis=0)
-        return free_directions(np.concatenate([moves, turns]))
-
     # What its sensor sees.
-
-    @property
-    def is_measured(self) -> bool:
-        """Whether its body was learned from a log, rather than drawn."""
-        return measured_chain(self.model.body) is not None
 
     @property
     def camera(self) -> bool:

@@ -18,7 +18,7 @@ from ..model.parts import Parts
 from .container import check_sum, pack, unpack
 from .fields import Kinds, read, write
 
-VERSION = 9  # of the format, as ``docs/format.md`` describes it
+VERSION = 8  # of the format, as ``docs/format.md`` describes it
 KINDS: Kinds = {Structure: (PlanarStructure, SpatialStructure)}
 # what building a model from a description without sense raises
 NONSENSE = (

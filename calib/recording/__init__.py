@@ -2,37 +2,33 @@
 
 Hand-eye (camera and board from pictures and motions), in the order of the flow:
     handeye           the call that runs all below
-    flange_table      flange poses from a table
+    motion_tables     joints or flange poses from a table
     board             patterns, and their corners in a picture
     board_pictures    the pictures that show a board
     lens              a camera's lens
     view              the pictures of one camera, its lens, its board
-    conventions       what the numbers of flange poses mean
     start             camera and board in closed form
+    readings          what the numbers of poses and joints mean
     problem           all pictures, priors and the start
     bundle            predicted pixels and their slopes
     joint_motions     the flange by joints and a drawn arm
     fit               unknowns and sizes of noise
     agreement         the pictures that the fit rests on
-    readings          refusal of joints in another unit, order or sign
     answer            places with intervals
     notes             remarks, and what limits the accuracy
     rig               the result as JSON, lines and a file
     next_poses        poses that improve it most
     rigid             rigid motions as matrices
 Tags and films (logs of a tag on the tip):
-    pictures          pictures of a folder, frames of a video
+    pictures          pictures of a folder, frames of a video, a model's photo
     tags              tags and corners to .01 px
     reference         metres in a frame on the desk
-    setting           tag, reference and lens of a recording
+    setting           tag, reference and lens of a recording, and what pictures show
     track             how well joints predict the tag
     clocks            the sensor's clock against the joints'
     tag_logs          the log
-    photo             a photo with the tag's places
     printing          tags and boards to scale
 Bags and LeRobot:
     bags              ROS bags as logs
     lerobot           data sets as pictures and joints
-Tables:
-    joint_table       joints beside pictures or a video
 """

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..common.arrays import Array, Mask
 from ..errors import LogError
+from .board_pictures import LEAST
 from .fit import Fit
 from .problem import Problem
 
@@ -16,7 +17,6 @@ from .problem import Problem
 class Settings:
     """When pictures agree."""
 
-    least: int = 4  # motions that a fit needs
     # times the median miss of a picture, or the noise of corners: a picture of another motion
     far: float = 6.0
     rounds: int = 5
@@ -76,7 +76,7 @@ def consensus(problem: Problem) -> tuple[Fit, Mask]:
 def _fits_from(problem: Problem, agreeing: Mask) -> list[tuple[Fit, Mask]]:
     """The fit of all motions that agree with some (n,), and which agree; none where it fails."""
     for _ in range(SETTINGS.rounds):
-        if agreeing.sum() < SETTINGS.least:
+        if agreeing.sum() < LEAST:
             return []
         try:
             fit = problem.solve(np.flatnonzero(agreeing), problem.start)

@@ -16,9 +16,9 @@ from ..errors import LogError, OptionError
 from ..model.model import Model
 from ..samples.samples import Samples
 from .board import LEAST_CORNERS, Chessboard, Pattern, parse_board
-from .joint_table import JointTable, read_joints, read_shots
 from .lens import Lens, calibrate_lens, lens_of_model
 from .lerobot import is_dataset, read_dataset
+from .motion_tables import JointTable, read_joints, read_shots
 from .pictures import Picture
 from .reference import Pose, find_pose, matrices
 from .rigid import inverse, place_points, rigid, shift_of, turn_of
@@ -166,6 +166,8 @@ def find_board(
         names = arm.joint_names
         kinds = zip(names, arm.revolute, strict=True)
         prismatic = [name for name, turns in kinds if not turns]
+
+    # rows of joints, and the picture of each
     notes: list[str] = []
     if is_dataset(pictures):
         tables, pictures, notes = read_dataset(str(pictures), names, camera)
@@ -187,50 +189,42 @@ def find_board(
         raise LogError(
             f"{len(pictures)} pictures and {len(rows)} rows of joints: expected as many"
         )
-    shown: dict[int, str] = {}  # names by row
-    corners: list[dict[int, Array]] = []
+
+    # corners that each shows
+    corners: dict[int, dict[int, Array]] = {}  # by row
+    shown: list[str] = []
     without: dict[str, int] = {}
-    copies: list[str] = []
-    contents: set[bytes] = set()
     looked: list[Picture] = []
     grey = np.zeros((0, 0), np.uint8)
     for number, name, grey in frames:
-        content = grey.tobytes()
         marks = board.find(grey)
-        if content in contents:
-            copies.append(name)
-        elif len(marks) < LEAST_CORNERS:
+        if len(marks) < LEAST_CORNERS:
             without[name] = len(marks)
             looked.append(grey)
         else:
-            shown[rows[number]] = name
-            corners.append(marks)
-        contents.add(content)
-    count = len(shown) + len(without) + len(copies)
+            corners[rows[number]] = marks
+            shown.append(name)
+    count = len(shown) + len(without)
     if len(shown) < LEAST:
-        most = max([*without.values(), *map(len, corners)], default=0)
+        most = max([*without.values(), *map(len, corners.values())], default=0)
         raise LogError(
             f"the board is in {len(shown)} of {count} pictures, expected {LEAST} with "
             f"{LEAST_CORNERS} corners or more (at most {most} found): "
             f"{_instead(looked[:LEAST], board)}"
         )
-    reasons = {
-        f"no board, or fewer than {LEAST_CORNERS} corners of it": without,
-        "copies of others": copies,
-    }
-    for reason, left in reasons.items():
-        if left:
-            notes.append(
-                f"{reason}, in {len(left)} pictures, left out: {listing(left)}"
-            )
-    places = np.array([*shown])
+    if without:
+        notes.append(
+            f"no board, or fewer than {LEAST_CORNERS} corners of it, in {len(without)} pictures, "
+            f"left out: {listing(without)}"
+        )
+    places = np.array([*corners])
     episodes = table.episodes
     return BoardPictures(
         board=board,
         joint_names=table.names,
-        names=tuple(shown.values()),
+        names=tuple(shown),
         q=table.q[places],
-        corners=tuple(corners),
+        corners=tuple(corners.values()),
         size=(grey.shape[1], grey.shape[0]),
         count=count,
         notes=tuple(notes),

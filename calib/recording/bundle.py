@@ -104,7 +104,6 @@ class Sight:
     """What cameras see of all corners, and how that follows the unknowns."""
 
     pixels: Array  # (N, 2)
-    by_scene: Array  # (N, 2, 6), slopes by turn and shift of what is before the camera
     slopes: Array  # (N, 2, s + e), by the unknowns and the errors of the corner's motion
 
 
@@ -172,8 +171,8 @@ class Bundle:
 
     def _look(
         self, number: int, unknowns: Unknowns, flange: Array, by_arm: Array
-    ) -> tuple[Array, Array, Array]:
-        """Pixels (n, 2) of one camera, their slopes (n, 2, 6) by the scene and by the unknowns.
+    ) -> tuple[Array, Array]:
+        """Pixels (n, 2) of one camera, and their slopes (n, 2, s + e).
 
         flange : (k, 4, 4) [m], at each motion;  by_arm : (k, 6, a), its slopes by the arm
         """
@@ -232,7 +231,7 @@ class Bundle:
         error_slopes = slopes[..., layout.size :]
         error_slopes[..., :POSE] = by_flange
         error_slopes[..., focal] = by_lens[..., :2] @ lens[:2]
-        return pixels, by_scene, slopes
+        return pixels, slopes
 
 
 def scene_slopes(before: Array, frame: Array, inverted: bool = False) -> Array:

@@ -22,10 +22,9 @@ from ..errors import OptionError
 from .answer import answer
 from .board import Pattern, TagGrid
 from .board_pictures import BoardPictures, Source, find_board
-from .flange_table import FlangeTable, read_flange_poses
-from .joint_table import JointTable
 from .lens import Lens
 from .lerobot import is_dataset
+from .motion_tables import FlangeTable, JointTable, read_flange_poses
 from .problem import of_joints, of_poses
 from .rig import HandEye as HandEye
 from .rigid import place_points, shift_of, turn_of

@@ -25,7 +25,7 @@ from ..common.arrays import Array, Index
 from ..common.rows import spread_rows
 from ..common.wording import listing
 from ..errors import LogError
-from .joint_table import JointTable
+from .motion_tables import JointTable
 from .pictures import Picture, Video
 
 TICKS = 4096
@@ -48,7 +48,7 @@ class Rests:
         np.radians(1.0)
     )  # two rests of one place tell no more than one [rad]
     most: int = 80  # frames that are taken
-    least: int = 12  # frames that are needed, although the arm moves
+    least: int = 12  # frames, below which it hardly stands still
 
 
 RESTS = Rests()
@@ -223,7 +223,7 @@ def read_dataset(
     state = state[:, [dataset.columns.index(name) for name in names]]
     angles = _angles(state, names, motors)
     first = next(iter(angles.values()))
-    resting, is_moving = _resting(first, time, episode)
+    resting = _resting(first, time, episode)
     wanted_frames = defaultdict[Path, list[tuple[float, int]]](list)
     for row in resting.tolist():
         path, begin = paths[row]
@@ -234,7 +234,7 @@ def read_dataset(
     notes = [
         f"{len(frames)} of {len(state)} frames of {chosen}, where the arm is slowest",
     ]
-    if is_moving:
+    if len(frames) < RESTS.least:
         notes.append("the arm hardly stands still: let it rest at each picture")
     rows = [row for row, _ in frames]
     labels = [f"episode {episode[k]} at {time[k]:.3f} s" for k in rows]
@@ -276,25 +276,20 @@ def _angles(
     return angles
 
 
-def _resting(q: Array, time: Array, episode: Index) -> tuple[Index, bool]:
-    """Return frames (k,) in which the arm rests, and whether it moves in most of them."""
+def _resting(q: Array, time: Array, episode: Index) -> Index:
+    """Return frames (k,) in which the arm rests."""
     speed = _speed(q, time)
     # the slowest frame of each window
     window = np.floor(time / RESTS.window) + 1e6 * episode
     order = np.lexsort((speed, window))
     _, first = np.unique(window[order], return_index=True)
     slowest = order[first]
-    enough = min(RESTS.least, len(slowest))
-    is_moving = np.count_nonzero(speed[slowest] < RESTS.speed) < enough
-    limit = RESTS.speed
-    if is_moving:
-        limit = np.sort(speed[slowest])[: RESTS.most][-1]
     resting: list[int] = []
-    for frame in slowest[speed[slowest] <= limit].tolist():
+    for frame in slowest[speed[slowest] < RESTS.speed].tolist():
         if not resting or np.abs(q[frame] - q[resting[-1]]).max() > RESTS.apart:
             resting.append(frame)
     some = spread_rows(len(resting), RESTS.most)
-    return np.array(resting)[some], bool(is_moving)
+    return np.array(resting, np.intp)[some]
 
 
 def _speed(q: Array, time: Array) -> Array:

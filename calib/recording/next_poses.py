@@ -91,12 +91,9 @@ def _gains(rig: HandEye, flange: Array) -> tuple[Mask, Array]:
 
     size = np.array(rig.lens["size"])
     margin = SETTINGS.edge * size
-    is_beyond_low = sight.pixels > margin
-    is_below_high = sight.pixels < size - margin
-    is_inside = is_beyond_low & is_below_high
+    is_inside = (sight.pixels > margin) & (sight.pixels < size - margin)
     by_pose = is_inside.reshape(len(flange), -1)
-    is_in_view: Mask = np.asarray(by_pose.all(axis=1))
-    return is_in_view, gain
+    return np.asarray(by_pose.all(axis=1)), gain
 
 
 def _noise(rig: HandEye, size: int) -> Noise:

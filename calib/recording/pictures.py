@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from glob import glob
 from importlib import import_module
@@ -15,15 +15,21 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.choices import PICTURES
+from ..common.arrays import Array
+from ..common.choices import PICTURES, VIDEOS
 from ..common.wording import INSTALL
 from ..errors import LogError
+from ..model.about import Photo
 
 Picture = NDArray[np.uint8]
 """Grey (height, width), or with three colours (height, width, 3)."""
 
 Frame = tuple[int, str, Picture]
 """Number and name of a grey picture, and the picture."""
+
+
+WIDEST = 1000
+"""Pixels along a kept photo's longer side, at most."""
 
 
 def opencv() -> ModuleType:
@@ -168,3 +174,67 @@ class Video:
                 colours = image.to_ndarray(format="bgr24")
                 grey = cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY)
                 yield float(image.time), grey
+
+
+def take_photo(
+    path: str | os.PathLike[str],
+    x: Array,
+    unit: str,
+    about: Mapping[str, object] | None = None,
+) -> Photo:
+    """Read a photo so that positions can be drawn over it.
+
+    path : a picture or a video, whose first frame is taken, by the camera that made the log
+    x : (n, 2), positions that should be in it [px]
+    about : what the log tells of its source (`Source.about`)
+    Raises LogError if it cannot be read, is of another camera, or shows none of the positions.
+    """
+    about = about or {}
+    picture = read_photo(Path(path))
+    name = Path(path).name
+    height, width = picture.shape[:2]
+    if about.get("size") not in (None, [width, height]):
+        raise LogError(
+            f"{name} is {width}x{height}, the log's pictures were {about['size']!r:.40}: expected "
+            "one by the same camera"
+        )
+    if x.shape[1] != 2 or unit != "px":
+        raise LogError(
+            f"positions in {unit}, {x.shape[1]} coordinates, are not drawn over a photo: expected "
+            "x and y in px"
+        )
+    edge = np.array([width, height]) - 0.5
+    inside = ((x > -0.5) & (x < edge)).all(axis=1)
+    if inside.mean() < 0.25:
+        raise LogError(
+            f"{name} shows {100 * inside.mean():.0f} % of the positions only: expected a picture "
+            "by the camera that made the log"
+        )
+    box = (-0.5, width - 0.5, height - 0.5, -0.5)
+    return Photo(np.frombuffer(_jpeg(picture), np.uint8), box)
+
+
+def read_photo(path: Path) -> Picture:
+    """Return a picture, or the first frame of a video, as red, green, blue."""
+    if path.suffix.lower() in PICTURES:
+        return read_picture(path, colour=True)
+    if path.suffix.lower() not in VIDEOS:
+        kinds = ", ".join((*PICTURES, *VIDEOS))
+        raise LogError(
+            f"{path.name} is no picture or video by its name: expected {kinds}"
+        )
+    grey = next((frame for _, frame in Video(path).frames()), None)
+    if grey is None:
+        raise LogError(f"{path.name} has no frame that can be read")
+    return np.repeat(grey[:, :, None], 3, axis=2)
+
+
+def _jpeg(picture: Picture) -> bytes:
+    """Return a JPEG of at most `WIDEST` pixels a side."""
+    from PIL import Image
+
+    image = Image.fromarray(picture)
+    image.thumbnail((WIDEST, WIDEST), Image.Resampling.LANCZOS)
+    buffer = io.BytesIO()
+    image.save(buffer, "JPEG", quality=82, optimize=True)
+    return buffer.getvalue()

@@ -17,13 +17,12 @@ from ..errors import LogError
 from ..samples.motion import pose_index
 from .board_pictures import LEAST
 from .bundle import Bundle, Motions, Unknowns, shape_slopes
-from .conventions import Choice, choose
 from .fit import Fit, Noise, Prior, Scale, solve
-from .flange_table import FlangeTable
 from .joint_motions import JointMotions
-from .readings import refuse_readings
+from .motion_tables import FlangeTable
+from .readings import Choice, choose, refuse_readings
 from .rigid import turn_of
-from .start import MISSAID, Start, find_start
+from .start import Start, find_start
 from .view import View
 
 
@@ -37,9 +36,7 @@ class Priors:
     stretched: tuple[float, float, float] = (5e-4, 1e-6, 5e-3)
     # of its size that a print is off by; beyond, as the evidence says
     printed: tuple[float, float] = (3e-3, 0.5)
-    # of a controller's poses [rad, m]
-    controller: tuple[float, float] = (3e-4, 1e-3)
-    joints: tuple[float, float] = (3e-5, 3e-5)  # of joints [rad, m]
+    motion: tuple[float, float] = (3e-4, 1e-3)  # turn and shift [rad, m]
     focus: float = 2e-3  # of the focal length, from picture to picture
     # rms turn about a second axis that flange poses need [deg]
     turn: float = 1.0
@@ -116,7 +113,7 @@ def of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
     q = q[first]
     motions = JointMotions(q, structure_of(arm, "pose"))
     refuse_readings(motions.structure, views[0])
-    return replace(_problem(views, rows, motions, PRIORS.joints), arm=arm)
+    return replace(_problem(views, rows, motions), arm=arm)
 
 
 def of_poses(
@@ -155,7 +152,7 @@ def of_poses(
     rows = _rows(views)
     views, first = _by_pose(views, rows, flange[rows, :3].reshape(-1, 12))
     rows = rows[first]
-    problem = _problem(views, rows, Motions(flange[rows]), PRIORS.controller)
+    problem = _problem(views, rows, Motions(flange[rows]))
     return replace(problem, choice=choice)
 
 
@@ -214,30 +211,23 @@ def turning(poses: Array) -> tuple[Array, Array]:
     return np.asarray(sizes / np.sqrt(len(vectors))), axes
 
 
-def _problem(
-    views: Sequence[View],
-    rows: Index,
-    motions: Motions,
-    errors: tuple[float, float],
-) -> Problem:
-    """The problem, which begins at a closed form of each camera; `errors` are the motions'."""
-    flange = motions.poses(np.zeros(motions.size))
-    starts: list[Start] = []
+def _problem(views: Sequence[View], rows: Index, motions: Motions) -> Problem:
+    """The problem, which begins at a closed form of each camera."""
+    starts = _starts(views, rows, motions)
     numbered: list[View] = []
-    boards: dict[bool, Start] = {}
-    for view in views:
-        there = flange[np.searchsorted(rows, view.rows)]
-        start = find_start(there, view, "m")
-        _refuse_mirrored(view, start)
-        board = boards.setdefault(view.in_hand, start)
-        start = _from_same_end(start, board, view.board.half_turn)
-        starts.append(start)
+    for view, start in zip(views, starts, strict=True):
         shots = view.shots.turned(start.turned)
         numbered.append(replace(view, shots=shots))
     bundle = _bundle(numbered, rows, motions)
     layout = bundle.layout
-    mean = np.zeros(layout.size)
+    # of each board the first camera that sees it
+    boards = [
+        starts[bundle.boards.index(k)] for k in sorted(set(bundle.boards))
+    ]
+
+    # values to begin with, prior means, and the scales of priors
     begin = np.zeros(layout.size)
+    mean = np.zeros(layout.size)
     scales: list[Scale] = []
     for view, lens in zip(numbered, layout.lenses, strict=True):
         begin[lens] = view.lens.parameters
@@ -245,27 +235,42 @@ def _problem(
         if view.given is None:
             mean[lens[4:]] = 0.0
         scales += _lens_scales(view, lens)
-    for start, shape in zip(boards.values(), layout.shapes, strict=True):
-        is_sized = motions.size > 0  # by a drawn arm
-        if not is_sized:
-            begin[shape[-1]] = start.size
-        scales += _board_scales(start, shape, is_sized)
+    for start, shape in zip(boards, layout.shapes, strict=True):
+        begin[shape[-1]] = start.size
+        scales += _board_scales(start, shape)
     if isinstance(motions, JointMotions):
         scales += motions.scales(layout.arm)
-    frames = [start.camera for start in starts]
-    frames += [start.board for start in boards.values()]
     sizes = np.full(layout.size, np.inf)
     for scale in scales:
         sizes[scale.indices] = scale.start
+
     noise = Noise(
         corner=np.full(len(views), PRIORS.corner),
-        error=np.repeat([*errors, PRIORS.focus], [3, 3, len(views)]),
+        error=np.repeat([*PRIORS.motion, PRIORS.focus], [3, 3, len(views)]),
         prior=sizes,
     )
+    frames = [start.camera for start in starts]
+    frames += [start.board for start in boards]
     exact = np.zeros((len(rows), layout.errors))
     unknowns = Unknowns(np.array(frames), begin, exact)
     fit = Fit(unknowns, noise, np.zeros((0, 0)))
     return Problem(numbered, rows, bundle, Prior(mean, scales), fit)
+
+
+def _starts(
+    views: Sequence[View], rows: Index, motions: Motions
+) -> list[Start]:
+    """Where each camera and its board begin; cameras at one place number a board from one end."""
+    flange = motions.poses(np.zeros(motions.size))
+    starts: list[Start] = []
+    firsts: dict[bool, Start] = {}
+    for view in views:
+        there = flange[np.searchsorted(rows, view.rows)]
+        start = find_start(there, view, "m")
+        _refuse_mirrored(view, start)
+        first = firsts.setdefault(view.in_hand, start)
+        starts.append(_from_same_end(start, first, view.board.half_turn))
+    return starts
 
 
 def _from_same_end(
@@ -311,18 +316,14 @@ def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
     )
 
 
-def _board_scales(start: Start, shape: Index, is_sized: bool) -> list[Scale]:
-    """Priors of a board; its size is looked for around the stated one where the arm is sized."""
+def _board_scales(start: Start, shape: Index) -> list[Scale]:
+    """Priors of a board, whose size may be another than stated."""
     lowest, highest = PRIORS.printed
     size = abs(start.size)
-    if is_sized:
-        size = min(size, MISSAID)
-    else:
-        highest = max(highest, size)
     return [
         Scale(shape[:-3], *PRIORS.bent),
         Scale(shape[-3:-1], *PRIORS.stretched),
-        Scale(shape[-1:], max(size, lowest), lowest, highest),
+        Scale(shape[-1:], max(size, lowest), lowest, max(size, highest)),
     ]
 
 

@@ -61,28 +61,22 @@ def matrices(poses: Sequence[Pose]) -> Array:
 def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     """Fit the pose of a flat frame to points (n, 3) [m] of it and their pixels (n, 2), n >= 4.
 
-    Of the two poses of a plane seen from afar the better one. Raises LogError if none fits.
+    Raises LogError if none fits.
     """
     cv2 = opencv()
     camera = (lens.matrix, lens.distortion)
-    solved, turns, shifts, _ = cv2.solvePnPGeneric(
+    # of the two poses of a plane seen from afar the one that fits better
+    is_solved, *start = cv2.solvePnP(
         points, pixels, *camera, flags=cv2.SOLVEPNP_IPPE
     )
-    if not solved:
+    if not is_solved:
         raise LogError(
             "the reference's points lie on a line or in one place: no pose fits them"
         )
-    least = np.inf
-    for start in zip(turns, shifts, strict=True):
-        turn, shift = cv2.solvePnPRefineLM(points, pixels, *camera, *start)
-        projected, slopes = cv2.projectPoints(points, turn, shift, *camera)
-        residuals = pixels - projected.reshape(-1, 2)
-        square = float((residuals**2).sum())
-        if square < least:
-            least = square
-            best = (turn.ravel(), shift.ravel(), slopes)
-    turn, shift, slopes = best
-    rotation = exponential(turn)
+    turn, shift = cv2.solvePnPRefineLM(points, pixels, *camera, *start)
+    projected, slopes = cv2.projectPoints(points, turn, shift, *camera)
+    residuals = pixels - projected.reshape(-1, 2)
+    rotation = exponential(turn.ravel())
     by = slopes[:, 3:6].reshape(-1, 2, 3)
     by_turn = -by @ cross_matrix(points @ rotation.T)
     by_pose = np.concatenate([by_turn, by], axis=2).reshape(-1, 6)
@@ -92,9 +86,10 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     follows = np.vstack([pose_by_lens, np.eye(9)])
     covariance = follows @ lens.covariance @ follows.T
     freedom = max(len(by_pose) - 6, 1)
-    variance = max(least / freedom, SETTINGS.noise**2)
+    square = float((residuals**2).sum())
+    variance = max(square / freedom, SETTINGS.noise**2)
     covariance[:6, :6] += np.linalg.pinv(by_pose.T @ by_pose) * variance
-    return Pose(rotation, shift, covariance)
+    return Pose(rotation, shift.ravel(), covariance)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from ..errors import ModelError
 from ..model.model import Model
 from ..model_file.container import check_sum, pack, unpack
 from ..samples.samples import Samples
-from .conventions import Convention
+from .readings import Convention
 from .rigid import rigid
 
 KIND = "rig"
@@ -202,7 +202,6 @@ def rig_of(document: Mapping[str, Any]) -> HandEye:
     Raises KeyError, TypeError, ValueError if it is none.
     """
     values = dict(document)
-    values.pop("photo", None)  # of files of older programs
     for name in ARRAYS:
         values[name] = np.array(document[name], float)
     for name in ("notes", "left_out", "names", "frames", "cameras"):

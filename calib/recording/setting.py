@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
@@ -10,12 +11,13 @@ from functools import cached_property
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.atomic import atomic_write
 from ..common.choices import DICTIONARY
 from ..common.wording import listing
 from ..errors import LogError, OptionError
 from .board import Board
 from .lens import UNSTATED, Lens
-from .pictures import Frame, Picture
+from .pictures import Frame, Picture, opencv
 from .reference import MarkLayout, Marks, PlaneReference, watch
 from .tags import Tag, TagFinder
 
@@ -24,6 +26,12 @@ LOOKS = 12
 
 # share of the pictures that may show two tags of the tip's id
 _MOST_TWICE = 0.1
+
+
+TAG_COLOUR = (60, 200, 60)
+MARK_COLOUR = (230, 90, 230)
+PLACE_COLOUR = (255, 200, 0)
+"""Red, green and blue of what is drawn."""
 
 
 @dataclass(frozen=True)
@@ -36,12 +44,10 @@ class Setup:
     board: Board | None = None
     tags_at: MarkLayout | None = None
     lens: Lens | None = None  # the camera's
-    # side of the tip's tag: its pose needs it [m]
+    # side of the tip's tag [m]; with it, z and the orientation are told too
     tag_size: float | None = None
     # of the tip's tag above the board, or the tags on the desk [m]
     tag_height: float = 0.0
-    # whether z and the orientation of the tag are wanted too
-    pose: bool = False
 
     def __post_init__(self) -> None:
         refusal = self._refusal()
@@ -62,8 +68,8 @@ class Setup:
             )
         if layout is None and self.tag_height:
             return "`tag_height` is given without `board` or `tags_at`, above which it is measured"
-        if self.pose and (self.lens is None or self.tag_size is None):
-            return "the tag's pose needs `lens` and `tag_size`"
+        if self.tag_size is not None and self.lens is None:
+            return "`tag_size` is for the tag's pose, which needs `lens`"
         others: Collection[int] = ()
         if marks is not None:
             others = marks.points.keys()
@@ -223,3 +229,29 @@ def _tags_of(pictures: Sequence[Picture], dictionary: str) -> str:
         counts.update({tag.number for tag in finder.find(grey)})
     words = [f"{tag} ({times} times)" for tag, times in counts.most_common()]
     return listing(words, 6)
+
+
+def write_overlay(
+    path: str | os.PathLike[str], photo: Picture, setting: Setup, places: Array
+) -> None:
+    """Write a photo as PNG with its tags, its marks, and the tag's places in all rows of a log.
+
+    The photo is red, green, blue; `places` (n, 2) [px] are those of the tag's centre.
+    """
+    cv2 = opencv()
+    canvas = photo.copy()
+    grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)
+    tags = TagFinder(setting.dictionary).find(grey)
+    if tags:
+        corners = [tag.corners[None].astype(np.float32) for tag in tags]
+        numbers = np.array([tag.number for tag in tags])
+        cv2.aruco.drawDetectedMarkers(canvas, corners, numbers, TAG_COLOUR)
+    marks = {} if setting.board is None else setting.marks(grey, ())
+    radius = max(3, round(max(canvas.shape) / 213))
+    circles = ((PLACE_COLOUR, places), (MARK_COLOUR, marks.values()))
+    for colour, centres in circles:
+        for centre in centres:
+            middle = np.round(centre).astype(int).tolist()
+            cv2.circle(canvas, middle, radius, colour, -1, cv2.LINE_AA)
+    _, png = cv2.imencode(".png", canvas[:, :, ::-1])
+    atomic_write(path, png.tobytes())

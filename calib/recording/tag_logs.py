@@ -23,7 +23,7 @@ from ..samples.motion import (
 )
 from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
-from .joint_table import JointTable, read_shots
+from .motion_tables import JointTable, read_shots
 from .pictures import Frame, Video
 from .reference import find_pose, matrices
 from .rigid import shift_of, turn_of
@@ -273,7 +273,7 @@ def _samples_of(
     size = setting.tag_size
     if lens is not None:
         about["lens"] = lens.to_json()
-    if setting.pose and lens is not None and size is not None:
+    if lens is not None and size is not None:
         # the tag's frame: origin in the middle, x to the right, y up, z out of the paper
         corners = [[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]
         square = 0.5 * size * np.array(corners)

@@ -27,8 +27,10 @@ class Cells(OfRows):
 
     label: str  # what messages call the log
     total: int  # rows that the log has, or that are held of it
-    # (n, names), of the roles; joints in rad and m, NaN where no number stands
-    values: Array
+    # NaN where no number stands
+    q: Array  # (n, dof) [rad or m], joint values
+    x: Array  # (n, m), positions; none in a log of touches alone
+    turns: Array  # (n, 4) quaternions, (n, 3) angles or (n, 0)
     numbers: Index  # (n,), of the rows in the file
     # (n, 2), names of setup and point, "" where there is none
     points: NDArray[np.object_]
@@ -82,7 +84,8 @@ def read_cells(
     rows = spread_rows(total, READING.most_rows)
     some = replace(source, table=source.table[rows])
     values, numbers = some.numbers(roles.columns(roles.names))
-    q = values[:, : len(roles.joints)]
+    counts = (len(roles.joints), len(roles.axes))
+    q, x, turns = np.split(values, np.cumsum(counts), axis=1)
     q *= [joint.factor for joint in joints]
     points = np.full((len(q), 2), "", dtype=object)
     if roles.touched:
@@ -95,7 +98,15 @@ def read_cells(
         words = f"{total:,} rows: {len(q):,} of them, evenly spread, are held"
         notes = (f"{words}; other counts are of these",)
     cells = Cells(
-        source.label, len(q), values, numbers, points, side, notes=notes
+        source.label,
+        len(q),
+        q,
+        x,
+        turns,
+        numbers,
+        points,
+        side,
+        notes=notes,
     )
     time, episode = roles.columns(FURTHER)
     others = {*source.header} - {*roles.columns(roles.names)}
@@ -109,10 +120,11 @@ def read_cells(
 
 def complete_rows(cells: Cells, roles: Roles) -> Cells:
     """Leave out rows that miss a number."""
-    finite = np.abs(cells.values) < LARGEST
-    _, has_position, _ = roles.split(finite)
+    values = np.hstack([cells.q, cells.x, cells.turns])
+    finite = np.abs(values) < LARGEST
     touched = ~cells.of_sensor
-    has_position[touched] = True
+    dof = len(roles.joints)
+    finite[touched, dof : dof + len(roles.axes)] = True
     if roles.touched and not roles.axes:
         finite &= touched[:, None]
     columns = listing(np.array(roles.names)[~finite.all(axis=0)])
@@ -130,36 +142,34 @@ def rows_in_ranges(
         if joint.name not in ranges:
             continue
         low, high = ranges[joint.name]
-        values = cells.values.copy()
-        column = values[:, k]
+        q = cells.q.copy()
+        column = q[:, k]
         if joint.revolute:
             column[:] = wrap(column, low, high)
         edge = READING.rounded * (high - low)
         away = (column < low - edge) | (column > high + edge)
         np.clip(column, low, high, out=column)
         words = f"have {joint.name} outside of the chosen range"
-        cells = replace(cells, values=values).without(away, words)
+        cells = replace(cells, q=q).without(away, words)
     return cells
 
 
-def rows_in_sight(cells: Cells, roles: Roles) -> Cells:
+def rows_in_sight(cells: Cells) -> Cells:
     """Leave out rows in which the sensor saw nothing, or no orientation."""
-    q, x, _ = roles.split(cells.values)
-    zero = (x == 0.0).all(axis=1) & cells.of_sensor
+    zero = (cells.x == 0.0).all(axis=1) & cells.of_sensor
     # a single row may be the origin of the sensor
     if zero.sum() > 1 and not zero.all():
         words = "hold zeros for a position, as where a sensor saw nothing"
         cells = cells.without(zero, words)
-    if not roles.touched:
-        q, x, _ = roles.split(cells.values)
+    if cells.of_sensor.all():
         words = (
             "repeat the position of the row before although the joints moved, as where a sensor "
             "holds its last value"
         )
-        cells = cells.without(repeated_readings(q, x), words)
-    if roles.turns != QUATERNION:
+        cells = cells.without(repeated_readings(cells.q, cells.x), words)
+    if cells.turns.shape[1] != len(QUATERNION):
         return cells
-    length = row_lengths(roles.split(cells.values)[2])
+    length = row_lengths(cells.turns)
     wrong = np.abs(length - 1) > ROUNDING
     words = (
         f"qx, qy, qz, qw of length {length[np.argmax(wrong)]:.4g}, expected 1"
@@ -175,7 +185,7 @@ def repeated_readings(q: Array, x: Array) -> Mask:
     held = np.zeros(len(q), dtype=bool)
     step = row_lengths(np.diff(x, axis=0))
     same = step == 0.0
-    if not same.any() or same.all():
+    if same.all():
         return held
     digits = np.concatenate([np.diff(np.unique(axis)) for axis in x.T])
     if np.median(step[~same]) > READING.fine * digits.min():

@@ -101,9 +101,7 @@ class JointColumn:
             hint = "if it is in degrees, give `degrees=True`"
             if not self.limits:
                 hint += "; if it slides, name it in `prismatic`"
-        raise self._outside(
-            values, rows, self.limits or _TURN, hint, "degrees", self.degrees
-        )
+        raise self._outside(values, rows, self.limits or _TURN, hint, "degrees")
 
     def settle(
         self, values: Array, rows: Index
@@ -160,7 +158,6 @@ class JointColumn:
         limits: Range,
         hint: str,
         parameter: str,
-        value: object = None,
     ) -> CalibError:
         """The error that names the value (n,) furthest outside of a range."""
         away = np.maximum(limits[0] - values, values - limits[1])
@@ -172,7 +169,7 @@ class JointColumn:
             f"{self.label}, row {rows[row]}: {words} {self._show(*limits)}",
             hint=hint,
             parameter=parameter,
-            value=float(values[row]) if value is None else value,
+            value=float(values[row]),
         )
 
 

@@ -103,10 +103,10 @@ def read_log(
     cells = read_cells(source, roles, joints_read)
     complete = complete_rows(cells, roles)
     inside = rows_in_ranges(complete, joints_read, ranges or {})
-    sound = rows_in_sight(inside, roles).without_gaps()
-    q, x, turns = roles.split(sound.values)
+    sound = rows_in_sight(inside).without_gaps()
+    x = sound.x
     q, lower, upper, joint_notes = settle_joints(
-        joints_read, q, sound.numbers, anywhere=roles.touched
+        joints_read, sound.q, sound.numbers, anywhere=roles.touched
     )
     notes = [*sound.notes, *joint_notes]
     if roles.touched:
@@ -119,7 +119,7 @@ def read_log(
         if roles.turns and plane is None:
             stated = common_unit(roles.columns(roles.turns))
             in_degrees = degrees if stated is None else stated != "rad"
-            orientation = quaternions(turns, degrees=in_degrees)
+            orientation = quaternions(sound.turns, degrees=in_degrees)
             readings = replace(readings, orientation=orientation)
         notes += plane_notes
         size = float(np.ptp(x, axis=0).max())

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.rotations import exponential, quaternion_of
 from ..common.arrays import Array
@@ -21,7 +20,6 @@ from .tables import Source
 if TYPE_CHECKING:
     from ..arm.arm import Arm
 
-_T = TypeVar("_T", bound=np.generic)
 
 PIXELS = {"x": "u", "y": "v"}
 """Columns of pixels, where a log has no x, y or z."""
@@ -68,11 +66,6 @@ class Roles:
     def columns(self, names: Sequence[str]) -> list[str]:
         """Return what names are called in the file."""
         return [self.column_of.get(name, name) for name in names]
-
-    def split(self, values: NDArray[_T]) -> list[NDArray[_T]]:
-        """Columns (n, names) of values, as joints, positions and orientations."""
-        counts = (len(self.joints), len(self.axes))
-        return np.split(values, np.cumsum(counts), axis=1)
 
 
 def find_roles(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -227,12 +228,9 @@ def _sound(name: str, values: object, columns: Sequence[str]) -> Array:
 def _in_space(x: Any) -> bool:
     """Whether positions have a z, by their names, or by their number."""
     names = column_names(x)
-    if names:
-        return "z" in names
-    try:
-        return bool(np.shape(x)[-1:] == (3,))
-    except ValueError:  # rows of different lengths
-        return False
+    with suppress(ValueError):  # of rows of different lengths
+        return "z" in names if names else np.shape(x)[-1:] == (3,)
+    return False
 
 
 def babble(

@@ -82,9 +82,6 @@ class Change:
     relative: bool
     text: str  # the change as typed
 
-    def __str__(self) -> str:
-        return self.text
-
 
 def parse_change(text: str, *, degrees: Collection[str] = ()) -> Change:
     """Read one change, such as `elbow.length=+20%`, `tip.offset=0.01,0.02` or `sensor.mirror=x`.
@@ -138,7 +135,7 @@ def parse_changes(
         before = parsed.setdefault((change.part, change.what), change)
         if before is not change:
             raise OptionError(
-                f"change {change} comes after {before}: give one of the two"
+                f"change {change.text} comes after {before.text}: give one of the two"
             )
     return tuple(parsed.values())
 
@@ -195,7 +192,7 @@ class Simulation:
         object.__setattr__(self, "changes", parse_changes(self.changes))
         names = self.arm.joint_names
         for change in self.changes:
-            words = f"change {str(change)!r}"
+            words = f"change {change.text!r}"
             if change.part not in (*names, *PARTS):
                 choices = f"choices: {', '.join(names)}, sensor, tip"
                 raise OptionError(
@@ -227,14 +224,12 @@ class Simulation:
     @property
     def has_outliers(self) -> bool:
         """Whether some of the sensor's readings are wrong."""
-        return any(change.what == "outliers" for change in self.changes)
+        return bool(self._of_sensor("outliers"))
 
     def draw(self, n: int, rng: Generator) -> Array:
         """Draw what the encoders read (n, dof) [rad or m], uniformly from the arm's range."""
-        low = np.asarray(self.arm.lower)
-        high = np.asarray(self.arm.upper)
-        q = rng.uniform(low, high, size=(n, len(low)))
-        return np.clip(q, low, high)  # it may round up
+        arm = self.arm
+        return rng.uniform(arm.lower, arm.upper, (n, len(arm.lower)))
 
     def exact(self, q: ArrayLike) -> Array:
         """Return what the sensor would read without noise, backlash and outliers.
@@ -291,9 +286,7 @@ class Simulation:
     @classmethod
     def from_json(cls, arm: Arm, data: Document) -> Simulation:
         """Rebuild what `to_json` returned, with the arm as it was described."""
-        return cls(
-            arm, noise=data["noise"], changes=parse_changes(data["changes"])
-        )
+        return cls(arm, data["noise"], data["changes"])
 
     def _behind_gears(self, q: ArrayLike) -> Array:
         """Where the joints stand when their encoders read `q`."""

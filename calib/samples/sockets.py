@@ -68,9 +68,9 @@ class Touches(OfRows):
             points of one setup are apart by so much
         """
         touched = points[:, 1] != ""
-        sockets = sorted({(setup, point) for setup, point in points[touched]})
+        sockets = sorted({*map(tuple, points[touched])})
         place = {socket: number for number, socket in enumerate(sockets)}
-        number = [place.get((setup, point), -1) for setup, point in points]
+        number = [place.get(tuple(names), -1) for names in points]
         touches = Touches(np.array(number, dtype=np.intp), tuple(sockets))
         stated = touches.means(x, median=True)
         facts = []

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +20,7 @@ from numpy.typing import ArrayLike
 from ..common.arrays import Array, Index
 from ..common.atomic import atomic_write
 from ..common.rows import finite_rows
-from ..common.wording import clipped, listing, printable, quoted
+from ..common.wording import clipped, printable, quoted, suggestion
 from ..errors import LogError
 from .header import SECONDS, common_unit, find_column, name_and_unit
 
@@ -85,11 +84,9 @@ class Source:
         """
         for name in names:
             if name not in self.header:
-                near = get_close_matches(name, self.header, n=1)
-                meant = f"did you mean {quoted(near[0])}? " if near else ""
+                meant = suggestion(name, self.header)
                 raise LogError(
-                    f"{self.label} has no column {quoted(name)}: {meant}columns: "
-                    f"{listing(map(repr, self.header))}",
+                    f"{self.label} has no column {quoted(name)}: {meant}",
                     hint=f"map another name with `columns={{{clipped(name)!r}: 'OTHER'}}`",
                     parameter="columns",
                     value=name,
@@ -202,9 +199,7 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
 def _content(file: Path) -> bytes:
     """The bytes of a file, or of standard input."""
     if str(file) == "-":
-        stream = getattr(sys.stdin, "buffer", sys.stdin)
-        content = stream.read() if stream else b""
-        return content.encode() if isinstance(content, str) else bytes(content)
+        return sys.stdin.buffer.read()
     if file.is_block_device() or file.is_char_device():
         raise OSError("it is a device, expected a CSV or Parquet file")
     return file.read_bytes()

@@ -10,6 +10,7 @@ from ..arm.description import parse_robot
 from ..arm.posture import posture_of
 from ..arm.urdf import Urdf
 from ..common.arrays import Array
+from ..common.names import by_name
 from ..errors import CalibError
 from ..model.about import About
 
@@ -40,7 +41,7 @@ class Robot:
         """Transforms (n, 4, 4) of the links in the root's frame, for joints (n, dof)."""
         postures = []
         for row in q.tolist():
-            joints = dict(zip(self.about.joint_names, row, strict=True))
+            joints = by_name(self.about.joint_names, row)
             posture = posture_of(self.urdf, {**self.about.locked, **joints})
             postures.append(posture.frames)
         return {

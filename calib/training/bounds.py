@@ -10,13 +10,12 @@ from ..body.covariance import RADIUS_95
 from ..common.arrays import Array
 from ..common.parallel import side_by_side
 from ..common.rows import row_lengths
-from ..errors import OptionError
 from ..maps.node_bounds import learn_bounds
 from ..model.about import MeasuredRows
 from ..model.model import Model
 from ..samples.motion import directions
 from ..samples.simulation import Simulation
-from .options import UNFOLD, TrainingOptions
+from .options import TrainingOptions
 from .preparation import PreparedLog
 from .residuals import Residuals, fresh_residuals, held_out_residuals
 from .settings import TESTING
@@ -118,10 +117,6 @@ def _simulation_bounds(
     x = simulation.true(q, rng)
     q = q - play * directions(q)
     inside = model.covers(q)
-    if not inside.any():
-        raise OptionError(
-            "no test sample is near the motor map's nodes", hint=UNFOLD
-        )
     u = model.motor.scale.to_unit(q[inside])
     errors = row_lengths(model.predictor.value(u) - x[inside])
     nodes = learn_bounds(model.motor, u, errors)

@@ -235,6 +235,7 @@ def _delay(
     some = slice(max(0, middle - half), middle + half)
     total = 0.0
     share = 0.0
+    spread = np.inf
     for _ in range(LATE_CLOCK.steps):
         q, speed = trajectory.before(total)
         q = q[some]
@@ -243,8 +244,11 @@ def _delay(
             return None
         q = q[inside]
         seen, slope = structure.predict_and_slope(q, beta)
+        residual = structure.residual(samples.x[some][inside], seen)
+        before = spread
+        spread = float(np.sqrt((residual**2).mean()))
         step = estimate_delay(
-            structure.residual(samples.x[some][inside], seen),
+            residual,
             np.einsum("nmk,nk->nm", slope, speed[some][inside]),
             structure.linearise(q, beta, active)[1],
             prior.sd[active] ** -2.0,
@@ -261,6 +265,8 @@ def _delay(
         moved[active] = change
         beta = structure.retract(beta, moved)
         total += delay.value
-        if abs(delay.value) < LATE_CLOCK.settled * delay.sd:
+        # while the parameters beside it still move, its deviation is too large
+        still = spread > LATE_CLOCK.falls * before
+        if still and abs(delay.value) < LATE_CLOCK.settled * delay.sd:
             break
     return Delay(total, delay.sd, delay.unit, share)

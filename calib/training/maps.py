@@ -7,12 +7,13 @@ import math
 import numpy as np
 
 from ..common.arrays import Array, Index
-from ..common.parallel import in_turn, side_by_side
+from ..common.parallel import side_by_side
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps.association import Association
 from ..maps.density import kind_of
 from ..maps.links import wiring_of
+from ..maps.map import Map
 from ..maps.model_selection import misfit
 from ..maps.som import SOM
 from ..samples.samples import Samples
@@ -96,16 +97,22 @@ def associate(
         motor = pair.motor
         sensory = pair.sensory
     else:
-        # steps of a few samples hold the interpreter's lock: two threads would fight for it
-        run = side_by_side if in_order else in_turn
-        motor, sensory = run(
-            lambda: motor_som.fit(
-                scale.from_unit(u), scale=scale, residual=residual
-            ),
-            lambda: sensory_som.fit(
+
+        def fit_motor() -> Map:
+            q = scale.from_unit(u)
+            return motor_som.fit(q, scale=scale, residual=residual)
+
+        def fit_sensory() -> Map:
+            return sensory_som.fit(
                 x, scale=box, residual=residual, progress=report
-            ),
-        )
+            )
+
+        if in_order:
+            motor, sensory = side_by_side(fit_motor, fit_sensory)
+        else:
+            # steps of a few samples hold the interpreter's lock: two threads would fight for it
+            motor = fit_motor()
+            sensory = fit_sensory()
     for name, som in (("motor", motor), ("sensory", sensory)):
         if not som.spacing > LEARNING.collapsed:
             raise OptionError(

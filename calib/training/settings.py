@@ -88,9 +88,10 @@ class Play:
 class LateClock:
     """The search for a delay."""
 
-    steps: int = 8  # of a delay and the parameters beside it, from one fit
+    steps: int = 16  # of a delay and the parameters beside it, from one fit
     rows: int = 4_000  # neighbouring rows that a delay rests on
     settled: float = 0.05  # sds that the last step moves at most
+    falls: float = 0.95  # share of the residual before from which it does not fall any more
 
 
 @dataclass(frozen=True)

@@ -34,55 +34,47 @@ _POSED = {
 }  # the same views of positions and orientations
 
 
-@dataclass(frozen=True, eq=False)
-class Template:
-    """What a body is fitted to and begins from."""
+Template = tuple[Structure, Rows]
+"""What a body begins from, and what it is fitted to."""
 
-    structure: Structure
-    rows: Rows
-    index: Index  # (k,), of these rows in the samples
 
-    @staticmethod
-    def of(samples: Samples, options: TrainingOptions) -> Template:
-        """The template of samples, or of evenly spread ones of very many.
+def template_of(
+    samples: Samples, rows: Index, options: TrainingOptions
+) -> Template:
+    """The template of some rows of samples.
 
-        Raises OptionError if the view is not one of such samples, or no drawing is to be trusted.
-        """
-        arm = samples.arm
-        drawn = isinstance(arm, SpatialArm)
-        pixels = samples.camera is not None and drawn
-        in_space = not pixels and samples.x.shape[1] == 3
-        kinds = [
-            kind
-            for kind in VIEWS
-            if kind == "auto" or is_camera(kind) == pixels
-        ]
-        if in_space:
-            kinds = ["auto", "base", "rigid", "similarity"]
-        view = options.view
-        if view not in kinds:
-            raise OptionError(
-                f"view {view!r}: expected one of {', '.join(kinds)} for these samples",
-                parameter="view",
-                value=view,
-            )
-        every = -(-len(samples) // LEARNING.most_rows)
-        index = np.arange(0, len(samples), every)
-        if pixels or in_space:
-            template = _in_space_template(samples, index, view)
-        else:
-            template = _in_plane_template(samples, index, view)
-            drawn = getattr(template.structure, "nominal", None) is not None
-        if options.free == "all":
-            return template
-        if not drawn or samples.simulation is not None:
-            raise OptionError(
-                "free 'offsets' trusts the drawing of a robot: give `robot` and a measured log",
-                parameter="free",
-                value=options.free,
-            )
-        structure = template.structure.with_fields(zeros_alone=True)
-        return replace(template, structure=structure)
+    Raises OptionError if the view is not one of such samples, or no drawing is to be trusted.
+    """
+    arm = samples.arm
+    drawn = isinstance(arm, SpatialArm)
+    pixels = samples.camera is not None and drawn
+    in_space = not pixels and samples.x.shape[1] == 3
+    kinds = [
+        kind for kind in VIEWS if kind == "auto" or is_camera(kind) == pixels
+    ]
+    if in_space:
+        kinds = ["auto", "base", "rigid", "similarity"]
+    view = options.view
+    if view not in kinds:
+        raise OptionError(
+            f"view {view!r}: expected one of {', '.join(kinds)} for these samples",
+            parameter="view",
+            value=view,
+        )
+    if pixels or in_space:
+        structure, measured = _in_space_template(samples, rows, view)
+    else:
+        structure, measured = _in_plane_template(samples, rows, view)
+        drawn = getattr(structure, "nominal", None) is not None
+    if options.free == "all":
+        return structure, measured
+    if not drawn or samples.simulation is not None:
+        raise OptionError(
+            "free 'offsets' trusts the drawing of a robot: give `robot` and a measured log",
+            parameter="free",
+            value=options.free,
+        )
+    return structure.with_fields(zeros_alone=True), measured
 
 
 def _in_plane_template(samples: Samples, rows: Index, view: str) -> Template:
@@ -108,7 +100,7 @@ def _in_plane_template(samples: Samples, rows: Index, view: str) -> Template:
         samples.unit,
         simulated,
     )
-    return Template(structure, Rows(samples.q[rows], x), rows)
+    return structure, Rows(samples.q[rows], x)
 
 
 def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
@@ -131,7 +123,7 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
             metre,
             simulated,
         )
-        return Template(structure, measured, rows)
+        return structure, measured
     if samples.camera is not None and measured.z.shape[1] == 2:
         pinhole = structure_of(
             arm,
@@ -141,7 +133,7 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
             lens=samples.camera.lens,
             lens_sd=samples.camera.lens_sd,
         )
-        return Template(pinhole, measured, rows)
+        return pinhole, measured
     if view == "auto":
         view = "rigid" if unit in METRES else "similarity"
     if simulation is not None:
@@ -155,7 +147,7 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
         structure = structure.with_sensor(view=_POSED[view])
         turns = logarithm(matrix_of(samples.orientation[rows]))
         measured = replace(measured, z=np.hstack([measured.z, turns]))
-    return Template(structure, measured, rows)
+    return structure, measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,14 +184,17 @@ def find_smooth_parts(
 
     logs : samples of each sensor by its name, of the same joints; the first one's drawing counts
     """
-    templates = {
-        name: Template.of(samples, options) for name, samples in logs.items()
-    }
-    structures = {name: made.structure for name, made in templates.items()}
-    rows = {name: made.rows for name, made in templates.items()}
+    index: dict[str, Index] = {}
+    structures: dict[str, Structure] = {}
+    rows: dict[str, Rows] = {}
+    for name, samples in logs.items():
+        every = -(-len(samples) // LEARNING.most_rows)
+        index[name] = np.arange(0, len(samples), every)
+        template = template_of(samples, index[name], options)
+        structures[name], rows[name] = template
     fits = fit_sensors(structures, rows, seed=options.seed)
     return {
-        name: _smooth_part(samples, templates[name], fits[name])
+        name: _smooth_part(samples, index[name], fits[name])
         for name, samples in logs.items()
     }
 
@@ -209,19 +204,17 @@ def find_smooth_part(samples: Samples, options: TrainingOptions) -> SmoothPart:
     return find_smooth_parts({"": samples}, options)[""]
 
 
-def _smooth_part(
-    samples: Samples, template: Template, fit: BodyFit
-) -> SmoothPart:
-    """The body of a fit, with notes on what its rows cannot tell."""
-    q = template.rows.q
+def _smooth_part(samples: Samples, rows: Index, fit: BodyFit) -> SmoothPart:
+    """The body of a fit to some rows, with notes on what these cannot tell."""
+    names = samples.joint_names
     travel = samples.upper - samples.lower
     notes = [
-        *warnings_of(q, samples.joint_names, samples.revolute, travel),
+        *warnings_of(samples.q[rows], names, samples.revolute, travel),
         *fit.notes,
     ]
-    if template.rows.z.shape[1] == 6:
+    if fit.held_out.shape[1] == 6:
         fit = fit.of_positions()
-    part = SmoothPart(fit, template.index, samples.unit_box)
+    part = SmoothPart(fit, rows, samples.unit_box)
     share = part.error / part.extent(samples)
     if samples.simulation is None and share > LEARNING.no_arm:
         planar = samples.x.shape[1] == 2 and samples.arm is None

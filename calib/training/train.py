@@ -109,11 +109,9 @@ def _refuse_few(samples: Samples) -> None:
     poses = samples.poses
     if samples.touch is not None or poses >= LEARNING.fewest_poses:
         return
-    words = "1 sample is" if poses == 1 else f"{poses} samples are"
-    if poses < len(samples):
-        words = f"{len(samples)} samples of {poses} poses are"
     raise LogError(
-        f"{words} too few to learn from: give at least {LEARNING.fewest_poses}"
+        f"poses: {poses}, in {len(samples)} rows: too few to learn from, give at least "
+        f"{LEARNING.fewest_poses}"
     )
 
 

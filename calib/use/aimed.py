@@ -45,13 +45,11 @@ KNOWN = Around(distance=(0.7, 1.4), aside=0.1, edge=0.05)
 ASSUMED = Around(distance=(1.0, 1.8), aside=0.05, edge=0.33)
 
 
-@dataclass(frozen=True, eq=False)
-class Aimed:
-    """Postures to choose from."""
+Aimed = tuple[Array, Array]
+"""Postures (m, dof) [rad or m] to choose from, and directions (m, p, k) in which each tells.
 
-    q: Array  # (m, dof) [rad or m]
-    # (m, p, k), directions in which each tells, in units of the noise and of the prior
-    directions: Array
+Directions are in units of the noise and of the prior.
+"""
 
 
 @dataclass(frozen=True)
@@ -71,14 +69,14 @@ class _Aim:
         return self.structure.residual(target, value), slope * self.scale.span
 
 
-def _led(
+def _joints_towards(
     structure: SpatialStructure,
     beta: Array,
     q: Array,
     target: Array,
     space: PoseSpace,
 ) -> tuple[Array, Array]:
-    """Joints (n, dof) led to targets (n, m) within their limits, and how far they are off (n,)."""
+    """Joints (n, dof) within their limits near targets (n, m), and their distance (n,)."""
     turning = np.zeros(structure.dof, dtype=bool)
     scale = Scale(space.lower, space.upper - space.lower, turning)
     newton = Newton(_Aim(structure, beta, scale, target.shape[1]), scale)
@@ -111,7 +109,7 @@ def at_point(
         np.ravel(point), ("x", "y", "z"), "touch", OptionError
     )[0][0]
     start = rng.uniform(space.lower, space.upper, (AIMING.drawn, structure.dof))
-    q, distance = _led(
+    q, distance = _joints_towards(
         structure, beta, start, np.tile(target, (AIMING.drawn, 1)), space
     )
     q = q[distance < AIMING.near][: AIMING.most]
@@ -128,7 +126,7 @@ def at_point(
         tip = slope @ body.root / AIMING.play
     place = PLANNING.widest / AIMING.play * np.eye(3)
     places = np.broadcast_to(place, (len(q), 3, 3))
-    return Aimed(q, np.concatenate([tip, places], axis=2))
+    return q, np.concatenate([tip, places], axis=2)
 
 
 def directions(
@@ -265,7 +263,7 @@ def in_sight(
     )
     if start is not None:
         begin[: AIMING.drawn // 2] = start
-    q, _ = _led(scene.structure, scene.beta, begin, readings, space)
+    q, _ = _joints_towards(scene.structure, scene.beta, begin, readings, space)
     q = np.unique(q[scene.sees(q)].round(4), axis=0)
     q = q[rng.permutation(len(q))[: AIMING.most]]
     if len(q) < 3:
@@ -273,7 +271,7 @@ def in_sight(
             f"handeye: the camera sees the board in {len(q)} of the postures about the start; "
             "give `start` where it does, further from the joints' limits"
         )
-    return Aimed(q, scene.directions(q))
+    return q, scene.directions(q)
 
 
 def _scene_of_arm(
@@ -300,13 +298,13 @@ def _scene_of_arm(
     return scene
 
 
-def _scene_of_body(body: Body, made: dict[str, Any]) -> Scene:
+def _scene_of_body(body: Body, board: dict[str, Any]) -> Scene:
     """Return the scene of a model of pictures of a board, with its lens."""
     structure = cast(SpatialStructure, body.structure).with_sensor(view="pose")
     groups = structure.groups
-    size = np.array(parse_board(made["board"]).size)
-    in_hand = made["eye"] == "hand"
-    lens = made["lens"]
+    size = np.array(parse_board(board["board"]).size)
+    in_hand = board["eye"] == "hand"
+    lens = board["lens"]
     beta = body.beta.copy()
     focal = np.mean(lens["focal"])
     beta[groups["lens"]] = (focal, *lens["centre"], lens["distortion"][0])
@@ -314,6 +312,6 @@ def _scene_of_body(body: Body, made: dict[str, Any]) -> Scene:
         in_hand
     ):  # from the point ahead to the camera, from the corner to the middle
         turn = exponential(beta[groups["tool.rotation"]])
-        beta[groups["tool"]] -= turn @ made["point"]
+        beta[groups["tool"]] -= turn @ board["point"]
         beta[groups["view.shift"]] -= 0.5 * np.array([*size, 0.0])
-    return Scene(structure, beta, size, in_hand, np.array(made["size"]), KNOWN)
+    return Scene(structure, beta, size, in_hand, np.array(board["size"]), KNOWN)

@@ -1,7 +1,5 @@
 """Evaluation: the errors of a model on a log, or on fresh samples of a simulation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -14,6 +12,7 @@ from ..change.judge import judge
 from ..change.rows import LEAST_ROWS, REPEATED, different_rows
 from ..change.verdict import Verdict
 from ..common.arrays import Mask
+from ..common.names import by_name
 from ..common.rows import finite_rows, median_length, row_lengths
 from ..common.wording import for_people
 from ..errors import OptionError, require
@@ -301,7 +300,7 @@ def simulation_of(model: Model) -> Simulation | None:
     if about.simulation is None:
         return None
     limits = zip(about.lower.tolist(), about.upper.tolist(), strict=True)
-    ranges = dict(zip(about.joint_names, limits, strict=True))
+    ranges = by_name(about.joint_names, limits)
     arm = arm_from_urdf(
         about.urdf,
         about.joint_names,

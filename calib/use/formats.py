@@ -11,6 +11,7 @@ import numpy as np
 from ..arm.description import parse_robot
 from ..body.sensor_pose import SensorPose, hand_pose
 from ..body.views import is_camera
+from ..common.names import by_name
 from ..common.parallel import one_blas_thread
 from ..common.wording import one_line
 from ..errors import OptionError
@@ -80,13 +81,13 @@ def camera_info(model: Model) -> str:
     Raises OptionError if the model was not learned from pixels of an arm in space.
     """
     body = model.body
-    made = model.about.options.get("board")
-    if made:
-        lens = made["lens"]
+    board = model.about.options.get("board")
+    if board:
+        lens = board["lens"]
         focal = lens["focal"]
         centre = lens["centre"]
         distortion = lens["distortion"]
-        width, height = made["size"]
+        width, height = board["size"]
     elif body is not None and is_camera(body.structure.view):
         length, *centre, k1 = body.beta[body.structure.groups["lens"]].tolist()
         focal = [length, length]
@@ -119,8 +120,8 @@ def camera_info(model: Model) -> str:
     return json.dumps(document, indent=2) + "\n"
 
 
-def static_transform(model: Model) -> str:
-    """The sensor's place as a geometry_msgs/TransformStamped in JSON, from the robot's root link.
+def static_transforms(model: Model) -> list[dict[str, object]]:
+    """The sensor's place as a geometry_msgs/TransformStamped, from the robot's root link.
 
     The child is the frame that the log names, as a bag does. A camera's frame is optical: x right,
     y down, z ahead. Of a model of pictures of a board both transforms: what is in the hand in
@@ -137,32 +138,31 @@ def static_transform(model: Model) -> str:
             "in space and its robot"
         )
     root = parse_robot(about.urdf, about.robot).root
-    if made := about.options.get("board"):
+    if board := about.options.get("board"):
         mount = hand_pose(body)  # of the point that the log tells
         hand = replace(
-            mount, position=mount.position - mount.rotation @ made["point"]
+            mount, position=mount.position - mount.rotation @ board["point"]
         )
         carried, standing = ("camera", "board")
-        if made["eye"] == "base":
+        if board["eye"] == "base":
             carried, standing = ("board", "camera")
-        frames = [
+        return [
             _transform_document(about.tip, f"{carried}_frame", hand),
             _transform_document(root, f"{standing}_frame", sensor),
         ]
-        return json.dumps(frames, indent=2) + "\n"
     camera = is_camera(body.structure.view)
     child = about.frame or (
         "camera_optical_frame" if camera else "sensor_frame"
     )
-    return json.dumps(_transform_document(root, child, sensor), indent=2) + "\n"
+    return [_transform_document(root, child, sensor)]
 
 
 def _transform_document(
     parent: str, child: str, pose: SensorPose
 ) -> dict[str, object]:
     place = {
-        "translation": dict(zip("xyz", pose.position.tolist(), strict=True)),
-        "rotation": dict(zip("xyzw", pose.quaternion.tolist(), strict=True)),
+        "translation": by_name("xyz", pose.position.tolist()),
+        "rotation": by_name("xyzw", pose.quaternion.tolist()),
     }
     return {
         "header": {"frame_id": parent},

@@ -9,6 +9,7 @@ from ..arm.arm import Arm, PlanarArm
 from ..arm.description import parse_robot
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array, Index
+from ..common.names import by_name
 from ..model.alignment import Alignment
 
 
@@ -132,11 +133,11 @@ class Geometry:
             *places, tip = (
                 {"shift": shift, "turn": turn} for shift, turn in self.origins
             )
-            document["places"] = dict(zip(self.places, places, strict=True))
+            document["places"] = by_name(self.places, places)
             document["tip"] = {**tip, "written": False}
         else:
             names = self.arm.joint_names
-            document["moved"] = dict(zip(names, self.ends, strict=True))
+            document["moved"] = by_name(names, self.ends)
             document["frame"] = frame
         return document | {
             "frame_fitted": self.free,

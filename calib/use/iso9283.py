@@ -19,7 +19,7 @@ from ..errors import CalibError, LogError
 from ..model.model import Model
 from ..samples.motion import visits_of
 from ..samples.samples import Samples
-from .wanted import nominal_positions
+from .wanted import Wanted
 
 POSES = 5
 """Poses that the standard asks for."""
@@ -89,21 +89,16 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
     answered = finite_rows(corrected)
     several = [k for k in range(len(places)) if counts[k] > 1]
     repeated = [k for k in several if answered[pose == k].all()]
-    if not several:
-        raise LogError(
-            "the log went to no pose twice: ISO 9283 needs poses that were attained repeatedly",
-            hint=f"go to {POSES} poses {CYCLES} times each, in turn",
-        )
     if not repeated:
         raise LogError(
-            f"the {len(several)} poses that the log went to again are outside of what the model "
-            "has learned",
-            hint="measure poses within it, or train with these too",
+            "the log went to no pose twice that the model has learned: ISO 9283 needs poses that "
+            "were attained repeatedly",
+            hint=f"go to {POSES} poses {CYCLES} times each, in turn",
         )
     delivered = None
     if model.about.urdf:
         with suppress(CalibError):
-            delivered = nominal_positions(model, joints)
+            delivered = Wanted.of(model).target(joints)
     tests = []
     for k in repeated:
         members = pose == k

@@ -1,7 +1,5 @@
 """The monitor: one sample at a time, in constant memory, whether the model still fits."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..body.belief import Body
 from ..change.causes import single_causes
 from ..change.frame import Reference
-from ..change.settings import BEYOND, CREEP, CREPT, FALSE_ALARM
+from ..change.settings import CREEP, CREPT, FALSE_ALARM
 from ..change.significance import (
     FTests,
     GroupTest,
@@ -21,7 +20,6 @@ from ..change.significance import (
     usual_noise,
 )
 from ..change.system import Products, prior_columns, smooth_columns
-from ..change.verdict import SHARED_ERRORS
 from ..common.arrays import Array
 from ..common.rows import spread_rows
 from ..errors import ModelError, QueryError
@@ -59,10 +57,8 @@ class State(NamedTuple):
     drifted: bool  # whether a signal is above its threshold now
     # largest score of a test; 0 while there are too few samples
     score: float
-    zeta: float  # distortion of the sensory map (eq. 9) over what is expected there
-    # [unit], root mean square of the systematic part of the recent residuals
-    links: float
-    noise: float  # [unit], standard deviation per axis of the rest
+    # [unit], standard deviation per axis of what no change explains; NaN before it is known
+    noise: float
     fired: tuple[
         str, ...
     ]  # the most telling group of parameters, where one fired
@@ -93,19 +89,20 @@ class Monitor:
     """
 
     def __init__(self, model: Model) -> None:
-        if model.baseline is None:
+        if model.body is None:
             raise ModelError(
-                "the model has no baseline of its distortions: train it again"
+                "maps alone have no parameters that could change",
+                hint="judge their rows with `check`, or train with `body='auto'`",
             )
         self._model = model
-        self._expected = model.baseline.sensory
         self._fade = 1.0 - 1.0 / MONITOR.window
-        self._equations = None if model.body is None else _Equations(model)
-        # sums that fade: samples, squared weights, zeta over the usual, rows beyond the bound
-        self._sums = np.zeros(4)
+        self._equations = _Equations(model, model.body)
+        # sums that fade: samples, squared weights
+        self._sums = np.zeros(2)
         # joints and residuals since the last judgement
         self._latest: list[tuple[Array, Array]] = []
-        self._state = State(0, False, 0.0, 0.0, 0.0, model.baseline.noise, ())
+        self.state = State(0, False, 0.0, np.nan, ())
+        """After the last sample."""
 
     def update(
         self, q: Sequence[float] | Array, x: Sequence[float] | Array
@@ -124,57 +121,27 @@ class Monitor:
                 f"{expected[0]} and {expected[1]}"
             )
         if not np.isfinite([*q, *x]).all():
-            return self._state
+            return self.state
         residual = x - model.forward(q)
         if not np.isfinite(residual).all():
-            return self._state
-        places = model.sensory.scale.to_unit(x[None])
-        away, winner = model.sensory.nearest(places)
-        ratio = float(away[0, 0] ** 2 / self._expected[winner[0, 0]])
-        beyond = 0.0
-        if self._equations is None:
-            limit = SHARED_ERRORS * float(model.expected_error(q))
-            beyond = float(np.linalg.norm(residual) > limit)
+            return self.state
         self._latest.append((q, residual))
         fade = self._fade  # sums over a window that forgets
-        latest = np.array([1.0, 1.0, ratio, beyond])
-        self._sums = self._sums * [fade, fade**2, fade, fade] + latest
-        samples = self._state.samples + 1
-        state = self._state._replace(
-            samples=samples, zeta=float(self._sums[2] / self._sums[0])
-        )
-        if samples % MONITOR.every == 0:
+        self._sums = self._sums * [fade, fade**2] + 1.0
+        state = self.state._replace(samples=self.state.samples + 1)
+        if state.samples % MONITOR.every == 0:
             state = self._judge(state)
-        self._state = state
+        self.state = state
         return state
-
-    @property
-    def state(self) -> State:
-        """The state after the last sample."""
-        return self._state
 
     def _judge(self, state: State) -> State:
         """The state by the tests of the samples that are remembered."""
-        from scipy.special import bdtrc
-
-        weight, squares, _, beyond = self._sums.tolist()
-        independent = weight**2 / squares
+        weight, squares = self._sums.tolist()
         equations = self._equations
-        latest = self._latest
+        q, residual = map(np.array, zip(*self._latest, strict=True))
         self._latest = []
-        if equations is None:  # maps are compared with their bound
-            count = math.floor(beyond * weight / squares)
-            chance = 1.0
-            if count:
-                chance = float(bdtrc(count - 1, int(independent), BEYOND))
-            test = GroupTest("bound", chance)
-        else:
-            q, residual = map(np.array, zip(*latest, strict=True))
-            equations.add(q, residual, self._fade)
-            test = equations.most_telling(weight, independent)
-            state = state._replace(
-                links=equations.systematic, noise=equations.noise
-            )
+        equations.add(q, residual, self._fade)
+        test = equations.most_telling(weight, weight**2 / squares)
         score = (
             test.score * math.log(FALSE_ALARM) / math.log(MONITOR.false_alarm)
         )
@@ -182,6 +149,7 @@ class Monitor:
         return state._replace(
             drifted=drifted,
             score=score,
+            noise=equations.noise,
             fired=(test.name,) if drifted else (),
         )
 
@@ -189,9 +157,7 @@ class Monitor:
 class _Equations:
     """The equations of the samples that are remembered: what is unknown, what may have changed."""
 
-    def __init__(self, model: Model) -> None:
-        body = model.body
-        assert body is not None  # noqa: S101 - maps alone have no equations
+    def __init__(self, model: Model, body: Body) -> None:
         reference = Reference(body, body.beta)
         structure = body.structure
         causes = single_causes(structure).values()
@@ -206,7 +172,8 @@ class _Equations:
             for name, indices in groups_of(structure).items()
             if np.isin(indices, self._changes).all()
         }
-        self._moves = moves_of(reference, nodes)[self._changes]
+        moves = moves_of(structure, body.beta, nodes)
+        self._moves = moves[self._changes]
         self._sd = everything(reference)[self._changes]
         outputs = structure.outputs
         self._unknown = outputs * len(self._nodes) + self._root.shape[1]
@@ -217,7 +184,6 @@ class _Equations:
         self._rest = np.zeros(outputs)
         self._lagged = np.zeros(2)
         self.noise = float(body.noise[0])
-        self.systematic = 0.0
 
     def add(self, q: Array, residual: Array, fade: float) -> None:
         """Take residuals (b, m) [unit] of samples at joints (b, dof)."""
@@ -226,7 +192,7 @@ class _Equations:
         sizes = reference.sizes
         y = residual / sizes
         _, x = body.structure.linearise(q, reference.beta)
-        smooth = smooth_columns(reference, q, self._nodes, body.kappa)
+        smooth = smooth_columns(reference, q, self._nodes)
         known = x[:, :, self._known] @ self._root
         parts = [smooth, known, x[:, :, self._changes]]
         columns = np.concatenate(parts, axis=2) / sizes[:, None]
@@ -260,11 +226,7 @@ class _Equations:
         inner = freed[:-1, :-1].copy()
         inner[np.diag_indices(len(inner))] += size**2
         self._change = sd[:-1] * np.linalg.solve(inner, freed[:-1, -1])
-        share = every.values / (size**2 + every.values)
-        explained = float(share @ every.axes_y**2) / independent
-        unit = float(self._reference.sizes[0])
-        self.systematic = unit * math.sqrt(max(explained, 0.0))
-        self.noise = unit * size
+        self.noise = float(self._reference.sizes[0]) * size
         temper = self._correlation_time(independent)
         products = Products.of_gram(count, gram, self._unknown)
         left = every.freedom(size) / temper

@@ -18,6 +18,7 @@ from ..body.information import greedy, most_telling
 from ..body.spatial import structure_of
 from ..common.arrays import Array, Index, ReadOnly
 from ..common.choices import EYES
+from ..common.names import by_name
 from ..common.rows import whole
 from ..common.scale import Scale
 from ..errors import OptionError, require
@@ -52,9 +53,8 @@ class Plan(ReadOnly):
         Where the arm is expected to be before the first row.
     travel : (dof,) array [rad or m]
         Sum of each joint's moves, from the start on.
-    length, random_length : float
-        Sum over the moves of the largest share of its range by which a joint moves; for
-        this order, and for the same poses in a random one.
+    length : float
+        Sum over the moves of the largest share of its range by which a joint moves.
     unit : str
         Unit of the positions.
     why : tuple of str
@@ -70,7 +70,6 @@ class Plan(ReadOnly):
     start: Array
     travel: Array
     length: float
-    random_length: float
     unit: str
     why: tuple[str, ...]
     notes: tuple[str, ...]
@@ -90,7 +89,7 @@ class Plan(ReadOnly):
         The positions are called `expected_x`, `expected_y` and in space `expected_z`, so that
         a plan is not taken for a log by mistake.
         """
-        table = dict(zip(self.joint_names, self.q.T, strict=True))
+        table = by_name(self.joint_names, self.q.T)
         table |= {
             f"expected_{axis}": x
             for axis, x in zip("xyz", self.x.T, strict=False)
@@ -158,7 +157,7 @@ def plan(
     --------
     >>> import calib
     >>> plan = calib.plan(calib.load_arm("two_link"), 30)
-    >>> plan.q.shape, plan.length < 0.5 * plan.random_length
+    >>> plan.q.shape, plan.length < 0.25 * 30
     ((30, 2), True)
     """
     n = whole("n", n, 1, PLANNING.most)
@@ -175,16 +174,12 @@ def plan(
         raise OptionError(f"eye {eye!r}: expected one of {', '.join(EYES)}")
     directions: Array | None = None
     if touch is not None:
-        aimed = at_point(source, space, touch, rng)
-        q = aimed.q
-        directions = aimed.directions
+        q, directions = at_point(source, space, touch, rng)
         at = ", ".join(f"{value:g}" for value in np.ravel(touch))
         how = f"the tip at ({at}) m in the base frame, chosen to tell most of the arm"
     elif handeye is not None:
         posture = None if start is None else begin
-        aimed = in_sight(source, space, handeye, eye, posture, rng)
-        q = aimed.q
-        directions = aimed.directions
+        q, directions = in_sight(source, space, handeye, eye, posture, rng)
         how = "the board in the picture from many sides, chosen to tell most of the camera"
     else:
         q = space.candidates(rng)
@@ -207,11 +202,6 @@ def plan(
     )
     order = shortest_tour(away)
     way = nodes[order]
-    rng = np.random.default_rng(0)
-    others = [
-        length(away, np.append(0, 1 + rng.permutation(n)))
-        for _ in range(PLANNING.orders)
-    ]
     expected_error = None
     unit = "m"
     if not isinstance(source, Arm):
@@ -224,8 +214,7 @@ def plan(
         expected_error,
         start=begin,
         travel=np.abs(np.diff(way, axis=0)).sum(axis=0),
-        length=length(away, order),
-        random_length=float(np.mean(others)),
+        length=float(away[order[:-1], order[1:]].sum()),
         unit=unit,
         why=(f"{n} poses, {how}",),
         notes=tuple(notes),
@@ -301,8 +290,3 @@ def shortest_tour(away: Array) -> Index:
                 order[i : i + j + 2] = order[i : i + j + 2][::-1]
                 gained = True
     return order
-
-
-def length(away: Array, order: Index) -> float:
-    """Length of the way through the points in this order."""
-    return float(away[order[:-1], order[1:]].sum())

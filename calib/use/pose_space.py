@@ -40,40 +40,26 @@ class PoseSpace:
         """
         if q is None:
             return np.asarray(np.clip(0.0, self.lower, self.upper))
-        values: Array = number_rows(
-            np.ravel(q), self.joint_names, "start", OptionError
-        )[0][0]
+        names = self.joint_names
+        values: Array = number_rows(np.ravel(q), names, "start", OptionError)[
+            0
+        ][0]
         low = self.scale.lower
-        high = self.scale.lower + self.scale.span
-        for k in np.flatnonzero(
-            ~((values >= low - 1e-9) & (values <= high + 1e-9))
-        ):
+        high = low + self.scale.span
+        beyond = np.abs(values - np.clip(values, low, high))
+        for k in np.flatnonzero(~(beyond <= 1e-9)):  # NaN, too
             raise OptionError(
-                f"`start`: {self.joint_names[k]} = {values[k]:.6g} is outside of its range "
+                f"`start`: {names[k]} = {values[k]:.6g} is outside of its range "
                 f"{low[k]:.6g} to {high[k]:.6g}"
             )
         return values
 
     def candidates(self, rng: np.random.Generator) -> Array:
-        """Joint values (n, dof) to choose from: corners, on faces, and inside."""
-        dof = len(self.joint_names)
-        faces = rng.random((PLANNING.faces, dof))
-        rows = np.arange(PLANNING.faces)
-        faces[rows, rng.integers(dof, size=PLANNING.faces)] = rng.integers(
-            2, size=PLANNING.faces
-        )
-        first = np.array(
-            list(np.ndindex(*(2,) * min(dof, PLANNING.corners))), dtype=float
-        )
-        rest = rng.integers(2, size=(len(first), dof - first.shape[1]))
-        points = np.concatenate(
-            [
-                np.hstack([first, rest]),
-                faces,
-                rng.random((PLANNING.inside, dof)),
-            ]
-        )
-        return np.asarray(self.lower + (self.upper - self.lower) * points)
+        """Joint values (n, dof) to choose from: inside, on faces, in corners of the box."""
+        shape = PLANNING.candidates, len(self.joint_names)
+        edge = PLANNING.edge
+        share = np.clip(rng.uniform(-edge, 1.0 + edge, shape), 0.0, 1.0)
+        return self.lower + (self.upper - self.lower) * share
 
 
 def space_of(
@@ -143,11 +129,11 @@ def usable_postures(
     notes = []
 
     def leave_out(bad: Mask, why: str) -> None:
-        if not bad[usable].any():
-            return
-        share = f"{bad[usable].mean():.1%} of the candidates were left out"
-        notes.append(f"{share} because {why}")
-        usable[bad] = False
+        count = np.count_nonzero(bad & usable)
+        if count:
+            share = f"{count} of {len(q)} candidates were left out"
+            notes.append(f"{share} because {why}")
+            usable[bad] = False
 
     arm = arm_of(source)
     unchecked = "obstacles and self-collision"

@@ -1,9 +1,7 @@
 """Recognising: which of several models a log fits."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,13 +20,6 @@ class ModelFit:
     score: float  # that of `check`; infinite where it cannot be compared
     # [unit], root mean square distance from predicted to measured position
     distance: float
-
-    def to_json(self) -> dict[str, object]:
-        """By name; infinite numbers are none."""
-        return {
-            name: None if value == np.inf else value
-            for name, value in asdict(self).items()
-        }
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -13,7 +14,7 @@ from ..common.wording import one_line
 from ..errors import OptionError
 from ..model.model import Model
 from ..model_file.storage import to_bytes
-from .formats import corrected_arm, static_transform
+from .formats import corrected_arm, static_transforms
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{1,60}")
 _XACRO = "http://www.ros.org/wiki/xacro"
@@ -80,27 +81,16 @@ def _contents(model: Model, package: str) -> dict[str, bytes]:
     contents[f"{package}/__init__.py"] = b""
     contents[f"resource/{package}"] = b""
     contents["arm.calib"] = to_bytes(model)
-    contents["transforms.json"] = _transforms(model).encode()
+    transforms: list[dict[str, object]] = []
+    with suppress(OptionError):  # where no sensor's place is known
+        transforms = static_transforms(model)
+    contents["transforms.json"] = json.dumps(transforms, indent=2).encode()
     offsets = {
         name: float(zero.value)
         for name, zero in corrected_arm(model)[1].items()
     }
     contents["offsets.xacro"] = offsets_xacro(offsets).encode()
     return contents
-
-
-def _transforms(model: Model) -> str:
-    """Return the sensor's place (and the board's) as a JSON list; empty where none is known."""
-    try:
-        document = json.loads(static_transform(model))
-    except OptionError:
-        document = []
-    return (
-        json.dumps(
-            document if isinstance(document, list) else [document], indent=2
-        )
-        + "\n"
-    )
 
 
 def offsets_xacro(offsets: dict[str, float]) -> str:

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..body.planar import PlanarStructure
 from ..common.arrays import Array, frozen
-from ..common.rows import query_rows
 from ..common.scale import TURN
 from ..inverse.task import Poses
 from ..model.alignment import Alignment
@@ -169,13 +168,3 @@ def _wanted_of(model: Model) -> Wanted:
     return Wanted(
         model, free, partial(geometry.structure.predict, beta=nominal), moves
     )
-
-
-def nominal_positions(model: Model, q: ArrayLike) -> Array:
-    """Return where the drawing says that joints (n, dof) lead, (n, m) [unit].
-
-    It is told in the sensor's frame.
-    Raises OptionError or RobotError if the model knows no URDF.
-    """
-    rows, _ = query_rows(q, model.about.joint_names, "joint values")
-    return Wanted.of(model).target(rows)

@@ -1,5 +1,8 @@
 """Write a log of simulated babbling [rad, m]."""
 
+import calib
+from calib.common.names import by_name
+
 from .. import options as opt
 from ..logs import Selection, babble_log
 from ..output import Outcome
@@ -20,8 +23,6 @@ def babble(
     degrees: opt.Degrees = False,
     seed: opt.Seed = 0,
 ) -> Outcome:
-    import calib
-
     selection = Selection(joints, tip, planar, lock, ranges, degrees)
     check_file(output, TABLES, stream=True)
     log = babble_log(robot, selection, samples, noise, change, seed)
@@ -38,7 +39,7 @@ def babble(
         "changes": change or [],
         "unit": log.unit,
         "units": {
-            "joints": dict(zip(names, units, strict=True)),
+            "joints": by_name(names, units),
             "positions": log.unit,
         },
     }

@@ -7,7 +7,7 @@ may be pictures or a LeRobotDataset.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 from typing import Annotated
@@ -28,7 +28,6 @@ SIGNALS = {
     "reverse": "reverse distortion",
     "links": "distance to the prediction",
 }
-_MOST = 8  # tests that are printed
 
 
 def check(
@@ -64,7 +63,7 @@ def check(
         "model": model,
         **drift.to_json(),
         "drifted": True if bumped else drift.drifted,
-        "episodes": [asdict(episode) for episode in episodes],
+        "episodes": episodes,
         "unit": drift.unit,
         "units": units_of(loaded.about, drift.unit),
     }
@@ -79,7 +78,7 @@ def check(
     # a bound that noisier readings alone exceed is said, and is no change of the arm
     calm = drift.drifted is False and (drift.bound_holds or noisier)
     code = 0 if calm and not bumped else NO
-    return Outcome(document, lines, _details(drift), code=code)
+    return Outcome(document, lines, [_signals(drift)], code=code)
 
 
 def _verdict(drift: calib.Verdict, adapt: str) -> list[str]:
@@ -146,31 +145,15 @@ def _episodes(
     return episodes
 
 
-def _details(drift: calib.Verdict) -> list[TextTable]:
+def _signals(drift: calib.Verdict) -> TextTable:
+    """Return the distortions of the maps, which raise no alarm."""
     factor, unit = for_people(drift.unit)
-    tests = [
-        [
-            group.name,
-            number(group.p_value),
-            number(factor * group.smallest),
-            "fired" if group.score > 1.0 else "",
-        ]
-        for group in sorted(drift.groups, key=lambda group: -group.score)
-    ]
-    signals = []
+    rows = []
     for key, signal in drift.distortion.items():
         # zeta is a squared share of the unit box: millionths are readable
         size, shown = (factor, unit) if key == "links" else (1e6, "1e-6")
         values = number(size * signal.value), number(size * signal.threshold)
-        signals.append([SIGNALS[key], shown, *values])
-    chance = (
-        "chance: of such rows where nothing changed; below 0.001 the test fired; "
-        "smallest: the smallest change that these rows could have shown"
-    )
+        rows.append([SIGNALS[key], shown, *values])
     zeta = "zeta: mean squared distance of rows to winning nodes, in the unit box (eq. 9)"
-    header = ["what may have changed", "chance", f"smallest [{unit}]", ""]
-    signal_header = ["on the maps", "unit", "found", "usual"]
-    return [
-        TextTable(header, tests[:_MOST], foot=chance),
-        TextTable(signal_header, signals, left=2, foot=zeta),
-    ]
+    header = ["on the maps", "unit", "found", "usual"]
+    return TextTable(header, rows, left=2, foot=zeta)

@@ -6,6 +6,9 @@ more than the limit; the other rows are written.
 
 from typing import Annotated, Literal
 
+import calib
+from calib.common.names import by_name
+
 from .. import options as opt
 from ..output import Outcome, say, with_unit
 from ..parsing import above_zero
@@ -33,9 +36,7 @@ def correct(
 ) -> Outcome:
     import numpy as np
 
-    import calib
-
-    from ..query import Query, beside
+    from ..query import Query, columns_with
 
     query = Query(model, input_, columns, output, unit, degrees)
     joints = query.joints
@@ -48,8 +49,8 @@ def correct(
         orientation=orientation,
     )
     say(result.notes)
-    table = dict(zip(joints.names, (result.q * factors).T, strict=True))
-    table |= dict(zip(query.model.axes, result.target.T, strict=True))
+    table = by_name(joints.names, (result.q * factors).T)
+    table |= by_name(query.model.axes, result.target.T)
     table["distance"] = result.distance
     table["expected_error"] = result.expected_error
     table["reachable"] = result.reachable
@@ -87,7 +88,7 @@ def correct(
     refused = result.exceeded.any() and not np.isfinite(result.q).any()
     return query.answer(
         batch,
-        None if refused else beside(batch, valid, table),
+        None if refused else columns_with(batch, valid, table),
         failures,
         lines=lines,
         facts={"change": change or None},

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import calib
+
 from .. import options as opt
 from ..logs import Reading, log_of, with_facts
 from ..output import Outcome, say, with_unit
@@ -20,7 +22,6 @@ from ..summary import (
 )
 
 if TYPE_CHECKING:
-    from calib import Evaluation
     from calib.use.iso9283 import Iso9283
 
 
@@ -46,8 +47,6 @@ def evaluate(
         opt.option("--iso9283", "Accuracy and repeatability of poses, too."),
     ] = False,
 ) -> Outcome:
-    import calib
-
     from ..query import model_in
 
     loaded = model_in(model, sensor)
@@ -104,7 +103,7 @@ def evaluate(
     return Outcome(document, lines, [table], code=code_of(warnings))
 
 
-def _warnings_of_log(result: Evaluation) -> list[str]:
+def _warnings_of_log(result: calib.Evaluation) -> list[str]:
     """Say in one line that the rows of a log miss a model's own bound far too often."""
     if result.bound_holds:
         return []
@@ -123,7 +122,7 @@ def _standard_line(standard: Iso9283) -> str:
     return f"{line} (worst of {len(standard.poses)} poses)"
 
 
-def _scatter(result: Evaluation) -> str:
+def _scatter(result: calib.Evaluation) -> str:
     scatter = result.touch["scatter"]
     line = (
         f"tips scatter about their sockets by {with_unit(scatter['mean'], 'm')}"

@@ -1,5 +1,6 @@
 """Write a model as one C99 header for controllers, or files for ROS, LeRobot and MuJoCo."""
 
+import json
 from typing import Annotated
 
 from .. import options as opt
@@ -130,7 +131,10 @@ def export(
     if camera is not None:
         made["camera"] = formats.camera_info(loaded), "camera_info"
     if transform is not None:
-        made["transform"] = formats.static_transform(loaded), "static transform"
+        frames = formats.static_transforms(loaded)
+        place = frames if len(frames) > 1 else frames[0]
+        text = json.dumps(place, indent=2) + "\n"
+        made["transform"] = text, "static transform"
     lines = []
     for name, path in paths.items():
         text, words = made[name]

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import calib
+from calib.common.names import by_name
 from calib.common.wording import printable
 
 from .. import options as opt
@@ -20,7 +22,6 @@ def info(
     model: opt.ModelFile,
     degrees: opt.Degrees = False,
 ) -> Outcome:
-    import calib
     from calib.model.about import facts
     from calib.use.geometry_fit import body_with_zeros
 
@@ -35,11 +36,11 @@ def info(
         if loaded.approach is None
         else (2.0 * loaded.approach.play).tolist()
     )
-    limits = zip(about.lower.tolist(), about.upper.tolist(), strict=True)
+    limits = zip(about.lower, about.upper, strict=True)
     # a model knows no seconds: its bytes must not depend on the machine's pace
     document = summary(loaded, model, about.errors, {}) | {
-        "ranges": dict(zip(names, limits, strict=True)),
-        "joint_units": dict(zip(names, units, strict=True)),
+        "ranges": by_name(names, limits),
+        "joint_units": by_name(names, units),
         "locked": about.locked,
         "source": about.source,
         "simulation": about.simulation,

@@ -70,7 +70,6 @@ def log(
     lens: opt.LensFile = None,
     tag_size: opt.TagSize = None,
     tag_height: opt.TagHeight = None,
-    pose: opt.WholePose = False,
     picture: opt.SeenPicture = None,
     camera: opt.DatasetCamera = None,
     eye: opt.Eye = None,
@@ -83,7 +82,7 @@ def log(
     check_file(output, TABLES, stream=True)
     sliding = prismatic or ()
     units = "[rad, m, s]"
-    of_tag = (tag, tags_at, tag_size, tag_height, picture, pose or None)
+    of_tag = (tag, tags_at, tag_size, tag_height, picture)
     typed = (*of_tag, joints_file, board, lens, camera, eye)
     is_bag = set(typed) == {None} and not any(map(is_of_camera, bag))
     if is_bag:
@@ -132,7 +131,6 @@ def log(
                 lens,
                 tag_size,
                 tag_height,
-                pose,
             )
             rows = record_tag(
                 bag,

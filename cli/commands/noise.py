@@ -36,7 +36,7 @@ def noise(
 
     source = open_source(log)  # once: it may be a pipe
     if robot is None and joints is None:
-        from calib.recording.joint_table import joint_columns
+        from calib.recording.motion_tables import joint_columns
 
         joints = joint_columns(source.header) or None
         if joints is not None:

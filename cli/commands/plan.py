@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument
 
+import calib
 from calib.common.choices import Eye
+from calib.common.names import by_name
 
 from .. import options as opt
 from .. import parsing
@@ -21,7 +23,6 @@ from ..parsing import TABLES, BadOption, check_file, refuse
 from ..units import JointFormat, in_si
 
 if TYPE_CHECKING:
-    from calib import Model
     from calib.arm.arm import Arm
     from calib.model.about import About
 
@@ -78,7 +79,6 @@ def plan(
     ] = None,
     seed: opt.Seed = 0,
 ) -> Outcome:
-    import calib
     from calib.samples.tables import write_table
 
     is_model = robot.endswith(".calib")
@@ -100,7 +100,7 @@ def plan(
 
         if is_rig(robot):
             return _flange_poses(robot, output, poses, seed)
-    source: Arm | Model
+    source: Arm | calib.Model
     facts: Arm | About
     within = None
     if is_model:
@@ -110,7 +110,7 @@ def plan(
         source = model
         facts = model.about
         # an arm was loaded with its ranges, which it may need where it states no limits
-        turns = dict(zip(facts.joint_names, facts.revolute, strict=True))
+        turns = by_name(facts.joint_names, facts.revolute)
         within = in_si("--range", ranges, turns, degrees)
     else:
         selection = Selection(joints, tip, planar, lock, ranges, degrees)
@@ -136,7 +136,7 @@ def plan(
     say(result.notes)
     names = shown.names
     table = result.columns()
-    table |= dict(zip(names, (result.q * shown.typed).T, strict=True))
+    table |= by_name(names, (result.q * shown.typed).T)
     write_table(output, table)
     travel = result.travel.tolist()
     document = {
@@ -144,11 +144,11 @@ def plan(
         "rows": len(result),
         "joints": result.joint_names,
         "seed": seed,
-        "travel": dict(zip(names, travel, strict=True)),
+        "travel": by_name(names, travel),
         "poses": result.columns(),
-        **fields(result, "start length random_length unit why"),
+        **fields(result, "start length unit why"),
         "units": {
-            "joints": dict(zip(names, facts.units_of_joints, strict=True)),
+            "joints": by_name(names, facts.units_of_joints),
             "positions": result.unit,
         },
     }
@@ -172,13 +172,13 @@ def _flange_poses(rig: str, output: str, count: int, seed: int) -> Outcome:
         [flange[:, :3, 3], quaternion_of(flange[:, :3, :3])]
     )
     names = ("x", "y", "z", "qx", "qy", "qz", "qw")
-    table = dict(zip(names, numbers.T, strict=True))
+    table = by_name(names, numbers.T)
     write_table(output, table)
     document = {
         "output": output,
         "rows": count,
-        "poses": {name: column.tolist() for name, column in table.items()},
-        "position_95": intervals.tolist(),
+        "poses": table,
+        "position_95": intervals,
         "seed": seed,
         "units": {"positions": "m"},
     }

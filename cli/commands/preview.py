@@ -4,6 +4,8 @@ import time
 from pathlib import Path
 from typing import Annotated
 
+import calib
+
 from .. import options as opt
 from ..output import Outcome, note
 from ..parsing import check_file, whole
@@ -26,8 +28,6 @@ def preview(
         bool, opt.option("--no-open", "Print the address alone.")
     ] = False,
 ) -> Outcome:
-    import calib
-
     check_file(html, (".html", ".htm"), option="--html")
     loaded, log = load_drawn(model, data, photo, no_photo)
     browse = not no_open

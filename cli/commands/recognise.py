@@ -28,7 +28,7 @@ def recognise(
     fits = []
     rows = []
     for fit in result.fits:
-        fits.append({"model": models[fit.index], **fit.to_json()})
+        fits.append({"model": models[fit.index], **vars(fit)})
         sizes = number(fit.score), number(factor * fit.distance)
         rows.append([models[fit.index], *sizes, "fits" if fit.fits else ""])
     header = ["model", "score", f"rms distance [{shown}]", ""]

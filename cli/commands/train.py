@@ -9,9 +9,11 @@ import re
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from typer import Argument
+
+import calib
 
 from .. import options as opt
 from ..logs import (
@@ -35,9 +37,6 @@ from ..summary import (
     summary,
     tested_rows,
 )
-
-if TYPE_CHECKING:
-    from calib import Samples
 
 
 def train(
@@ -90,8 +89,6 @@ def train(
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
 ) -> Outcome:
-    import calib
-
     selection = Selection(joints, tip, planar, lock, ranges, degrees, gravity)
     reading = Reading(columns, unit, time_offset, prismatic=prismatic)
     if robot is None and not data:
@@ -178,11 +175,9 @@ def _default_path(origin: str) -> str:
     return f"{safe or 'robot'}.calib"
 
 
-def _check_same_origin(path: str, log: Samples) -> None:
+def _check_same_origin(path: str, log: calib.Samples) -> None:
     """Refuse a default name that is taken by a model of another robot or log."""
     import numpy as np
-
-    import calib
 
     if not Path(path).exists():
         return

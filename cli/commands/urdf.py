@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
+import calib
 from calib.common.wording import for_people
 
 from .. import options as opt
@@ -36,7 +37,6 @@ def urdf(
     ],
     free: opt.Free = "all",
 ) -> Outcome:
-    import calib
     from calib.common.atomic import atomic_write
     from calib.use.frames import assumption
     from calib.use.geometry_fit import fit_geometry

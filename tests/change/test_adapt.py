@@ -164,7 +164,7 @@ def test_the_bound_holds_where_a_joint_stood_still():
 HIDDEN = [  # offsets of the joints, scale and shift of the sensor, rows, share of the range, cause
     # the first joint's offset needs no frame: with one, 20 rows left 3.6 mm elsewhere
     ((0.01, 0.02), 1.0, (0.0, 0.0), 20, 0.3, None),
-    # a sensor that was moved is no weight: the bound covered 81 % of what joints made of it
+    # a sensor that was moved is no weight: the bound covered 93 % of what joints made of three logs
     ((0.0, 0.0), 1.0, (3e-3, -2e-3), 60, 0.9, "joints"),
     # an offset and a larger scale look like one longer link: 38 % of the rest were covered
     ((0.0, 0.01), 1.01, (0.0, 0.0), 30, 0.3, None),
@@ -179,12 +179,15 @@ def test_the_bound_holds_where_a_corner_or_a_wrong_cause_hides_changes(
         return scale * arm().forward(q + offset) + shift
 
     model = calib.train(rows_of(np.random.default_rng(1).random((400, 2)), arm().forward))
-    u = 0.05 + share * np.random.default_rng(3).random((n, 2))
-    found = calib.adapt(model, rows_of(u, changed), cause=cause)
     probes = drawn(1000, 9)
-    off = miss(found.model, probes, changed(probes))
-    assert found.improved
-    assert np.mean(off <= found.model.model_error(probes)) > 0.95
+    covered = []
+    for seed in (1, 2, 3):
+        u = 0.05 + share * np.random.default_rng(seed).random((n, 2))
+        found = calib.adapt(model, rows_of(u, changed), cause=cause)
+        off = miss(found.model, probes, changed(probes))
+        covered.append(np.mean(off <= found.model.model_error(probes)))
+        assert found.improved
+    assert np.mean(covered) > 0.95
     if all(offset):
         assert {"offset:shoulder", "offset:elbow"} <= {each.cause for each in found.changed}
         assert off.mean() < 2e-4

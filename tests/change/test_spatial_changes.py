@@ -49,7 +49,7 @@ def test_a_tracker_that_stands_elsewhere_is_told_by_its_turn_and_its_shift():
     log = log_of(4, **elsewhere)
     (cause,) = calib.check(model, log).causes
     assert cause.cause == "sensor"
-    assert "turned 90 deg, shifted " in cause.words
+    assert "turned 90.00" in cause.words
     assert cause.value == pytest.approx(np.pi / 2, abs=1e-3)
     adapted = calib.adapt(model, log)
     assert errors(adapted.model, log_of(5, **elsewhere))[0] < 3 * NOISE

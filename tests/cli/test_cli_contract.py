@@ -121,7 +121,7 @@ PLAN = {
     **each(str, "output unit"),
     **each(int, "rows seed"),
     **each([str], "joints why"),
-    **each(float, "length random_length"),
+    "length": float,
     "travel": {"*": float},
     "poses": COLUMNS,
     "start": [float],
@@ -130,7 +130,7 @@ PLAN = {
 NOISE = {
     **each(str, "log unit"),
     **each(NUMBER_OR_NONE, "sensor return"),
-    **each(int, "poses repeats returns"),
+    **each(int, "poses repeats returns left_out"),
     "intervals": each([NUMBER_OR_NONE], "sensor return"),
     "units": {"positions": str},
 }
@@ -336,7 +336,7 @@ def test_a_log_of_another_unit_or_frame_is_told(run, tmp_path, factor, offset):
     looked = run("check", "m.calib", "--data", path, "-v")
     assert looked.code == 3
     assert "check the log's unit before calib adapt" in looked.out
-    assert "smallest [sensor units]" in looked.out
+    assert "sensor units" in looked.out
     assert "`" not in looked.out
 
 

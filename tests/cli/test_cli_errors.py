@@ -33,7 +33,7 @@ CASES = [
     ("train two_link --size 100000x100000", 1, "100000x100000 memory"),
     ("train two_link --sigma 3", 2, "--sigma '3' START:END"),
     ("train two_link --samples 0", 2, "--samples '0'"),
-    ("train two_link --samples 1", 1, "1 sample is too few"),
+    ("train two_link --samples 1", 1, "poses: 1, in 1 rows: too few"),
     ("train two_link --noise -1", 2, "--noise '-1' zero or more"),
     ("train two_link --noise 1e308", 1, "noise below 1e+15"),
     ("train two_link --change longer", 2, "--change 'longer' elbow.length"),

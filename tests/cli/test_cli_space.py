@@ -7,17 +7,9 @@ from reference import Truth, read, table
 
 EYE, FOCAL, CENTRE, K1 = np.array([0.35, -1.1, 0.55]), 880.0, np.array([633.0, 371.0]), -0.09
 MOVED = np.array([0.02, 0.03, -0.01])
-
-
-def looking(at):
-    """Axes of a camera at EYE that looks at a point: rows right, down, ahead."""
-    z = (at - EYE) / np.linalg.norm(at - EYE)
-    x = np.cross(z, (0, 0, 1.0))
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
-
-
-CAMERA = looking(np.array([0.1, 0.0, 0.2]))
+AHEAD = np.array([0.1, 0.0, 0.2]) - EYE
+CAMERA = np.stack([np.cross(AHEAD, (0, 0, 1)), np.cross(AHEAD, np.cross(AHEAD, (0, 0, 1))), AHEAD])
+CAMERA /= np.linalg.norm(CAMERA, axis=1, keepdims=True)  # right, down, ahead
 
 
 def project(places):
@@ -34,7 +26,6 @@ def pictures(run, tmp_path_factory):
     pixels = project(truth.pose(q)[0]) + truth.rng.normal(0, 0.3, (45, 2))
     names = [*truth.arm.joint_names, "u", "v"]
     table(folder / "log.csv", names, np.c_[q, pixels])
-    table(folder / "mirrored.csv", names, np.c_[q, 1280 - pixels[:, :1], pixels[:, 1:]])
     train = f"train spatial_three --data {folder}/log.csv --size 5 -o {folder}/m.calib"
     assert "1280x720" in run.done(train).err
     return truth, folder, q

@@ -200,7 +200,6 @@ def test_tables_of_other_columns_and_of_other_numbers_are_refused_in_one_line(tm
     path, world = tmp_path / "flange.csv", World(5, count=12)
     for header, row, words in (
         ("x,y,z,yaw1,b,c", "1,2,3,4,5,6", r"roll\.\.yaw"),
-        ("x,y,z,qx,qy,qz,qw", "1,2,3,4,5,6,7", "quaternion of length"),
         ("x;y;z;A;B;C", "1,5;2.5;3,5;4;5;6", "decimals with a point"),
     ):
         path.write_text(f"{header}\n{row}\n")

@@ -17,8 +17,7 @@ from test_lerobot import REST, write_dataset
 import calib
 from calib import LogError, handeye
 from calib.arm.rotations import exponential, logarithm, matrix_of
-from calib.recording.board_pictures import find_board
-from calib.recording.joint_table import JointTable
+from calib.recording.motion_tables import JointTable
 
 FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's frame of a board has y down
 CORNER = np.array([0.084, 0.06, 0.0])  # the middle of the board in OpenCV's frame
@@ -74,14 +73,6 @@ def test_camera_and_board_are_found_from_pictures(in_hand):
     assert found.reprojection["mean"] < 0.3
     assert found.to_json()["eye"] == rig.eye
     assert abs(found.lens["focal"] - rig.lens[0]) < 2.0 + found.lens["focal_95"]
-
-
-def test_copies_of_a_picture_count_once():
-    _, pictures, joints = shots(True)
-    table = replace(joints, q=joints.q[[*range(6), 0]])
-    board = find_board([*pictures[:6], pictures[0]], table, SPEC)
-    assert len(board.names) == 6
-    assert "copies of others, in 1 pictures" in board.notes[-1]
 
 
 def test_what_pictures_without_the_board_show_is_told():

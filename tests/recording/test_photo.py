@@ -44,7 +44,7 @@ def test_the_map_is_drawn_over_the_photo(made):
     assert abs(grey[:, : middle - 9] - 40).max() < 9
     assert abs(grey[:, middle + 9 :] - 200).max() < 9
     assert "photo" not in calib.figures(bare)
-    ax = calib.figures(model, names=["photo"])["photo"].axes[0]
+    ax = calib.figures(model)["photo"].axes[0]
     assert ax.get_xlim() == (-0.5, 1279.5)
     assert ax.get_ylim() == (719.5, -0.5)  # y down, clipped to the picture
     (tips,) = ax.lines

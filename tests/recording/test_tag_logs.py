@@ -14,8 +14,8 @@ from rendering import Camera, Desk, board, tag, write_video
 import calib
 from calib import CalibError, OptionError
 from calib.recording.board import parse_board
-from calib.recording.joint_table import read_joints
 from calib.recording.lens import Lens, load_lens
+from calib.recording.motion_tables import read_joints
 from calib.recording.tag_logs import Setup, log_pictures, log_video
 
 CAMERA = Camera(size=(640, 480), focal=600.0)
@@ -130,7 +130,7 @@ def test_metres_by_the_board_and_the_height(shot):
 
 
 def test_the_pose_of_the_tag(shot):
-    setting = Setup(7, board=BOARD, lens=LENS, tag_size=0.04, pose=True)
+    setting = Setup(7, board=BOARD, lens=LENS, tag_size=0.04)
     made = make(shot.folder, setting)
     assert made.x.shape == (16, 3)
     assert np.abs(made.x[:, 2] - 0.025).max() < 0.02
@@ -207,7 +207,7 @@ def test_settings_that_cannot_be(shot, copy):
     refused(CalibError, words, make, shot.folder, Setup(8))
     refused(CalibError, "may be off by centimetres", Setup, 7, board=BOARD)
     refused(CalibError, "`tag_height` is given without", Setup, 7, tag_height=0.02)
-    refused(CalibError, "needs `lens` and `tag_size`", Setup, 7, lens=LENS, pose=True)
+    refused(CalibError, "needs `lens`", Setup, 7, tag_size=0.04)
     refused(CalibError, "printed on the board too", Setup, 7, "5x5_100", BOARD, lens=LENS)
     refused(CalibError, "expected `board` too", load_lens, shot.pictures, None)
     refused(CalibError, "is no lens", load_lens, shot.folder / "joints.csv", None)

@@ -149,3 +149,19 @@ def test_evaluate_compares_a_late_log_as_if_it_were_in_time():
     result = calib.evaluate(model, late)
     assert any("30" in note and "late" in note for note in result.notes)
     assert result.errors["local"]["forward"]["distance"]["mean"] < 3e-4
+
+
+@pytest.mark.parametrize(("seed", "late"), [(7, 0.2), (2, 0.12)])
+def test_a_later_clock_of_a_scaled_mirrored_frame_is_no_drift(seed, late):
+    """The search ended while frame and chain still moved: 199 +- 2.8 ms, and DRIFTED."""
+
+    def seen(late, n):
+        log, _ = moving("two_link", late, n=n, rate=8.0, noise=2e-4, seed=seed)
+        turn = np.array([[-1.07, 0.0], [0.0, 1.07]]) @ np.array([[0.76, -0.65], [0.65, 0.76]])
+        return replace(log, x=log.x @ turn.T + [2.0, -1.0])
+
+    result = calib.check(calib.train(seen(0.06, 400), size=8), seen(late, 200))
+    assert not result.drifted
+    (note,) = (n for n in result.notes if "against the joints" in n)
+    value, half = (float(v) for v in note.split(" are ")[1].split(" ms")[0].split(" +- "))
+    assert abs(value - 1e3 * late) < 2 * half < 1.0

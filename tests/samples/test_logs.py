@@ -76,9 +76,9 @@ BAD = [  # what a file holds, what is asked of it, and what the refusal says
     ("", {}, "is empty"),
     ("a,b,x,y\n", {}, "has no rows below its header"),
     ("a,b,x,y\n1,2,3,4\n", {}, "one usable row"),
-    ("a,b,x\n1,2,3\n", {}, "no column 'y': columns: 'a', 'b', 'x'"),
+    ("a,b,x\n1,2,3\n", {}, "no column 'y': choose from a, b, x"),
     ("a,b\n0.1,0.2\n0.2,0.4\n", {}, "has no positions: expected columns x, y and z"),
-    ("a,bb,x,y\n1,2,3,4\n", {}, "did you mean 'bb'"),
+    ("a,bb,x,y\n1,2,3,4\n", {}, "did you mean bb"),
     ("a,b,b,x,y\n1,2,2,3,4\n", {}, "several columns 'b'"),
     ("a,b,x,y\n1,\u0661,3,4\n", {}, "1 of 1 rows miss a finite number .* of b"),
     ("a;b;x;y\n1;0,5;.3;4\n", {}, r"1 of 1 rows miss a finite number \(2.5, not 2,5\) of b"),
@@ -259,7 +259,7 @@ def test_locked_joints_are_the_medians_of_their_columns(tmp_path, run):
     wrist[50:90] += np.linspace(0.0, 0.5, 40)
     assert trained(wrist).code == 1
     assert re.search("wrist is locked but moved.*row 90", trained(wrist).err)
-    run.refused(1, "no column 'ww': did you mean 'w'", *words, "--columns", "wrist=ww")
+    run.refused(1, "no column 'ww': did you mean w", *words, "--columns", "wrist=ww")
 
 
 def test_what_is_known_of_the_clock_is_taken_and_nothing_estimated(arm, tmp_path):

@@ -131,7 +131,7 @@ def test_each_of_several_sensors_has_its_bars_and_its_rows():
     names = set(re.findall(r'id="([^"]*)"', page))
     assert {"accuracy", "accuracy-2", "where-2", "order-2"} <= names
     assert page.count('id="causes"') == 1
-    assert "where-2" in calib.figures(seen_by_two(), names=["where"])
+    assert "where-2" in calib.figures(seen_by_two())
 
 
 def test_names_from_a_file_reach_a_page_as_text():
@@ -149,7 +149,7 @@ def test_a_joint_that_does_not_move_the_tip_has_no_error():
     """Of wrist_3, whose axis the tip lies on, a figure showed 40,000 mrad."""
     arm = calib.load_arm("six_axis")
     rows = replace(calib.babble(arm, 80, seed=0, noise=1e-4), simulation=None)
-    drawn = calib.figures(calib.train(rows, size=4), names=["joints"])["joints"]
+    drawn = calib.figures(calib.train(rows, size=4))["joints"]
     assert [ax.get_title("left") for ax in drawn.axes] == list(arm.joint_names[:-1])
 
 
@@ -164,7 +164,7 @@ def test_a_simulation_has_the_errors_that_its_training_printed():
 def test_bars_have_the_interval_of_ten_blocks_and_the_noise_of_readings():
     simulated = trained("two_link", n=3000, size=20, noise=1e-3)
     held_out, noisy = (
-        calib.figures(model, names=["accuracy"])["accuracy"].axes[0].texts[k].get_text()
+        calib.figures(model)["accuracy"].axes[0].texts[k].get_text()
         for model, k in ((measured(), -1), (simulated, 1))
     )
     distance = np.linalg.norm(measured().rows.held_out, axis=1)
@@ -176,11 +176,9 @@ def test_bars_have_the_interval_of_ten_blocks_and_the_noise_of_readings():
 
 
 def test_figures_on_paper():
-    drawn = calib.figures(measured(), names=["where", "photo"])
-    assert list(drawn) == ["where"]
+    drawn = calib.figures(measured())
     drawn["where"].savefig("where.png")
     assert Path("where.png").read_bytes().startswith(b"\x89PNG")
-    refused(calib.OptionError, "latices", calib.figures, measured(), names=["latices"])
     refused(calib.OptionError, "tuple", calib.figures, (measured(), measured()))
 
 
@@ -189,7 +187,7 @@ def test_figures_of_an_arm_in_space_and_in_pixels():
     assert set(drawn) == {"accuracy", "causes", *WHY, "order"}
     # three projections and their colours
     assert len(drawn["where"].axes) == 4
-    assert "setup" in calib.figures(in_pixels(), names=["setup"])
+    assert "setup" in calib.figures(in_pixels())
     # the joint curve that was learned goes through what rows say
     for ax in drawn["joints"].axes:
         rows, curve = ax.lines

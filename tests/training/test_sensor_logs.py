@@ -100,7 +100,7 @@ def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused(logs):
 
 def test_poses_that_are_read_again_are_no_new_poses(logs):
     log, _ = logs[0]
-    with pytest.raises(LogError, match="160 samples of 8 poses are too few"):
+    with pytest.raises(LogError, match="poses: 8, in 160 rows: too few"):
         calib.train(log.take(np.tile(np.arange(8), 20)))
     once = calib.train(log, size=3)
     twice = calib.train(log.take(np.tile(np.arange(40), 2)), size=3)

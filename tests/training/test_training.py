@@ -200,7 +200,9 @@ def test_impossible_options_are_refused_in_one_line(options, message):
 
 
 def test_too_few_rows_are_refused_and_ten_are_enough():
-    with pytest.raises(LogError, match="9 samples are too few to learn from: give at least 10"):
+    with pytest.raises(
+        LogError, match="poses: 9, in 9 rows: too few to learn from, give at least 10"
+    ):
         calib.train(log(9), size=4)
     assert calib.train(log(10), size=4).about.samples == 10
 

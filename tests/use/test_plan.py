@@ -34,9 +34,8 @@ def test_travel_is_that_of_the_rows_and_short(arm):
     np.testing.assert_allclose(plan.travel, moves.sum(axis=0))
     share = (moves / (arm.upper - arm.lower)).max(axis=1).sum()
     assert plan.length == pytest.approx(share)
-    assert plan.length < 0.3 * plan.random_length
-    # a random move is 0.47 of a range long in the mean of the larger of two uniform moves
-    assert plan.random_length == pytest.approx(0.52 * 60, rel=0.15)
+    # a move in a random order is about half a range long
+    assert plan.length < 0.3 * 0.5 * 60
 
 
 def test_a_written_plan_is_no_log_by_mistake(arm, tmp_path):
@@ -55,7 +54,7 @@ def test_a_plan_for_a_camera_keeps_the_tip_in_its_picture():
     width, height = model.about.picture or (1280, 960)
     assert ((plan.x > 0) & (plan.x < [width, height])).all()
     assert any("links that hide the tip" in note for note in plan.notes)
-    assert not any(note.startswith("0.0%") for note in plan.notes)
+    assert not any(note.startswith("0") for note in plan.notes)
 
 
 START = (0.0, 0.7, 1.0, 0.0, 1.0, 0.0)

@@ -22,7 +22,7 @@ from ..placement import Placement, place_model
 from ..robot import Robot
 from ..settings import SETTINGS
 from ..setup import Thing, things_of
-from ..study import StudiedRows, studies_of
+from ..study import StudiedRows, Study, studies_of
 from ..workspace import bound_field, extent, node_errors
 from .camera import camera_onto, frame_of_view
 from .canvas import Canvas, packed
@@ -58,9 +58,9 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
     things = [thing for study in studies for thing in things_of(study.model)]
     nodes = placement.lift(model.sensory.weights)
     x, bound = bound_field(model)
-    every = [*node_errors(model), bound]
-    every += [study.rows.distance for study in studies if study.rows]
-    scale = ErrorScale.of(np.concatenate(every), about.unit, extent(model))
+    errors = [*node_errors(model), bound]
+    errors += [study.rows.distance for study in studies if study.rows]
+    scale = ErrorScale.of(np.concatenate(errors), about.unit, extent(model))
 
     working = [nodes, *(frames[:, :3, 3] for frames in poses.values())]
     size = float(np.ptp(np.vstack(working), axis=0).max())
@@ -86,12 +86,7 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
     tints = scale.colours(bound)
     canvas.add("Reach/points", "points", tints, placement.lift(x), size=0.005)
     for study, place in zip(studies, placements, strict=True):
-        if study.rows is not None:
-            layer = f"Rows {study.model.about.sensor}".strip()
-            points = place.lift(study.rows.x) + front
-            shown = about.simulation is None  # of those the map tells more
-            errors = study.rows.distance
-            draw_points(canvas, layer, points, errors, scale, shown=shown)
+        _draw_rows(canvas, study, place, front, scale)
     _draw_motion(canvas, motion, placement, about.unit)
     measure = about.bound_of if about.source == "log" else "true position"
     middle = motion.measured[len(motion.q) // 2]
@@ -151,6 +146,24 @@ def _draw_photo(
     drawn["image"] = f"data:image/jpeg;base64,{jpeg}"
     drawn["uv"] = packed(uv, np.float32)
     return points
+
+
+def _draw_rows(
+    canvas: Canvas,
+    study: Study,
+    placement: Placement,
+    front: Array,
+    scale: ErrorScale,
+) -> None:
+    """Draw the rows that a sensor measured; of a simulation, whose maps tell more, on demand."""
+    if study.rows is not None:
+        about = study.model.about
+        layer = f"Rows {about.sensor}".strip()
+        points = placement.lift(study.rows.x) + front
+        shown = about.simulation is None
+        draw_points(
+            canvas, layer, points, study.rows.distance, scale, shown=shown
+        )
 
 
 def draw_points(

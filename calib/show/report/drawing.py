@@ -1,27 +1,24 @@
 """Drawing: what all figures share: their size, ink, colours, axes, and how they become files."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib import style
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Colormap, LinearSegmentedColormap
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from ...common.arrays import Array
 from ...common.wording import clipped, for_people, printable
 from ..error_scale import STOPS, UNKNOWN, ErrorScale
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.collections import LineCollection
-    from matplotlib.colors import Colormap
-    from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
 WIDTH = 3.65  # inches: half of the page's column, and all of a telephone's
 ACCENT = "#1c7ed6"
@@ -35,16 +32,11 @@ _OF_PAGE = {INK: "currentColor", RULE: "var(--rule)"}
 
 def settings() -> AbstractContextManager[None]:
     """Matplotlib's settings for the figures, to be used in a with statement."""
-    from matplotlib import style
-
     return style.context(Path(__file__).with_name("figure.mplstyle"))
 
 
 def panels(heights: Sequence[float]) -> tuple[Figure, list[Axes]]:
     """Return a figure, apart from any window system, and its axes of these heights [inch]."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(WIDTH, sum(heights)))
     FigureCanvasAgg(figure)
     axes = figure.subplots(
@@ -107,8 +99,6 @@ def projections(
 
 def colour_map() -> Colormap:
     """Colours of errors, those of the preview, and one for what is not known."""
-    from matplotlib.colors import LinearSegmentedColormap
-
     colours = LinearSegmentedColormap.from_list("calib", list(STOPS))
     return colours.with_extremes(bad=UNKNOWN)
 
@@ -134,8 +124,6 @@ def draw_lattice(
     ax: Axes, points: Array, edges: NDArray[np.intp], values: Array, top: float
 ) -> LineCollection:
     """Draw edges (m, 2) between nodes (n, 2), coloured by the values (n,) of their ends."""
-    from matplotlib.collections import LineCollection
-
     lines = LineCollection(
         list(points[edges]),
         array=np.ma.masked_invalid(values[edges].mean(axis=1)),

@@ -1,13 +1,12 @@
 """Figures of an arm: how accurate, what is off, where, and why so, one function each."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ...common.arrays import Array
+from ...common.names import by_name
 from ...common.rows import spread_rows
 from ...common.wording import for_people, number, printable, quantity, unit_for
 from ..causes import error_curve
@@ -29,9 +28,6 @@ from .drawing import (
     panels,
     projections,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def accuracy(study: Study) -> Figure | None:
@@ -126,9 +122,9 @@ def draw_setup(frames: Array, things: Sequence[Thing]) -> Figure:
             )
             drawn[0].set_label(thing.kind)
     handles, names = axes[0].get_legend_handles_labels()
-    by_name = dict(zip(names, handles, strict=True))
+    of_kinds = by_name(names, handles)
     figure.legend(
-        by_name.values(), by_name, loc="outside lower center", ncols=4
+        of_kinds.values(), of_kinds, loc="outside lower center", ncols=4
     )
     return figure
 

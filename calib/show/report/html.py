@@ -1,19 +1,15 @@
 """HTML: the pieces that pages of reports are filled from."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping
 from html import escape
-from typing import TYPE_CHECKING
+
+from matplotlib.figure import Figure
 
 from ...common.atomic import atomic_write
 from ...common.wording import fill_template, number
 from .drawing import to_svg
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def write_page(

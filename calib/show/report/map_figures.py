@@ -1,10 +1,8 @@
 """Figures of maps: lattices, U-matrix, links, and a map over a photo."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ...common.arrays import Array
 from ...maps.association import Association
@@ -13,10 +11,6 @@ from ..error_scale import ErrorScale
 from ..study import Study
 from ..workspace import drawn_edges, extent, node_errors
 from .drawing import GREY, INK, colour_bar, draw_lattice, panels
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 def lattices(study: Study) -> Figure | None:

@@ -1,22 +1,20 @@
 """Page: a report that answers how accurate, what is off, where, why so, in one file offline."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from html import escape
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
+
+from matplotlib.figure import Figure
 
 from ...common.wording import (
     fill_template,
     number,
     quantity,
-    quoted,
-    suggestion,
     unit_for,
 )
-from ...errors import OptionError, require
+from ...errors import require
 from ...maps.association import Association
 from ...maps.map import Map
 from ...model.about import facts
@@ -31,9 +29,6 @@ from . import rig_figures as rigs
 from . import words
 from .drawing import settings
 from .html import figure_of, write_page
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 class Entry(NamedTuple):
@@ -179,7 +174,6 @@ def report(
 def figures(
     model: Model | HandEye | Map | Association,
     log: Samples | None = None,
-    names: Sequence[str] | None = None,
 ) -> dict[str, Figure]:
     """Return the figures of a model, a map or an association, in the ink of paper.
 
@@ -188,8 +182,6 @@ def figures(
     model : Model, HandEye, Map or Association
     log : Samples, optional
         A log to judge the model by, as in :func:`report`.
-    names : sequence of str, optional
-        Which; by default all that have something to show.
 
     Returns
     -------
@@ -200,55 +192,39 @@ def figures(
     --------
     >>> import calib
     >>> model = calib.train(calib.babble(calib.load_arm("two_link"), 2000, seed=0), size=10)
-    >>> list(calib.figures(model, names=["where", "photo"]))
-    ['where']
+    >>> list(calib.figures(model))[:4]
+    ['accuracy', 'where', 'coverage', 'arrows']
     >>> list(calib.figures(model.association))
     ['lattices', 'u_matrices', 'links']
     """
-    known = [entry.draw.__name__ for entry in (*ARM, *RIG)]
-    for name in names or ():
-        if name not in (*known, "links"):
-            raise OptionError(
-                f"`names`: {quoted(name)} is no figure",
-                hint=suggestion(name, known),
-                parameter="names",
-                value=name,
-            )
     if isinstance(model, Map | Association):
         with settings():
-            drawn = maps.figures_of_maps(model)
-    elif isinstance(model, HandEye):
-        drawn = {
-            name: figure for _, name, figure in _filled_figures(RIG, model)
-        }
+            return maps.figures_of_maps(model)
+    entries: Sequence[Entry] = RIG
+    subjects: Sequence[Study | HandEye]
+    if isinstance(model, HandEye):
+        subjects = [model]
     else:
         require("model", model, Model)
-        drawn = {
-            name: figure
-            for study in studies_of(model, log)
-            for _, name, figure in _filled_figures(ARM, study, names)
-        }
+        entries = ARM
+        subjects = studies_of(model, log)
     return {
         name: figure
-        for name, figure in drawn.items()
-        if names is None or name.partition("-")[0] in names
+        for subject in subjects
+        for _, name, figure in _filled_figures(entries, subject)
     }
 
 
 def _filled_figures(
-    entries: Sequence[Entry],
-    subject: Study | HandEye,
-    names: Sequence[str] | None = None,
+    entries: Sequence[Entry], subject: Study | HandEye
 ) -> Iterator[tuple[Entry, str, Figure]]:
     """Yield the figures that have something to show, with their names."""
     suffix = subject.suffix if isinstance(subject, Study) else ""
     with settings():
         for entry in entries:
-            name = entry.draw.__name__
-            if names is None or name in names:
-                figure = entry.draw(subject)
-                if figure is not None:
-                    yield entry, f"{name}{suffix}", figure
+            figure = entry.draw(subject)
+            if figure is not None:
+                yield entry, f"{entry.draw.__name__}{suffix}", figure
 
 
 def _add(

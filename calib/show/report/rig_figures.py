@@ -1,18 +1,12 @@
 """Figures of a rig: where cameras and board are, and how far corners are off by picture."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.figure import Figure
 
 from ...recording.rig import HandEye
 from ..setup import things_of_rig
 from .drawing import GREY, panels
 from .figures import draw_setup
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def setup(rig: HandEye) -> Figure:

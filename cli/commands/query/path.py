@@ -5,6 +5,8 @@ Exit code 3 if the joints have to jump between branches or a point is out of rea
 
 from typing import Annotated
 
+from calib.common.names import by_name
+
 from ... import options as opt
 from ...output import Outcome
 from ...parsing import length
@@ -50,8 +52,8 @@ def path(
     )
     table = {
         "waypoint": valid[way.waypoint] + 1,
-        **dict(zip(axes, way.target.T, strict=True)),
-        **dict(zip(joints.names, (way.q * joints.typed).T, strict=True)),
+        **by_name(axes, way.target.T),
+        **by_name(joints.names, (way.q * joints.typed).T),
         "distance": way.distance,
         "expected_error": way.expected_error,
         "model_error": way.model_error,

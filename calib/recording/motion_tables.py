@@ -1,10 +1,12 @@
-"""Tables of joints that were recorded beside pictures or a video."""
+"""Tables of motions beside pictures: joints, or flange poses as controllers write them."""
 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -16,6 +18,27 @@ from ..samples.header import name_and_unit
 from ..samples.tables import Source, open_source
 from .pictures import Frame, list_pictures, read_series
 
+TURNS = {
+    "xyzw": ("qx", "qy", "qz", "qw"),
+    "vector": ("rx", "ry", "rz"),
+    "rpy": ("roll", "pitch", "yaw"),
+    "kuka": ("A", "B", "C"),
+    "fanuc": ("w", "p", "r"),
+    "matrix": tuple(f"r{i}{k}" for i in (1, 2, 3) for k in (1, 2, 3)),
+}
+"""Columns of a turn, by what their names say."""
+
+MATRIX = tuple(f"m{i}{k}" for i in range(4) for k in range(4))
+
+EXPECTED = (
+    f"x, y, z and one of {', '.join(f'{n[0]}..{n[-1]}' for n in TURNS.values())}, or m00..m33, "
+    "and perhaps picture; without a header six, seven, twelve or sixteen numbers"
+)
+
+_LENGTHS = (6, 7, 12, 16)  # numbers of a row without a header
+_IGNORED = {"picture", "time", "timestamp", "episode", *map(str.lower, MATRIX)}
+# "[mm]", "(deg)", "_mm": the fit finds units
+_UNIT = r"\s*[\[(].*[\])]$|_(?:m|cm|mm|in|rad|deg|grad)$"
 _OTHERS = {
     *("time", "timestamp", "picture", "episode"),
     *("x", "y", "z", "qx", "qy", "qz", "qw"),
@@ -64,12 +87,12 @@ def read_joints(
         names = tuple(np.array(names, object)[is_number])
     beside = [name for name in ("time", "episode") if name in source.header]
     rows = finite_rows(source, [*names, *beside])
-    if not names or not len(rows.numbers):
+    if not names or not len(rows.q):
         raise LogError(
             f"{source.label} has no row with numbers for {listing(names)}: expected a column for "
             f"each joint, decimals with a point; columns: {listing(source.header)}"
         )
-    q, about = np.split(rows.numbers, [len(names)], axis=1)
+    q, about = np.split(rows.q, [len(names)], axis=1)
     turning = [k for k, name in enumerate(names) if name not in prismatic]
     most = float(np.abs(q[:, turning]).max(initial=0.0))
     if degrees:
@@ -81,28 +104,17 @@ def read_joints(
         )
     columns = dict(zip(beside, about.T, strict=True))
     episodes = columns.get("episode")
-    return JointTable(
-        source.label,
-        names,
-        q,
-        columns.get("time"),
-        rows.pictures,
-        rows.dropped,
-        None if episodes is None else episodes.astype(np.intp),
+    return replace(
+        rows,
+        names=names,
+        q=q,
+        time=columns.get("time"),
+        episodes=None if episodes is None else episodes.astype(np.intp),
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Rows of a table without a missing value, and the names of their pictures, if it has them."""
-
-    numbers: Array  # (n, columns)
-    pictures: list[str] | None
-    dropped: int
-
-
-def finite_rows(source: Source, columns: Sequence[str]) -> Rows:
-    """Read columns of numbers; rows in which one is missing are counted."""
+def finite_rows(source: Source, columns: Sequence[str]) -> JointTable:
+    """Read columns of numbers as `q`; rows in which one is missing are left out, and counted."""
     numbers = source.numbers(columns)[0]
     good = np.flatnonzero(np.isfinite(numbers).all(axis=1))
     pictures = None
@@ -112,7 +124,14 @@ def finite_rows(source: Source, columns: Sequence[str]) -> Rows:
         # without their folders, of this system or another
         paths = [str(cell or "").replace("\\", "/").strip() for cell in cells]
         pictures = [paths[k].rpartition("/")[2] for k in good]
-    return Rows(numbers[good], pictures, len(numbers) - len(good))
+    return JointTable(
+        source.label,
+        tuple(columns),
+        numbers[good],
+        None,
+        pictures,
+        len(numbers) - len(good),
+    )
 
 
 def picture_column(source: Source) -> str | None:
@@ -162,3 +181,89 @@ def read_shots(
             "the order of names or by a column 'picture'"
         )
     return rows, read_series(paths, notes), notes
+
+
+@dataclass(frozen=True, eq=False)
+class FlangeTable:
+    """Flange poses as numbers, one row for each picture."""
+
+    label: str
+    numbers: Array  # (n, 3 + k): x, y, z and 3, 4 or 9 numbers of a turn
+    pictures: Sequence[str] | None  # names of the rows' pictures
+    named: str = ""  # the rotation that the columns' names say
+    dropped: int = 0  # rows with a missing value
+
+    @property
+    def joints(self) -> JointTable:
+        """The same rows without a joint."""
+        q = np.zeros((len(self.numbers), 0))
+        return JointTable(self.label, (), q, None, self.pictures, self.dropped)
+
+
+def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
+    """Read a table of flange poses.
+
+    Its columns are x, y, z and one of qx, qy, qz, qw; rx, ry, rz; roll, pitch, yaw; A, B, C;
+    w, p, r; r11 .. r33; or m00 .. m33 alone, with a unit in brackets or behind "_" or without; a
+    column of names of pictures may have any name; without a header six, seven, twelve or sixteen
+    numbers.
+    Raises LogError, which lists these, where it is none.
+    """
+    source = open_source(path)
+    label = source.label
+    cells = [name.partition("_duplicated_")[0] for name in source.header]
+    named = ""
+    pictures = None
+    dropped = 0
+    if re.fullmatch(r"[-+\d.eE\s]+", " ".join(cells)):
+        numbers = _without_header(Path(path), label)
+    else:
+        shown = picture_column(source)
+        names = {
+            re.sub(_UNIT, "", name.lower()): name
+            for name in source.header
+            if name != shown
+        }
+        named, columns = _columns(set(names))
+        if not columns or names.keys() - {*columns, *_IGNORED}:
+            raise LogError(
+                f"{label} has the columns {listing(source.header)}: expected {EXPECTED}"
+            )
+        rows = finite_rows(source, [names[column] for column in columns])
+        numbers = rows.q
+        pictures = rows.pictures
+        dropped = rows.dropped
+    if not len(numbers):
+        raise LogError(
+            f"{label} has no row with numbers alone: expected decimals with a point"
+        )
+    if numbers.shape[1] >= 12 and named != "matrix":
+        lines = numbers[:, :12].reshape(-1, 3, 4)
+        turns = lines[:, :, :3].reshape(-1, 9)
+        numbers = np.column_stack([lines[:, :, 3], turns])
+    return FlangeTable(label, numbers, pictures, named, dropped)
+
+
+def _columns(header: set[str]) -> tuple[str, list[str]]:
+    """The rotation that names of columns (small letters) say, and its columns, if all are there."""
+    if header.issuperset(MATRIX[:12]):
+        return "", list(MATRIX[:12])
+    for kind, names in TURNS.items():
+        columns = ["x", "y", "z", *map(str.lower, names)]
+        if header.issuperset(columns):
+            return "rpy" if kind == "fanuc" else kind, columns
+    return "", []
+
+
+def _without_header(path: Path, label: str) -> Array:
+    """Numbers (n, 6, 7, 12 or 16) of a file."""
+    text = re.sub(r"[;,\t]", " ", path.read_text(encoding="utf-8-sig"))
+    try:
+        numbers = np.loadtxt(text.splitlines(), ndmin=2)
+    except ValueError as error:
+        raise LogError(f"{label}: {error}") from None
+    if numbers.shape[1] not in _LENGTHS:
+        raise LogError(
+            f"{label} has no header and {numbers.shape[1]} numbers a row: expected {EXPECTED}"
+        )
+    return numbers

@@ -1,0 +1,91 @@
+"""Forward queries: positions of the tip for one row of joint values, or for a table of them.
+
+It needs NumPy: the command imports it when it runs.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.body.belief import knows_orientation
+from calib.common.arrays import Array
+from calib.common.names import by_name
+from calib.errors import QueryError
+from calib.model.prediction import predict
+from calib.model.space import Space
+from calib.samples.joint_values import check_joint_values
+from calib.samples.motion import Motion
+
+from .output import NO, Outcome, TextTable, note, with_decimals
+from .query import BOUNDS, TURN, Query, columns_with
+
+
+def answer_one(
+    query: Query, typed: Sequence[float], readout: str | None
+) -> Outcome:
+    """Answer one question, joint values as they were typed."""
+    joints = query.joints
+    q = np.array([joints.one_each("Q1 Q2", typed)])
+    answers = _answers(query, q, readout)
+    numbers = {name: float(column[0]) for name, column in answers.items()}
+    position = [numbers.pop(axis) for axis in query.axes]
+    document: dict[str, object] = {
+        "joints": by_name(joints.names, q[0].tolist()),
+        "position": position,
+    }
+    shown = {name: answers[name] for name in (*query.axes, *query.bounds)}
+    lines: list[str | TextTable] = [query.table(q, shown)]
+    if "qw" in answers:
+        turn = [numbers.pop(name) for name in TURN]
+        document["quaternion"] = turn
+        lines.append(
+            "quaternion " + " ".join(with_decimals(value, 6) for value in turn)
+        )
+    document |= numbers | query.meaning
+    outside = joints.beyond(query.model, q[0].tolist())
+    outside = outside or query.model.outside(q[0])
+    if outside is not None:
+        note(f"no answer: {outside}")
+        return Outcome(document, code=NO)
+    alone = " ".join(
+        with_decimals(query.factor * value, 4) for value in position
+    )
+    return Outcome(document, lines, result=[alone])
+
+
+def answer_table(query: Query, readout: str | None) -> Outcome:
+    """Answer every row of a table."""
+    about = query.model.about
+    batch, valid = query.read(query.joints.names)
+    q = batch.values / np.array(query.joints.typed)
+    ranges = (about.joint_names, about.lower, about.upper, about.revolute)
+    check_joint_values(
+        q,
+        *ranges,
+        degrees=query.degrees,
+        label=str(query.input),
+        error=QueryError,
+    )
+    answers = columns_with(batch, valid, _answers(query, q[valid], readout))
+    unanswered = np.flatnonzero(valid & np.isnan(np.asarray(answers["x"])))
+    rows = (unanswered + 1).tolist()
+    failures = {"out_of_reach": (rows, "outside of what was learned")}
+    return query.answer(batch, answers, failures)
+
+
+def _answers(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
+    """Return position, orientation and bounds at joints (n, dof), by column of a table."""
+    model = query.model
+    if query.frame == "base":
+        space = Space.of(model)
+        position, turn = space.forward(q)
+        bound = np.where(np.isfinite(position[:, 0]), space.bound(q), np.nan)
+        columns = [*position.T, *turn.T, bound, bound]
+        return by_name((*query.axes, *TURN, *BOUNDS), columns)
+    answers = by_name(model.axes, model.forward(q, readout).T)
+    if len(model.axes) == 3 and knows_orientation(model.body):
+        answers |= by_name(TURN, model.pose(q)[1].T)
+    prediction = predict(model, Motion(q))
+    apart = prediction.apart(readout or model.default_readout)
+    bounds = (prediction.bound + apart, prediction.true_bound + apart)
+    return answers | by_name(BOUNDS, bounds)

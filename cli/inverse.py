@@ -1,0 +1,208 @@
+"""Inverse queries: joint values for one position or pose, or for a table of them.
+
+It needs NumPy: the command imports it when it runs.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.common.arrays import Array
+from calib.common.names import by_name
+from calib.errors import QueryError
+from calib.model.poses import solve_poses
+from calib.model.space import Space
+from calib.samples.roles import from_angles
+from calib.samples.tables import Batch
+
+from .output import NO, Outcome, note
+from .parsing import BadOption
+from .query import TURN, Query, columns_with
+
+Answers = dict[str, NDArray[Any]]
+"""Quantities of all answers by name, and the index of the "target" that each is of."""
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Which answers are looked for."""
+
+    readout: str | None
+    all_branches: bool
+    keep_turn: bool  # whether the tool shall keep its orientation at `near`
+    free: str | None  # axis of the tool about which it may turn
+    near: Array | None = None  # (dof,) or (n, dof) [rad or m]
+    turn: Array | None = None  # (4,) or (n, 4), orientation that is wanted
+
+    def in_space(self, query: Query) -> bool:
+        """Whether a pose is looked for, or a position in the base frame."""
+        return query.frame == "base" or self.turn is not None or self.keep_turn
+
+
+def turn_of(
+    quaternion: Sequence[float] | None,
+    rpy: Sequence[float] | None,
+    degrees: bool,
+) -> Array | None:
+    """Return the orientation (4,) that was typed, None where none was."""
+    if quaternion is not None:
+        return np.asarray(np.array(quaternion) / math.hypot(*quaternion))
+    if rpy is None:
+        return None
+    angles = np.radians([rpy]) if degrees else np.array([rpy])
+    return np.asarray(from_angles(angles)[0])
+
+
+def answer_one(
+    query: Query, search: Search, typed: Sequence[float], height: float | None
+) -> Outcome:
+    """Answer one question, which may be a pixel on a plane of that height [m]."""
+    joints = query.joints
+    posed = search.turn is not None
+    in_space = search.in_space(query)
+    x = _target(query, typed, height)
+    document: dict[str, object] = {"target": x}
+    if in_space:
+        document["frame"] = query.frame
+    if height is not None:
+        x = _on_plane(query, x, height)
+        document["on_plane"] = {"z": height, "position": x, "unit": "m"}
+    if posed:
+        document["quaternion"] = search.turn
+    # in space all branches are looked for, so that the nearest is found
+    widest = replace(search, all_branches=search.all_branches or in_space)
+    answers = _answers(query, x[None], widest)
+    if not search.all_branches:
+        answers = {name: column[:1] for name, column in answers.items()}
+    q = answers.pop("q")
+    del answers["target"]
+    reachable = bool(answers.pop("reachable").any())
+    document["reachable"] = reachable
+    document["solutions"] = [
+        {
+            "joints": by_name(joints.names, one),
+            **{name: column[k] for name, column in answers.items()},
+        }
+        for k, one in enumerate(q.tolist())
+    ]
+    if query.frame == "base" and not Space.of(query.model).sees(x).all():
+        note("the camera's picture does not show the target")
+    document |= query.meaning
+    shown = by_name(query.axes, answers["position"].T)
+    for name in ("distance", *(["turned"] if posed else []), *query.bounds):
+        shown[name] = answers[name]
+    if reachable:
+        alone = [" ".join(joints.cells(row)) for row in q.tolist()]
+        return Outcome(document, [query.table(q, shown)], result=alone)
+    missed = f"nearest attainable {'pose' if posed else 'point'}"
+    away = query.words(float(answers["distance"].min()))
+    if posed:
+        away += f" and {math.degrees(answers['turned'][0]):.3g} deg"
+    note(f"out of reach: the {missed} is {away} away")
+    table = query.table(q, shown, missed)
+    return Outcome(document, [table], result=(), code=NO)
+
+
+def _target(
+    query: Query, typed: Sequence[float], height: float | None
+) -> Array:
+    """Return what was typed, a position in the model's unit or a pixel of a plane."""
+    axes = query.axes if height is None else ("u", "v")
+    if len(typed) != len(axes):
+        expected = f"expected {len(axes)}, one each for {', '.join(axes)}"
+        if len(typed) == 3 and query.model.about.unit == "px":
+            expected += "; --in base takes x, y, z of the robot's root frame"
+        raise BadOption(f"{len(typed)} coordinates: {expected}")
+    return np.array(typed) / (query.typed if height is None else 1.0)
+
+
+def _on_plane(query: Query, pixel: Array, height: float) -> Array:
+    """Return the point (3,) [m] of the base frame that a pixel shows, and say it."""
+    x: Array = Space.of(query.model).pixels_on_plane(pixel, height)[0]
+    place = ", ".join(f"{1e3 * value:.2f}" for value in x.tolist())
+    note(f"the pixel shows ({place}) mm of the base frame")
+    return x
+
+
+def answer_table(query: Query, search: Search) -> Outcome:
+    """Answer a table; columns near_JOINT choose the branch, qx to qw ask for an orientation."""
+    names = query.joints.names
+    axes = query.axes
+    nearby = [f"near_{name}" for name in names]
+    # fewer than six joints reach almost no pose that is given: its columns go along unread
+    least = 6 if search.free is None else 5
+    turns = TURN if len(names) >= least and len(axes) == 3 else ()
+    batch, valid = query.read(axes, (nearby, turns))
+    values = batch.values[valid]
+    if "qw" in batch.names and turns:
+        search = replace(search, turn=_columns(batch, values, TURN))
+    if nearby[0] in batch.names:
+        near = _columns(batch, values, nearby) / query.joints.typed
+        search = replace(search, near=near)
+    answers = _answers(query, values[:, : len(axes)], search)
+    # with every branch a target has several answers
+    rows = np.flatnonzero(valid)[answers.pop("target")]
+    reachable = answers["reachable"]
+    q = answers.pop("q") * query.joints.typed
+    q[~reachable] = np.nan
+    added = by_name(names, q.T)
+    for name, column in answers.items():
+        is_turn = name == "turned" and search.turn is None
+        if column.ndim == 1 and not is_turn:
+            added[name] = column
+    missed = (np.unique(rows[~reachable]) + 1).tolist()
+    failures = {"out_of_reach": (missed, "out of reach")}
+    if not search.all_branches:
+        return query.answer(batch, columns_with(batch, valid, added), failures)
+    # rows without numbers stand where they stood, between the answers of the others
+    index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
+    columns = columns_with(batch.take(index), valid[index], added)
+    return query.answer(batch, {**columns, "row": index + 1}, failures)
+
+
+def _columns(batch: Batch, values: Array, names: Sequence[str]) -> Array:
+    """Return columns of a table's rows (n, ...) by their names, (n, k)."""
+    return values[:, [batch.names.index(name) for name in names]]
+
+
+def _answers(query: Query, x: Array, search: Search) -> Answers:
+    """Return the answers to targets (n, m), by quantity, and the "target" that each is of."""
+    model = query.model
+    if search.in_space(query):
+        return _answers_in_space(query, x, search)
+    if not search.all_branches:
+        answer = model.solve(x, search.near, search.readout)._asdict()
+        return {"target": np.arange(len(x)), **answer}
+    branches = model.solve_all(x)
+    counts = [len(answer.q) for answer in branches]
+    target = np.repeat(np.arange(len(x)), counts)
+    answers: Answers = {"target": target}
+    for name, *parts in zip(branches[0]._fields, *branches, strict=True):
+        answers[name] = np.concatenate(parts)
+    return answers
+
+
+def _answers_in_space(query: Query, x: Array, search: Search) -> Answers:
+    """Return the answers to positions (n, 3) of an arm in space, or to poses."""
+    if search.readout is not None:
+        raise BadOption(
+            "--readout is for positions in the sensor's frame alone"
+        )
+    if query.frame != "base" and Space.of(query.model).camera:
+        raise QueryError(
+            "a pixel alone is no position in space; give --on z=H or --in base"
+        )
+    return solve_poses(
+        query.model,
+        x,
+        search.turn,
+        search.near,
+        frame=query.frame,
+        every=search.all_branches,
+        keep=search.keep_turn,
+        free=search.free,
+    )._asdict()
