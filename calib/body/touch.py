@@ -166,7 +166,10 @@ def fit_touches(
     held_out = np.empty((len(q), 3))
     held_out[~measured] = _about_means(of_all.held_out, point[~measured])
     if measured.any():
-        held_out[measured] = of_all.beside[0].held_out
+        by_sensor = of_all.beside[0]
+        held_out[measured] = by_sensor.held_out
+        # bounds are of touches and of readings
+        body = replace(body, noise=np.maximum(body.noise, by_sensor.body.noise))
         sensor = structure.sensor(body.beta)
         points = points @ sensor.rotation.T + sensor.shift
     else:

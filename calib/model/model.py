@@ -26,18 +26,7 @@ if TYPE_CHECKING:
 
     from .paths import Path
 
-FUNCTIONS = [
-    "adapt",
-    "check",
-    "correct",
-    "evaluate",
-    "figures",
-    "follow",
-    "monitor",
-    "preview",
-    "recognise",
-    "report",
-]
+FUNCTIONS = "adapt check correct evaluate figures follow monitor preview recognise report"
 """What is done with a model, rather than asked of it, is a function of the package."""
 
 
@@ -57,7 +46,7 @@ class Model(Compilable):
             """Name the function where a method is asked for that is none."""
             hint = (
                 f": call `calib.{name}(model, ...)`"
-                if name in FUNCTIONS
+                if name in FUNCTIONS.split()
                 else ""
             )
             raise AttributeError(f"a model has no attribute {name!r}{hint}")

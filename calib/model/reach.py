@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arm.rotations import quaternion_of
-from ..common.arrays import Array, Index
+from ..common.arrays import Array
 from ..common.scale import Scale
 from ..inverse.closed_form import WAYS, ClosedForm
 from ..inverse.newton import Newton
@@ -18,22 +18,13 @@ from ..inverse.search import Search, Starts
 from ..inverse.settings import SEARCH
 from ..inverse.slides import settle
 from ..inverse.task import Poses, Positions, Task
-from ..inverse.ways import rank_within
+from ..inverse.ways import distinct, rank_within
 from ..kernel.compiled import CERTAIN, Library
 from .space import REACHED, Space
 
 _LONG = 16  # times as many steps of Newton beside a singularity
 _SAME = 1e-3  # of the joints' ranges: ways that slide to one place are one way
 _FAMILIES = 4  # ways of redundant joints to a pose that are answered
-
-
-def _apart(newton: Newton, u: Array, order: Index) -> Index:
-    """Return the numbers of joint values (n, dof) in an order, without those that are there."""
-    chosen: list[int] = []
-    for k in order.tolist():
-        if not (newton.away(u[chosen], u[k]) < _SAME).any():
-            chosen.append(k)
-    return np.array(chosen, dtype=np.intp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +138,9 @@ class Reach:
                 u = self._unit(rows)
             order = np.argsort(newton.away(u, wish[k]), kind="stable")
             if newton.redundant:
-                order = _apart(newton, u, order)[:_FAMILIES]
+                owner = np.zeros(len(u), dtype=np.intp)
+                single = distinct(self._scale, owner, u[order], _SAME)
+                order = order[single][:_FAMILIES]
             ways[k] = rows[order]
         return ways
 

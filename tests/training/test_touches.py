@@ -110,6 +110,9 @@ def test_positions_of_a_sensor_stand_beside_touches(tmp_path, run):
     off = np.linalg.norm(model.forward(fresh) - true, axis=1)
     assert off.mean() < 1e-3
     assert np.mean(off < model.expected_error(fresh)) > 0.9
+    readings = true + 0.2e-3 * rng.standard_normal(true.shape)
+    off = np.linalg.norm(model.forward(fresh) - readings, axis=1)
+    assert np.mean(off < model.expected_error(fresh)) > 0.9
     assert calib.evaluate(model, log).touch["scatter"]["mean"] < 0.5e-3
 
 
