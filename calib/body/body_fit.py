@@ -185,9 +185,6 @@ def _with_bound(
     part = whole.parts[k]
     structure = part.structure
     held_out = leave_blocks_out(whole, sensor=k)
-    kappa = FIT.unknown_kappa
-    if isinstance(rows.sensor, str) or k == 0:
-        kappa = max(1.0, held_out.ratio())
     second: Second | None = None
     if wide is not None:
         other, spread = wide
@@ -199,7 +196,7 @@ def _with_bound(
         active=whole.active,
         root=root,
         noise=part.noise,
-        kappa=kappa,
+        kappa=max(1.0, held_out.ratio()),
         tau=held_out.tau(part),
         residual=np.zeros(structure.outputs),
         nu=whole.nu,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from .normal import positive_root
 
 NORMAL_95 = 1.6448536269514722  # one-sided quantile of 95 %
 
@@ -70,18 +71,13 @@ def autocorrelation_time(r: Array) -> float:
 
 
 def root_of(covariance: Array) -> Array:
-    """Root (k, k) of a positive semidefinite matrix, a lower triangle where it is definite."""
+    """Root (k, k) of a positive semidefinite matrix, a lower triangle."""
     variances = np.diag(covariance)
     deviations = np.sqrt(np.maximum(variances, 0.0))
     safe = np.where(deviations > 0, deviations, 1.0)
     correlation = covariance / safe[:, None] / safe
-    symmetric = (correlation + correlation.T) / 2
-    try:
-        root = np.linalg.cholesky(symmetric)
-    except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(symmetric)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-    return np.asarray(root * deviations[:, None])
+    root: Array = deviations[:, None] * positive_root(correlation)
+    return root
 
 
 def pack(root: Array) -> _Packed:

@@ -22,15 +22,8 @@ from .views import ArmSize, Measurement
 
 L = TypeVar("L", bound="Layout")
 
-Ladder = tuple[tuple[str, tuple[str, ...]], ...]
+Members = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
-
-
-def members_of(
-    ladder: Sequence[tuple[str, tuple[str, ...], bool]],
-) -> Ladder:
-    """The members of a ladder that are wanted."""
-    return tuple((name, groups) for name, groups, wanted in ladder if wanted)
 
 
 class Layout:
@@ -207,9 +200,21 @@ class Layout:
         """Blocks of the chain's geometry and of its joints."""
         raise NotImplementedError
 
-    def members(self) -> Ladder:
-        """The gate's members from simple to rich."""
+    def ladder(self) -> Sequence[tuple[str, tuple[str, ...], bool]]:
+        """Members from simple to rich: a name, the blocks that it frees, whether it is wanted."""
         raise NotImplementedError
+
+    def members(self) -> Members:
+        """The gate's members from simple to rich."""
+        if self.zeros_alone:
+            frame = self.frame_groups
+            return (
+                ("frame", frame or ("offset",)),
+                ("chain", (*frame, "offset")),
+            )
+        return tuple(
+            (name, groups) for name, groups, wanted in self.ladder() if wanted
+        )
 
     # Parameters.
 

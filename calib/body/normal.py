@@ -21,7 +21,7 @@ class Factor:
         diagonal = np.diag(matrix)
         self.scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
         scaled = matrix * self.scale[:, None] * self.scale
-        self._root = _root_of(scaled)
+        self._root = positive_root(scaled)
 
     def solve(self, b: Array) -> Array:
         """Solution (k,) or (k, r) of ``matrix x = b``."""
@@ -51,7 +51,7 @@ class Factor:
         return 2 * float(root.sum() - scale.sum())
 
 
-def _root_of(matrix: Array) -> Array:
+def positive_root(matrix: Array) -> Array:
     """Lower triangular root (k, k) of a matrix, or of one with a little more on its diagonal."""
     eye = np.eye(len(matrix))
     for jitter in _JITTERS:

@@ -13,7 +13,6 @@ from ..common.arrays import Array
 from ..common.scale import METRES
 from .curves import curve_shape
 from .drawing import Complex, PlanarDrawing
-from .layout import Ladder, members_of
 from .parameters import Block, Hyper, Indices
 from .sensors import InPlane
 from .settings import FIT, PRIOR, SHIFT, TURN
@@ -261,21 +260,16 @@ class PlanarStructure(Structure):
         offsets = self.groups["offset"][slides]
         yield offsets, lambda: (_pairs(1j * motion.terms[slides]), None)
 
-    def members(self) -> Ladder:
-        """The gate's members from simple to rich."""
+    def ladder(self) -> Sequence[tuple[str, tuple[str, ...], bool]]:
+        """Members from simple to rich: a name, the blocks that it frees, whether it is wanted."""
         turns = any(self.revolute)
         exact = self.simulated
         joints = ("length", "offset", "gain")
         frame = self.frame_groups
-        if self.zeros_alone:
-            return (
-                ("frame", frame or ("offset",)),
-                ("chain", (*frame, "offset")),
-            )
         bent = ("view.shear", "view.tilt")
         few = (*(group for group in frame if group not in bent), *joints)
         chain = (*frame, *joints)
-        ladder = (
+        return (
             ("frame", frame or ("offset",), self.nominal is not None),
             # few rows of a camera that looks straight down need no more
             ("similarity", few, "view.shear" in frame),
@@ -288,7 +282,6 @@ class PlanarStructure(Structure):
             ("elastic", (*chain, "elastic"), turns),
             ("curves and elastic", (*chain, "elastic", "curve"), turns),
         )
-        return members_of(ladder)
 
 
 def planar_structure(

@@ -18,7 +18,6 @@ from ..arm.gravity import GRAVITY, Loads
 from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array
 from .curves import curve_shape
-from .layout import Ladder, members_of
 from .parameters import Block, Hyper, Indices
 from .sensors import InSpace
 from .settings import FIT, PRIOR, SHIFT, TURN
@@ -282,11 +281,9 @@ class SpatialStructure(Structure):
             moved[turns] = compose(beta[turns], step)
         return moved
 
-    def members(self) -> Ladder:
-        """The gate's members from simple to rich."""
+    def ladder(self) -> Sequence[tuple[str, tuple[str, ...], bool]]:
+        """Members from simple to rich: a name, the blocks that it frees, whether it is wanted."""
         frame = self.frame_groups
-        if self.zeros_alone:
-            return (("frame", frame), ("chain", (*frame, "offset")))
         turning = np.asarray(self.revolute)
         drawn = self.informed
         chain = (*frame, "placement")
@@ -297,7 +294,7 @@ class SpatialStructure(Structure):
         gears = bool((turning[1:] & turning[:-1]).any())
         # touches of some places follow wrong gains: 2 % more error elsewhere
         geared = "point" not in self.groups
-        ladder = (
+        return (
             ("frame", frame, drawn),
             ("offsets", (*frame, "offset"), drawn and self.camera),
             ("chain", chain, True),
@@ -307,7 +304,6 @@ class SpatialStructure(Structure):
             ("geared", (*chain, "gain"), geared),
             ("curves", (*bent, "curve"), bool(turning.any())),
         )
-        return members_of(ladder)
 
     def pose(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Position (n, 3) [m] and orientation (n, 3, 3) of the tip in the arm's root frame."""

@@ -10,7 +10,7 @@ with loads ``load_e = gravity . lever_e(q)``.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from functools import cached_property, lru_cache, partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -128,15 +128,11 @@ class Structure(Layout):
             gravity = constants.gravity
         bends = np.zeros((len(self.chain_names), len(q)))
         for block, elastic in constants.elastic.items():
-            levers = self._levers(block, q)
+            loads = self.loads[block]
+            levers = loads.levers(q[:, : self.dof])
             angles = elastic[:, None] * loads_of(levers, gravity)
-            np.add.at(bends, self.loads[block].joints, angles)
+            np.add.at(bends, loads.joints, angles)
         return bends
-
-    @cached_property
-    def _last_levers(self) -> dict[str, tuple[Array, Array]]:
-        """The last rows of each block of elasticity, and their levers."""
-        return {}
 
     def offsets(self, beta: Array) -> Array:
         """What is added to the joints' values (dof,)."""
@@ -149,15 +145,6 @@ class Structure(Layout):
     def joint_slope(self, chain_slope: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
         return chain_slope
-
-    def _levers(self, block: str, q: Array) -> Array:
-        """Levers (e, g, n) of rows, remembered: a fit asks for the same again."""
-        rows, levers = self._last_levers.get(block, (None, None))
-        if levers is None or rows is not q:
-            joints = q[:, : self.dof]
-            levers = self.loads[block].levers(joints)
-            self._last_levers[block] = (q, levers)
-        return levers
 
     def move(self, values: Array, beta: Array) -> Motion:
         """Where the chain is at the true values (c, n) of its joints."""
@@ -237,10 +224,9 @@ class Structure(Layout):
         joint_slope = self.joint_slope(chain_slope)
 
         def by_loads(block: str) -> Array:
-            levers = self._levers(block, q)
-            loads = loads_of(levers, constants.gravity)
-            bent = self.loads[block].joints
-            moved: Array = chain_slope[bent] * loads[:, None]
+            bending = self.loads[block]
+            loads = loads_of(bending.levers(joints), constants.gravity)
+            moved: Array = chain_slope[bending.joints] * loads[:, None]
             return moved
 
         for block in self.loads:

@@ -36,7 +36,7 @@ def words_of(
     postures = rng.uniform(lower, upper, (POSTURES, structure.dof))
     return (
         *_of_joints(structure, beta, half),
-        *_of_gravity(structure, beta, half, postures),
+        *_of_loads(structure, beta, half, postures),
         *_of_sensor(structure, beta, half),
     )
 
@@ -76,10 +76,10 @@ def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
         yield f"{joint}: {', '.join(texts)}"
 
 
-def _of_gravity(
+def _of_loads(
     structure: Structure, beta: Array, half: Array, postures: Array
 ) -> Iterator[str]:
-    """How far loads bend the joints at most, and where gravity points, if the drawing errs."""
+    """How far loads bend the joints at most."""
     groups = structure.groups
     if not any(half[groups[block]].any() for block in structure.loads):
         return
@@ -87,12 +87,6 @@ def _of_gravity(
     for joint, bend in zip(structure.chain_names, largest, strict=True):
         if bend >= LEAST_BEND:
             yield f"{joint}: bends by up to {number(1e3 * bend)} mrad under load"
-    angles: Sequence[int] | Indices = groups.get("gravity", [])
-    tilt = float(np.linalg.norm(beta[angles]))
-    both = float(np.linalg.norm(half[angles]))
-    width = both / np.sqrt(2)
-    if tilt > width > 0.0:
-        yield f"gravity points {_interval(tilt, width, 'rad')} away from the drawing's down"
 
 
 def _interval(value: float, half: float, unit: str, sign: str = "") -> str:

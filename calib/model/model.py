@@ -26,18 +26,7 @@ if TYPE_CHECKING:
 
     from .paths import Path
 
-FUNCTIONS = [
-    "adapt",
-    "check",
-    "correct",
-    "evaluate",
-    "figures",
-    "follow",
-    "monitor",
-    "preview",
-    "recognise",
-    "report",
-]
+FUNCTIONS = "adapt check correct evaluate figures follow monitor preview recognise report"
 """What is done with a model, rather than asked of it, is a function of the package."""
 
 
@@ -57,7 +46,7 @@ class Model(Compilable):
             """Name the function where a method is asked for that is none."""
             hint = (
                 f": call `calib.{name}(model, ...)`"
-                if name in FUNCTIONS
+                if name in FUNCTIONS.split()
                 else ""
             )
             raise AttributeError(f"a model has no attribute {name!r}{hint}")
@@ -368,9 +357,9 @@ class Model(Compilable):
         if quaternion is None:
             return self._single("inverse", near, position)
         axis = free_axis(free)
-        open_axis = [-1 if axis is None else axis]
+        no_starts = (-1 if axis is None else axis, 0, 0)
         unsure = {0} if self.strict else {0, 1, 2, 3} - {CERTAIN}
-        question = (near, position, quaternion, open_axis, [-1])
+        question = (near, position, quaternion, no_starts)
         return self._single("poses", *question, unsure=unsure)
 
     def jacobian(self, q: ArrayLike) -> Array:

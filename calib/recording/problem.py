@@ -211,29 +211,23 @@ def turning(poses: Array) -> tuple[Array, Array]:
     return np.asarray(sizes / np.sqrt(len(vectors))), axes
 
 
-def _problem(
-    views: Sequence[View],
-    rows: Index,
-    motions: Motions,
-) -> Problem:
+def _problem(views: Sequence[View], rows: Index, motions: Motions) -> Problem:
     """The problem, which begins at a closed form of each camera."""
-    flange = motions.poses(np.zeros(motions.size))
-    starts: list[Start] = []
+    starts = _starts(views, rows, motions)
     numbered: list[View] = []
-    boards: dict[bool, Start] = {}
-    for view in views:
-        there = flange[np.searchsorted(rows, view.rows)]
-        start = find_start(there, view, "m")
-        _refuse_mirrored(view, start)
-        board = boards.setdefault(view.in_hand, start)
-        start = _from_same_end(start, board, view.board.half_turn)
-        starts.append(start)
+    for view, start in zip(views, starts, strict=True):
         shots = view.shots.turned(start.turned)
         numbered.append(replace(view, shots=shots))
     bundle = _bundle(numbered, rows, motions)
     layout = bundle.layout
-    mean = np.zeros(layout.size)
+    # of each board the first camera that sees it
+    boards = [
+        starts[bundle.boards.index(k)] for k in sorted(set(bundle.boards))
+    ]
+
+    # values to begin with, prior means, and the scales of priors
     begin = np.zeros(layout.size)
+    mean = np.zeros(layout.size)
     scales: list[Scale] = []
     for view, lens in zip(numbered, layout.lenses, strict=True):
         begin[lens] = view.lens.parameters
@@ -241,25 +235,42 @@ def _problem(
         if view.given is None:
             mean[lens[4:]] = 0.0
         scales += _lens_scales(view, lens)
-    for start, shape in zip(boards.values(), layout.shapes, strict=True):
+    for start, shape in zip(boards, layout.shapes, strict=True):
         begin[shape[-1]] = start.size
         scales += _board_scales(start, shape)
     if isinstance(motions, JointMotions):
         scales += motions.scales(layout.arm)
-    frames = [start.camera for start in starts]
-    frames += [start.board for start in boards.values()]
     sizes = np.full(layout.size, np.inf)
     for scale in scales:
         sizes[scale.indices] = scale.start
+
     noise = Noise(
         corner=np.full(len(views), PRIORS.corner),
         error=np.repeat([*PRIORS.motion, PRIORS.focus], [3, 3, len(views)]),
         prior=sizes,
     )
+    frames = [start.camera for start in starts]
+    frames += [start.board for start in boards]
     exact = np.zeros((len(rows), layout.errors))
     unknowns = Unknowns(np.array(frames), begin, exact)
     fit = Fit(unknowns, noise, np.zeros((0, 0)))
     return Problem(numbered, rows, bundle, Prior(mean, scales), fit)
+
+
+def _starts(
+    views: Sequence[View], rows: Index, motions: Motions
+) -> list[Start]:
+    """Where each camera and its board begin; cameras at one place number a board from one end."""
+    flange = motions.poses(np.zeros(motions.size))
+    starts: list[Start] = []
+    firsts: dict[bool, Start] = {}
+    for view in views:
+        there = flange[np.searchsorted(rows, view.rows)]
+        start = find_start(there, view, "m")
+        _refuse_mirrored(view, start)
+        first = firsts.setdefault(view.in_hand, start)
+        starts.append(_from_same_end(start, first, view.board.half_turn))
+    return starts
 
 
 def _from_same_end(

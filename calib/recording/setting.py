@@ -28,11 +28,9 @@ LOOKS = 12
 _MOST_TWICE = 0.1
 
 
-COLOURS = {
-    "tag": (60, 200, 60),
-    "mark": (230, 90, 230),
-    "place": (255, 200, 0),
-}
+TAG_COLOUR = (60, 200, 60)
+MARK_COLOUR = (230, 90, 230)
+PLACE_COLOUR = (255, 200, 0)
 """Red, green and blue of what is drawn."""
 
 
@@ -247,12 +245,11 @@ def write_overlay(
     if tags:
         corners = [tag.corners[None].astype(np.float32) for tag in tags]
         numbers = np.array([tag.number for tag in tags])
-        cv2.aruco.drawDetectedMarkers(canvas, corners, numbers, COLOURS["tag"])
+        cv2.aruco.drawDetectedMarkers(canvas, corners, numbers, TAG_COLOUR)
     marks = {} if setting.board is None else setting.marks(grey, ())
     radius = max(3, round(max(canvas.shape) / 213))
-    circles = {"place": places, "mark": marks.values()}
-    for what, centres in circles.items():
-        colour = COLOURS[what]
+    circles = ((PLACE_COLOUR, places), (MARK_COLOUR, marks.values()))
+    for colour, centres in circles:
         for centre in centres:
             middle = np.round(centre).astype(int).tolist()
             cv2.circle(canvas, middle, radius, colour, -1, cv2.LINE_AA)

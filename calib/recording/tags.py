@@ -7,7 +7,7 @@ to .010 px, where OpenCV's contours leave .093; a board's corners to .011 for .0
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -81,22 +81,8 @@ class Tag:
     @property
     def side(self) -> float:
         """Mean length of its sides [px]."""
-        return float(_sides(self.corners).mean())
-
-    @property
-    def upright(self) -> float:
-        """How far it faces the camera: about the cosine of its tilt, by its area."""
-        first = self.corners[2] - self.corners[0]
-        second = self.corners[3] - self.corners[1]
-        area = 0.5 * abs(first[0] * second[1] - first[1] * second[0])
-        longest = _sides(self.corners).max()
-        return float(area / max(longest**2, 1e-9))
-
-
-def _sides(corners: Array) -> Array:
-    """Lengths (4,) [px] of the sides of a square in a picture."""
-    sides = np.roll(corners, -1, axis=0) - corners
-    return np.asarray(np.linalg.norm(sides, axis=1))
+        sides = np.roll(self.corners, -1, axis=0) - self.corners
+        return float(np.linalg.norm(sides, axis=1).mean())
 
 
 @cache
@@ -176,11 +162,7 @@ class TagFinder:
         homography, likeness = _lay(grey, page, np.asarray(start))
         if likeness < TAG.sharp:
             return tag
-        tag = Tag(number, _map_places(homography, square))
-        # short sides cross at a sharp angle: rendered at 60 to 80 deg the miss is 4 to 13 times as
-        # large (benchmarks/camera_real.py)
-        growth = max(1.0, 0.9 / tag.upright) ** 1.5
-        return replace(tag, noise=growth * tag.noise)
+        return Tag(number, _map_places(homography, square))
 
 
 def tag_cells(number: int, dictionary: str = DICTIONARY) -> NDArray[np.bool_]:

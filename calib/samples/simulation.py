@@ -286,9 +286,7 @@ class Simulation:
     @classmethod
     def from_json(cls, arm: Arm, data: Document) -> Simulation:
         """Rebuild what `to_json` returned, with the arm as it was described."""
-        return cls(
-            arm, noise=data["noise"], changes=parse_changes(data["changes"])
-        )
+        return cls(arm, data["noise"], data["changes"])
 
     def _behind_gears(self, q: ArrayLike) -> Array:
         """Where the joints stand when their encoders read `q`."""

@@ -3,8 +3,6 @@
 Use it on what a controller that trusts its URDF is about to command.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 

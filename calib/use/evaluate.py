@@ -1,7 +1,5 @@
 """Evaluation: the errors of a model on a log, or on fresh samples of a simulation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 

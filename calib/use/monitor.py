@@ -1,7 +1,5 @@
 """The monitor: one sample at a time, in constant memory, whether the model still fits."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -103,7 +101,8 @@ class Monitor:
         self._sums = np.zeros(2)
         # joints and residuals since the last judgement
         self._latest: list[tuple[Array, Array]] = []
-        self._state = State(0, False, 0.0, np.nan, ())
+        self.state = State(0, False, 0.0, np.nan, ())
+        """After the last sample."""
 
     def update(
         self, q: Sequence[float] | Array, x: Sequence[float] | Array
@@ -122,23 +121,18 @@ class Monitor:
                 f"{expected[0]} and {expected[1]}"
             )
         if not np.isfinite([*q, *x]).all():
-            return self._state
+            return self.state
         residual = x - model.forward(q)
         if not np.isfinite(residual).all():
-            return self._state
+            return self.state
         self._latest.append((q, residual))
         fade = self._fade  # sums over a window that forgets
         self._sums = self._sums * [fade, fade**2] + 1.0
-        state = self._state._replace(samples=self._state.samples + 1)
+        state = self.state._replace(samples=self.state.samples + 1)
         if state.samples % MONITOR.every == 0:
             state = self._judge(state)
-        self._state = state
+        self.state = state
         return state
-
-    @property
-    def state(self) -> State:
-        """The state after the last sample."""
-        return self._state
 
     def _judge(self, state: State) -> State:
         """The state by the tests of the samples that are remembered."""

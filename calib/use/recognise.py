@@ -1,7 +1,5 @@
 """Recognising: which of several models a log fits."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -36,7 +36,7 @@ def info(
         if loaded.approach is None
         else (2.0 * loaded.approach.play).tolist()
     )
-    limits = zip(about.lower.tolist(), about.upper.tolist(), strict=True)
+    limits = zip(about.lower, about.upper, strict=True)
     # a model knows no seconds: its bytes must not depend on the machine's pace
     document = summary(loaded, model, about.errors, {}) | {
         "ranges": by_name(names, limits),
