@@ -19,8 +19,6 @@ from ..common.scale import TURN
 
 #: Axes of a drawing meet, or are parallel, within this share of its length, or angle [rad].
 _EXACT = 1e-4
-WAYS = 8
-"""Ways of six joints to a pose by the closed form."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +72,12 @@ class ClosedForm:
         drawn_wrist = self.meeting - base
         height = second @ drawn_wrist
         base_to_wrist = wrist - base
-        back = _at_height(first, base_to_wrist, second, height)
+        back = _at_height(
+            first,
+            base_to_wrist,
+            second,
+            height,
+        )
         turns = _turns(first, back)
         in_plane = base + _rotate(turns, base_to_wrist)
         turn_left = turns @ turn
@@ -84,7 +87,7 @@ class ClosedForm:
             others = self._parallel_arm(turn_left, in_plane)
         angles = np.broadcast_arrays(-back, *others)
         stacked = np.stack(angles, axis=-1)
-        ways = stacked.reshape(WAYS, len(position), 6)
+        ways = stacked.reshape(8, len(position), 6)
         q = np.swapaxes(ways, 0, 1)
         within_turn = (q + np.pi) % TURN
         return np.asarray(within_turn - np.pi)
@@ -105,7 +108,12 @@ class ClosedForm:
         forearm_squared = forearm @ forearm
         rest = squared - upper_squared - forearm_squared
         bend_axis = self.axes[2]
-        lower = _at_height(bend_axis, forearm, upper_arm, rest / 2)
+        lower = _at_height(
+            bend_axis,
+            forearm,
+            upper_arm,
+            rest / 2,
+        )
         bent_forearm = _turns(bend_axis, lower) @ forearm
         upper = _angle(axis, upper_arm + bent_forearm, goal)
         return upper, lower
@@ -123,7 +131,12 @@ class ClosedForm:
         wrist = np.swapaxes(arm, -1, -2) @ turn
         goal = wrist @ third
         height = goal @ first
-        middle = _at_height(second, third, first, height)
+        middle = _at_height(
+            second,
+            third,
+            first,
+            height,
+        )
         bent = _turns(second, middle)
         fourth = _angle(first, bent @ third, goal)
         start = _rotate_back(bent, first)
@@ -141,7 +154,12 @@ class ClosedForm:
         sixth = self.axes[5]
         goal = turn @ sixth
         height = goal @ axis
-        tilt = _at_height(fifth, sixth, axis, height)
+        tilt = _at_height(
+            fifth,
+            sixth,
+            axis,
+            height,
+        )
         bent = _turns(fifth, tilt)
         start = _rotate_back(bent, axis)
         end = _rotate_back(turn, axis)

@@ -24,8 +24,6 @@ class FamilySettings:
 
     step: float = 0.03  # along a self-motion
     walk: int = 60  # most steps from one solution to another
-    # share of the way ahead that a step has to be able to go
-    stuck: float = 0.05
     arrived: float = 0.3  # of a step: so near to its goal a walk ends
     same: float = 1e-2  # solutions that are closer are of one family
     rounds: int = 6  # pairs of members between two families that are walked
@@ -38,7 +36,12 @@ def representatives(newton: Newton, ways: Ways, x: Array) -> Ways:
     """Of solutions of targets (n, m) the most central one of each connected family."""
     goals = x[ways.target]
     central = _slide_to_middle(newton, ways, goals)
-    family = _families(newton, ways, goals, central.u)
+    family = _families(
+        newton,
+        ways,
+        goals,
+        central.u,
+    )
     order = central.by_middle(newton.scale)
     _, first = np.unique(family[order], return_index=True)
     first = np.sort(first)
@@ -48,7 +51,13 @@ def representatives(newton: Newton, ways: Ways, x: Array) -> Ways:
 def _slide_to_middle(newton: Newton, ways: Ways, goals: Array) -> Ways:
     """Solutions as far towards the middle of the ranges as they slide."""
     middle = np.full_like(ways.u, 0.5)
-    stand = settle(newton, ways.u, goals, middle, FAMILIES.step)
+    stand = settle(
+        newton,
+        ways.u,
+        goals,
+        middle,
+        FAMILIES.step,
+    )
     u = stand.u
     lost = ~newton.is_met(stand.miss)
     u[lost] = ways.u[lost]
@@ -85,7 +94,12 @@ def _families(
             break
         start = a[nearest]
         goal = b[nearest]
-        arrived = _arrives(newton, u[start], u[goal], goals[start])
+        arrived = _arrives(
+            newton,
+            u[start],
+            u[goal],
+            goals[start],
+        )
         start = start[arrived]
         goal = goal[arrived]
         merged = _labels(count, family[start], family[goal])
@@ -137,14 +151,12 @@ def _arrives(newton: Newton, start: Array, goal: Array, x: Array) -> Mask:
         wish = newton.scale.difference(goal[rows], here.u)
         ahead = lengths(wish)
         move = newton.tangent(here, wish)
-        possible = lengths(move)
         u = here.u + limit_length(move, FAMILIES.step)
         trial = newton.refine(u, here.x, SEARCH.close)
         stand.put(rows, trial)
         shift = newton.away(trial.u, here.u)
         rest = newton.away(trial.u, goal[rows])
         going = newton.is_met(trial.miss)
-        going &= possible > FAMILIES.stuck * ahead
         going &= shift < 2 * FAMILIES.step
         going &= rest < ahead
         near = rest < FAMILIES.arrived * FAMILIES.step

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -13,12 +13,11 @@ from ..common.scale import TURN, Scale
 from .closed_form import ClosedForm
 from .settings import SEARCH
 from .task import Evaluate
-from .ways import spread_to_limits
+from .ways import drawn_joints
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
 
-_NEAREST = 192  # postures that a pose starts from, without compiled C
 _ASIDE = 0.1  # [rad] by which the drawing's joints may lie beyond the limits
 
 
@@ -30,27 +29,20 @@ class Postures:
     scale: Scale
     length: float  # [m], of the arm: a radian of turn counts as much
     columns: tuple[int, ...]  # of a pose (12,), those that a target asks for
+    apart: ClassVar[float] = SEARCH.apart
 
     def of(self, x: Array) -> tuple[Index, Array]:
         """The postures nearest to places (n, 3) or poses (n, 12)."""
         features = self._features(x)
-        _, rows = self._tree.query(features, _NEAREST)
+        _, rows = self._tree.query(features, SEARCH.nearest)
         targets = np.arange(len(x))
-        owner = np.repeat(targets, _NEAREST)
+        owner = np.repeat(targets, SEARCH.nearest)
         return owner, self._u[rows.ravel()]
 
     @cached_property
     def _u(self) -> Array:
-        """Joints (k, dof) of the unit box, evenly: multiples of powers (Roberts 2018)."""
-        dof = len(self.scale.span)
-        golden = 2.0  # the root of g^(dof + 1) = g + 1
-        for _ in range(SEARCH.steps):
-            golden = (1.0 + golden) ** (1.0 / (dof + 1))
-        powers = np.arange(1.0, dof + 1.0)
-        shares = golden**-powers
-        count = np.arange(1.0, SEARCH.postures + 1.0)
-        multiples = count[:, None] * shares
-        return spread_to_limits((0.5 + multiples) % 1.0)
+        """Joints (k, dof) of the unit box."""
+        return drawn_joints(SEARCH.postures, len(self.scale.span))
 
     @cached_property
     def _tree(self) -> KDTree:
@@ -79,6 +71,7 @@ class DrawnPostures:
     # (6,) each: the drawing's joints are gain q + offset
     gain: Array
     offset: Array
+    apart: ClassVar[float] = SEARCH.same
 
     def of(self, x: Array) -> tuple[Index, Array]:
         """Joints of every way to poses (n, 12), without those beyond the limits."""

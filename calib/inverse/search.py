@@ -8,14 +8,12 @@ from typing import Protocol
 import numpy as np
 
 from ..common.arrays import Array, Index
-from ..common.scale import Scale
-from .closest import closest
 from .families import representatives
 from .folds import twins
 from .newton import Newton, Stand
 from .settings import SEARCH
 from .slides import settle
-from .ways import Ways, distinct, spread_to_limits
+from .ways import Ways, distinct, drawn_joints
 
 _FURTHER = 1e3
 """What is missed ranks behind whatever is met."""
@@ -52,6 +50,14 @@ class Nearest:
         Those that no way has met are `_FURTHER`.
         """
         return (self.rank >= distance).nonzero()[0]
+
+    def try_likely(self, owner: Index, start: Array) -> None:
+        """Try those starts (k, dof) of targets (k,) that may lead to nearer ways."""
+        away = self.newton.away(start, self.near[owner])
+        furthest = self.rank.copy()
+        np.minimum.at(furthest, owner, away + 2 * SEARCH.margin)
+        likely = away <= furthest[owner] + SEARCH.margin
+        self.try_starts(owner[likely], start[likely])
 
     def try_starts(self, owner: Index, start: Array) -> None:
         """Lead starts (k, dof) to targets (k,) and take the ways that are better."""
@@ -101,24 +107,18 @@ class Search:
         """Whether there are more joints than the task has residuals."""
         return self.newton.redundant
 
-    @property
-    def scale(self) -> Scale:
-        """Range of the joints."""
-        return self.newton.scale
-
     def solve(self, x: Array, near: Array) -> tuple[Array, Array]:
         """Joints (n, dof) for targets `x` (n, m) nearest to `near` (n, dof), what is missing (n,).
 
         Joints are in the unit box; out of reach they are those of the nearest attainable point.
         """
         stand = self.nearest(x, near)
-        u = stand.u
-        miss = stand.miss
-        met = self.newton.is_met(miss)
+        met = self.newton.is_met(stand.miss)
         lost = np.flatnonzero(~met)
         if len(lost):
-            u[lost], miss[lost] = closest(self.newton, u[lost], x[lost])
-        return u, miss
+            closest = self.newton.closest(stand.u[lost], x[lost])
+            stand.put(lost, closest)
+        return stand.u, stand.miss
 
     def solve_all(self, x: Array) -> Ways:
         """Every distinct solution of targets (n, m).
@@ -137,7 +137,7 @@ class Search:
         middle = np.full((len(lost), dof), 0.5)
         u, miss = self.solve(x[lost], middle)
         others = Ways(lost, u, miss)
-        return ways.joined(others, self.scale)
+        return ways.joined(others, self.newton.scale)
 
     def nearest(self, x: Array, near: Array) -> Stand:
         """Joints nearest to `near` (n, dof) for targets `x`, or what comes close to them."""
@@ -149,29 +149,25 @@ class Search:
             best = Nearest.of(newton, stand, near)
             rows = best.further(SEARCH.surely)
             if len(rows):
-                self._try_likely_starts(best, rows)
+                target, start = self.starts.of(x[rows])
+                best.try_likely(rows[target], start)
         rows = best.further(_FURTHER)
         if len(rows):
             target, start = self._starts_everywhere(x[rows])
             best.try_starts(rows[target], start)
         rows = best.further(SEARCH.beside)
         if len(rows) and not self.redundant:
-            self._try_across_folds(best, rows)
+            place, start = twins(newton, best.stand.rows(rows), self.folded)
+            best.try_likely(rows[place], start)
         return best.stand
 
     def _try_all_at_once(self, x: Array, near: Array) -> Nearest:
-        """Lead the joints asked for, if they are close, and likely starts to targets together."""
+        """Lead all starts to targets, with the joints asked for where they are close."""
         newton = self.newton
         count = len(x)
         target, start = self.starts.of(x)
-        away = newton.away(start, near[target])
-        nearest = np.full(count, np.inf)
-        np.minimum.at(nearest, target, away)
-        furthest = nearest[target] + 3 * SEARCH.margin
-        likely = away <= furthest
-        targets = np.arange(count)
-        owner = np.concatenate([targets, target[likely]])
-        u = np.concatenate([near, start[likely]])
+        owner = np.concatenate([np.arange(count), target])
+        u = np.concatenate([near, start])
         stand = newton.at(u, x[owner])
         hopeful = stand.miss <= SEARCH.rough * newton.task.size
         hopeful[count:] = True
@@ -179,30 +175,8 @@ class Search:
         first = stand.rows(slice(count))
         best = Nearest.of(newton, first, near)
         others = stand.rows(slice(count, None))
-        best.take(owner[count:], others)
+        best.take(target, others)
         return best
-
-    def _try_likely_starts(self, best: Nearest, rows: Index) -> None:
-        """Try the starts of some targets that are near enough."""
-        targets = best.stand.x[rows]
-        target, start = self.starts.of(targets)
-        owner = rows[target]
-        away = self.newton.away(start, best.near[owner])
-        furthest = best.rank.copy()
-        np.minimum.at(furthest, owner, away + 2 * SEARCH.margin)
-        likely = away <= furthest[owner] + SEARCH.margin
-        best.try_starts(owner[likely], start[likely])
-
-    def _try_across_folds(self, best: Nearest, rows: Index) -> None:
-        """Try what lies across a fold beside the ways to some targets."""
-        here = best.stand.rows(rows)
-        place, start = twins(self.newton, here, self.folded)
-        if not len(place):
-            return
-        owner = rows[place]
-        away = self.newton.away(start, best.near[owner])
-        likely = away <= best.rank[owner] + SEARCH.margin
-        best.try_starts(owner[likely], start[likely])
 
     def every(self, x: Array) -> Ways:
         """Every way to targets (n, m), sorted as those of `solve_all`.
@@ -217,24 +191,22 @@ class Search:
         stand = newton.refine(start, x[target])
         ways = Ways(target, stand.u, stand.miss)
         if newton.redundant:
-            ways = ways.rows(ways.by_middle(self.scale))
+            ways = ways.rows(ways.by_middle(self.newton.scale))
         else:  # where branches meet
             place, across = twins(newton, stand, SEARCH.folded)
             other = newton.refine(across, stand.x[place])
             others = Ways(target[place], other.u, other.miss)
-            ways = ways.joined(others, self.scale)
+            ways = ways.joined(others, self.newton.scale)
         met = newton.is_met(ways.miss)
         ways = ways.rows(met)
-        single = distinct(self.scale, ways.target, ways.u, SEARCH.same)
+        single = distinct(self.newton.scale, ways.target, ways.u, SEARCH.same)
         return ways.rows(single)
 
     def _starts_everywhere(self, x: Array) -> tuple[Index, Array]:
         """All starts of targets (n, m), and joints at random all over their ranges."""
         target, start = self.starts.of(x)
-        count = len(x)
-        shape = SEARCH.drawn, start.shape[1]
-        share = np.random.default_rng(0).random(shape)
-        drawn = np.tile(spread_to_limits(share), (count, 1))
-        owner = np.repeat(np.arange(count), SEARCH.drawn)
+        drawn = drawn_joints(SEARCH.drawn, start.shape[1])
+        owner = np.repeat(np.arange(len(x)), len(drawn))
         targets = np.concatenate([target, owner])
-        return targets, np.concatenate([start, drawn])
+        joints = np.concatenate([start, np.tile(drawn, (len(x), 1))])
+        return targets, joints

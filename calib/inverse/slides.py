@@ -63,7 +63,13 @@ class Slides:
         share = np.ones(len(near))
         pull = np.zeros(near.shape)
         shift = np.zeros(near.shape)
-        return Slides(newton, near, share, pull, shift)
+        return Slides(
+            newton,
+            near,
+            share,
+            pull,
+            shift,
+        )
 
     def next(self, stand: Stand, rows: Index, longest: float) -> Index:
         """Slide some rows of a stand once, and say which have not settled.

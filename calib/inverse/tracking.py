@@ -59,7 +59,7 @@ def follow_targets(
     else:
         wish = start
         if wish is None:
-            wish = np.full(search.scale.span.shape, 0.5)
+            wish = np.full(search.newton.scale.span.shape, 0.5)
         front, _ = search.solve(targets[:1], wish[None])
     rows = _furthest(search, targets, front)
     jumps: list[int] = []
@@ -108,7 +108,12 @@ def _furthest(search: Search, x: Array, front: Array) -> Array:
     for before, target in itertools.pairwise(x):
         rows = history[-1].copy()
         u = rows[alive]
-        moved, going = _advance(search, u, before, target)
+        moved, going = _advance(
+            search,
+            u,
+            before,
+            target,
+        )
         if not going.any():
             break
         rows[alive] = moved
@@ -161,7 +166,12 @@ def _step(newton: Newton, u: Array, targets: Array) -> Stand:
         here = newton.at(u, targets)
         drift = newton.tangent(here, TRACKING.wish * wish)
         u = u + drift
-    return newton.refine(u, targets, SEARCH.close, TRACKING.few)
+    return newton.refine(
+        u,
+        targets,
+        SEARCH.close,
+        TRACKING.few,
+    )
 
 
 def _reaches(search: Search, x: Array) -> bool:

@@ -49,8 +49,9 @@ def rank_within(owner: Index) -> Index:
     return row - first_row
 
 
-def spread_to_limits(u: Array) -> Array:
-    """Joints all over the unit box (n, dof), drawn apart so that many are at a limit."""
+def drawn_joints(count: int, dof: int) -> Array:
+    """Joints (count, dof) all over the unit box, many of them at a limit; always the same."""
+    u = np.random.default_rng(0).random((count, dof))
     outwards = SEARCH.aside * (2.0 * u - 1.0)
     return np.clip(u + outwards, 0.0, 1.0)
 

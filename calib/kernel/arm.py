@@ -61,7 +61,14 @@ class Sag:
         moments = np.column_stack([masses, arms])
         link = np.arange(loads.chain.joints)[:, None] == loads.links
         beyond = loads.weights * (loads.links >= loads.joints[:, None])
-        return np.asarray(np.einsum("ep,mp,pk->emk", beyond, link, moments))
+        return np.asarray(
+            np.einsum(
+                "ep,mp,pk->emk",
+                beyond,
+                link,
+                moments,
+            )
+        )
 
     @property
     def bending(self) -> Array:

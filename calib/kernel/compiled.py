@@ -58,7 +58,7 @@ COMPILER = Compiler()
 
 
 # where the arguments beside joints begin in a question, see ``c/many.h``
-PARTS = (16, 20, 24, 25, 26)
+PARTS = (16, 20, 24, 27)
 # from how many rows on two threads share them: one takes a millisecond or more
 SHARED_ROWS = 1000
 
@@ -109,7 +109,8 @@ class Library:
         self._local = threading.local()
         self._dof = dof
         place = (outputs,)
-        pose = (3, 4, 1, 1)  # and the free axis, or -1, and how many starts
+        # and the free axis, or -1, how far starts are apart, and how many there are
+        pose = (3, 4, 3)
         self._questions = {
             "forward": Question("forward", (), place),
             "jacobian": Question("jacobian", (), (outputs, dof)),
@@ -126,10 +127,6 @@ class Library:
             "correct": Question("correct", (), (1, dof)),
         }
         self.poses = self.has("pose")  # whether it knows poses in space
-        if self.poses:
-            self._table = np.zeros(self._library.calib_table_size(), np.uint8)
-            address = ctypes.c_void_p(self._table.ctypes.data)
-            self._library.calib_prepare(address)
 
     def has(self, name: str) -> bool:
         """Whether it answers a kind of single query."""
@@ -195,7 +192,13 @@ class Library:
         )
         answer = np.zeros(question.answer)
         addresses = row.ctypes.data, answer.ctypes.data
-        return Buffers(call, addresses, row[: self._dof], parts, answer)
+        return Buffers(
+            call,
+            addresses,
+            row[: self._dof],
+            parts,
+            answer,
+        )
 
     def rows(
         self, name: str, joints: Array, *arguments: Array
@@ -228,7 +231,12 @@ class Library:
         )
 
         def answer(first: int, last: int) -> None:
-            call(row, ctypes.c_long(first), ctypes.c_long(last), *passed)
+            call(
+                row,
+                ctypes.c_long(first),
+                ctypes.c_long(last),
+                *passed,
+            )
 
         if n < SHARED_ROWS or os.cpu_count() == 1:
             answer(0, n)
@@ -264,7 +272,12 @@ def compile_source(text: str, dof: int, outputs: int) -> Library:
     for flags in ((*COMPILER.flags, *COMPILER.quick), COMPILER.flags):
         complaint = _complaint([*command, *flags, *files])
         if not complaint:
-            return Library(path, folder, dof, outputs)
+            return Library(
+                path,
+                folder,
+                dof,
+                outputs,
+            )
     raise OptionError(f"{command[-1]} failed: {complaint}")
 
 

@@ -175,12 +175,25 @@ class CompactPosterior:
         cosines = np.cos(angles)
         sines = np.sin(angles)
         waves = np.concatenate([cosines, sines], axis=2)
-        along = np.einsum("knh,khbw->bnkw", waves, self.curves, optimize=True)
+        along = np.einsum(
+            "knh,khbw->bnkw",
+            waves,
+            self.curves,
+            optimize=True,
+        )
         size = self._alone_at(q)
         joints = by_joints.transpose(2, 1, 0)  # (n, m, dof)
         # (b, n, m, w), how each direction moves positions
         along_geometry = np.tensordot(by_geometry, geometry, (0, 0))
-        moves = along_geometry.transpose(2, 1, 0, 3) + joints @ along
+        moves = (
+            along_geometry.transpose(
+                2,
+                1,
+                0,
+                3,
+            )
+            + joints @ along
+        )
         ways = moves[..., :-1]
         spread = ways @ np.swapaxes(ways, 2, 3)
         # (b, n, m, dof), what each curve moves by itself
@@ -244,7 +257,12 @@ def _curves_alone(root: Array, groups: list[NDArray[np.intp]]) -> Array:
     """Variances (dof, knots) of curves by themselves, from a root (d, k) of their covariance."""
     alone = np.zeros((len(groups), COMPACT.knots))
     whole_turn = 2 * np.pi
-    turn: Array = np.linspace(0.0, whole_turn, COMPACT.knots, endpoint=False)
+    turn: Array = np.linspace(
+        0.0,
+        whole_turn,
+        COMPACT.knots,
+        endpoint=False,
+    )
     waves = waves_of(turn).T
     for k, group in enumerate(groups):
         if len(group):

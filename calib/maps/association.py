@@ -110,12 +110,20 @@ class Association:
             of_sensory.shifts(sensory.spacing),
         )
 
-    def predict(self, q: Array, readout: str = "activity") -> Array:
+    def predict(
+        self,
+        q: Array,
+        readout: str = "activity",
+    ) -> Array:
         """Positions (n, m) that a readout gives for joints (n, dof), both in their own units."""
         u = self.motor.scale.to_unit(np.atleast_2d(np.asarray(q, dtype=float)))
         return self.sensory.scale.from_unit(self.forward(u, readout))
 
-    def forward(self, u: Array, readout: str) -> Array:
+    def forward(
+        self,
+        u: Array,
+        readout: str,
+    ) -> Array:
         """Positions in the sensory unit box (n, m) for joints `u` (n, dof) in theirs."""
         if readout == "winner":
             _, nodes = self.motor.nearest(u)
@@ -133,7 +141,11 @@ class Association:
             predicted[unlinked] = self.forward(u[unlinked], "winner")
         return predicted
 
-    def inverses(self, v: Array, near: Array) -> dict[str, Array]:
+    def inverses(
+        self,
+        v: Array,
+        near: Array,
+    ) -> dict[str, Array]:
         """Joints in the unit box (n, dof) for positions `v` (n, m) in theirs, by readout.
 
         Of the winner's branches the one closest to `near` (n, dof) answers: ``winner`` with its
@@ -227,7 +239,11 @@ class _ActivitySums:
     squares: Array  # (nodes,), of the squared activity
 
     @staticmethod
-    def of(network: Map, activity: csr_array, u: Array) -> _ActivitySums:
+    def of(
+        network: Map,
+        activity: csr_array,
+        u: Array,
+    ) -> _ActivitySums:
         """Sums of the activity (n, nodes) at samples (n, d) of the unit box."""
         rows = np.repeat(np.arange(len(u)), np.diff(activity.indptr))
         nodes = activity.indices

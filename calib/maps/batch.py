@@ -43,6 +43,16 @@ class Stage:
     # t / T of a varying density before and after this stage; without it the density does not vary
     progress: tuple[float, float] | None = None
 
+    @property
+    def times(self) -> list[float | None]:
+        """Time t / T of a varying density in each epoch; None where it does not vary."""
+        epochs = len(self.sigma)
+        if self.progress is None:
+            return [None] * epochs
+        first, last = self.progress
+        shares = [epoch / epochs for epoch in range(1, epochs + 1)]
+        return [first + (last - first) * share for share in shares]
+
 
 def coarse_to_fine(
     lattice: Lattice,
@@ -150,27 +160,23 @@ def learn_batch(
         rows = np.arange(len(u))
         most = BATCH.samples_per_node * lattice.size
         if lattice != full and most < len(u):
-            rows = rng.choice(
-                len(u),
-                most,
-                replace=False,
-                shuffle=False,
-            )
+            rows = rng.choice(len(u), most, replace=False, shuffle=False)
             rows.sort()
         samples = u[rows]
         # a gain sees samples in the log's order
         log_order = np.argsort(order[rows])
         wrong = None if residual is None else residual[order[rows[log_order]]]
-        for epoch, sigma in enumerate(stage.sigma.tolist(), start=1):
+        for sigma, progress in zip(
+            stage.sigma.tolist(), stage.times, strict=True
+        ):
             tree = search_tree(weights)
             distances, winners = nearest_nodes(tree, samples)  # eq. 1
             distance = distances[:, 0]
             winner = winners[:, 0]
             g = np.ones(len(samples))
-            if gain is not None and stage.progress is not None:
-                first, last = stage.progress
+            if gain is not None and progress is not None:
                 visit = Visit(
-                    first + (last - first) * (epoch / len(stage.sigma)),
+                    progress,
                     winner[log_order],
                     distance[log_order],
                     weights,
@@ -181,27 +187,10 @@ def learn_batch(
                 )
                 g[log_order] = gain(visit)  # eq. 7 and 8
             topographic = topographic_error(samples, tree, lattice)
-            sums = _sums_of_winners(
-                samples,
-                winner,
-                g,
-                lattice.size,
-            )
-            weights = next_weights(
-                weights,
-                sums,
-                lattice,
-                sigma,
-                stage.step,
-            )
+            sums = _sums_of_winners(samples, winner, g, lattice.size)
+            weights = next_weights(weights, sums, lattice, sigma, stage.step)
             error = float(distance.mean())
-            yield Epoch(
-                weights,
-                lattice,
-                sigma,
-                error,
-                topographic,
-            )
+            yield Epoch(weights, lattice, sigma, error, topographic)
 
 
 def _sums_of_winners(

@@ -24,7 +24,12 @@ class Blend:
     index, weight : (n, m), nodes, and their weights, which add up to 1
     """
 
-    def __init__(self, motor: Map, u: Array, m: int | None = None) -> None:
+    def __init__(
+        self,
+        motor: Map,
+        u: Array,
+        m: int | None = None,
+    ) -> None:
         m = min(m or blend_size(u.shape[1]), motor.size - 1)
         distance, nodes = motor.nearest(u, m + 1)
         # its square is no zero
@@ -61,7 +66,11 @@ class Blend:
         return self._motor.scale.difference(self._u[:, None], places)
 
 
-def blend_nodes(motor: Map, values: Array, u: Array) -> Array:
+def blend_nodes(
+    motor: Map,
+    values: Array,
+    u: Array,
+) -> Array:
     """Values of the nodes (nodes,) blended at the points `u` (n, dof), (n,)."""
     blend = Blend(motor, u)
     return np.asarray(np.einsum("nm,nm->n", blend.weight, values[blend.index]))

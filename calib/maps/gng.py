@@ -160,7 +160,11 @@ def _move_nodes(
     )
 
 
-def _renew_edges(gas: Gas, winner: Index, second: Index) -> None:
+def _renew_edges(
+    gas: Gas,
+    winner: Index,
+    second: Index,
+) -> None:
     """Join the two nearest nodes of each sample by an edge of age 0."""
     n = len(gas.weights)
     low = np.minimum(winner, second)

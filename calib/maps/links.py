@@ -36,7 +36,11 @@ class Wiring:
             return self.bandwidth * network.spacings
         return np.full(network.size, self.bandwidth * network.spacing)
 
-    def active_nodes(self, network: Map, u: Array) -> tuple[Index, Array]:
+    def active_nodes(
+        self,
+        network: Map,
+        u: Array,
+    ) -> tuple[Index, Array]:
         """Nodes nearest to places (n, d) of the unit box, and their activities, (n, k) (eq. 6).
 
         They are relative to the winner's, which is never zero even far from every node.
@@ -47,7 +51,11 @@ class Wiring:
         least = exponent.min(axis=1, keepdims=True)
         return nodes, np.exp(least - exponent)  # eq. 6
 
-    def activity(self, network: Map, u: Array) -> csr_array:
+    def activity(
+        self,
+        network: Map,
+        u: Array,
+    ) -> csr_array:
         """Activity a_j (n, nodes) of the nodes at places (n, d) of the unit box (eq. 6)."""
         from scipy.sparse import csr_array
 

@@ -121,7 +121,11 @@ class Map:
             source[outside] = inside[near[:, 0]]
         return source
 
-    def nearest(self, u: Array, k: int = 1) -> tuple[Array, Index]:
+    def nearest(
+        self,
+        u: Array,
+        k: int = 1,
+    ) -> tuple[Array, Index]:
         """Distances and indices, (n, k), of the `k` nodes nearest to `u` in the unit box."""
         if _few(len(u) * self.size):
             return nearest_points(
@@ -172,7 +176,11 @@ def nearest_points(
     return np.sqrt(np.take_along_axis(square, index, axis=1)), index
 
 
-def nearest_nodes(tree: cKDTree, u: Array, k: int = 1) -> tuple[Array, Index]:
+def nearest_nodes(
+    tree: cKDTree,
+    u: Array,
+    k: int = 1,
+) -> tuple[Array, Index]:
     """Distances and indices, (n, k), of the `k` points of a tree nearest to each place (eq. 1)."""
     # for a few places threads take longer to start than to search
     distance, index = tree.query(

@@ -77,7 +77,12 @@ class Candidates:
 
         A row is wrong where the median of its neighbours' residuals exceeds the noise.
         """
-        _, near = nearest_points(u, motor.scale, u, SELECTION.rows_around)
+        _, near = nearest_points(
+            u,
+            motor.scale,
+            u,
+            SELECTION.rows_around,
+        )
         # neighbours share what a smooth part misses: their difference is noise
         difference = float(np.median(_square(held_out - held_out[near[:, 1]])))
         extent = float(np.linalg.norm(np.ptp(x, axis=0)))
@@ -105,7 +110,11 @@ class Candidates:
         """The nodes nearest to each row."""
         return Blend(self.motor, self.u[self.rows])
 
-    def choice(self, residual: Array, shape: tuple[int, int]) -> Choice:
+    def choice(
+        self,
+        residual: Array,
+        shape: tuple[int, int],
+    ) -> Choice:
         """The nodes whose local models mend rows by more than chance.
 
         residual : (n, o), what the smooth part leaves over of all samples
@@ -122,9 +131,18 @@ class Candidates:
         sure = bool(_beyond_chance(sums, SELECTION.total_gain))
         total = float(sums.sum()) if sure else 0.0
         nodes = np.flatnonzero(has_model)
-        return Choice(shape, nodes, remaining, total)
+        return Choice(
+            shape,
+            nodes,
+            remaining,
+            total,
+        )
 
-    def _helpful_nodes(self, gain: Array, part: Index) -> Mask:
+    def _helpful_nodes(
+        self,
+        gain: Array,
+        part: Index,
+    ) -> Mask:
         """Which nodes (nodes,) gain in several parts of the log, from each row's gain and part."""
         by_node = self.blend.weight * gain[:, None]
         sums = []
@@ -134,7 +152,11 @@ class Candidates:
             sums.append(_sum_by_node(self.motor, nodes, by_node[inside]))
         return _beyond_chance(np.stack(sums), SELECTION.node_gain)
 
-    def _predictions(self, residual: Array, shape: tuple[int, int]) -> Array:
+    def _predictions(
+        self,
+        residual: Array,
+        shape: tuple[int, int],
+    ) -> Array:
         """Values (k, m, o) of nodes' models at the rows, each fitted without the row's fold."""
         predictions = []
         for fold in blocks(len(self.u), SELECTION.folds):
@@ -151,7 +173,11 @@ class Candidates:
             predictions.append(local.model_values(models, blend))
         return np.concatenate(predictions)
 
-    def _remaining(self, predictions: Array, has_model: Mask) -> Array:
+    def _remaining(
+        self,
+        predictions: Array,
+        has_model: Mask,
+    ) -> Array:
         """What the models of some nodes (nodes,) leave of the held-out residuals, (k, o)."""
         of_row = has_model[self.blend.index]
         weight = local.model_weights(self.blend.weight, of_row)
@@ -204,7 +230,12 @@ def select(
     ]
     if not shapes or follows_the_motion(x, held_out):
         return plain, held_out
-    candidates = Candidates.of(motor, u, x, held_out)
+    candidates = Candidates.of(
+        motor,
+        u,
+        x,
+        held_out,
+    )
     if not len(candidates.rows):
         return plain, held_out
     residual = x - smooth.value(u)
@@ -214,7 +245,13 @@ def select(
         return plain, held_out
     mended = held_out.copy()
     mended[candidates.rows] = best.remaining
-    models = local.fit(motor, best.nodes, u, residual, best.shape)
+    models = local.fit(
+        motor,
+        best.nodes,
+        u,
+        residual,
+        best.shape,
+    )
     return Predictor(motor, smooth, models), mended
 
 
@@ -222,7 +259,11 @@ def _square(residual: Array) -> Array:
     return np.asarray(np.einsum("...o,...o->...", residual, residual))
 
 
-def _sum_by_node(motor: Map, index: Index, values: Array) -> Array:
+def _sum_by_node(
+    motor: Map,
+    index: Index,
+    values: Array,
+) -> Array:
     """Sum of values (n, m) over the rows, by the nodes `index` (n, m) that they belong to."""
     return np.asarray(
         np.bincount(index.ravel(), values.ravel(), motor.size), dtype=float
@@ -254,7 +295,12 @@ def misfit(
     """
     square = np.maximum(_square(held_out), (SELECTION.rounding * extent) ** 2)
     k = min(SELECTION.rows_averaged, len(u) // 4)
-    _, index = nearest_points(u, scale, at, k)
+    _, index = nearest_points(
+        u,
+        scale,
+        at,
+        k,
+    )
     # without the largest: an outlier is no misfit
     ascending = np.sort(square[index], axis=1)
     here = ascending[:, : k - k // 5].mean(axis=1)

@@ -8,7 +8,11 @@ from .map import Map, nearest_points
 from .settings import BOUNDS
 
 
-def learn_bounds(motor: Map, u: Array, errors: Array) -> Array:
+def learn_bounds(
+    motor: Map,
+    u: Array,
+    errors: Array,
+) -> Array:
     """Learn a 95 % bound on the error for each motor node.
 
     Locally scaled, split conformal prediction (Lei et al. 2018): the mean held-out error around a

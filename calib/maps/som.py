@@ -117,12 +117,7 @@ class SOM:
                 history.append(epoch.row)
                 if progress is not None:
                     progress(len(history) / total, epoch.error)
-        return Map(
-            epoch.weights,
-            epoch.lattice,
-            scale,
-            np.array(history),
-        )
+        return Map(epoch.weights, epoch.lattice, scale, np.array(history))
 
     def fit_pair(self, q: Array, x: Array) -> Association:
         """Train two maps of this kind on paired samples, and the links between them.
@@ -154,14 +149,7 @@ class SOM:
         motor_seed, sensory_seed = SeedSequence(entropy).spawn(2)
         motor = replace(self, seed=motor_seed).fit(q, scale=scales[0])
         sensory = replace(self, seed=sensory_seed).fit(x, scale=scales[1])
-        wiring = wiring_of(self.links)
-        return Association.learn(
-            motor,
-            u,
-            sensory,
-            v,
-            wiring,
-        )
+        return Association.learn(motor, u, sensory, v, wiring_of(self.links))
 
     def online_pair(
         self,
@@ -177,35 +165,19 @@ class SOM:
         """
         wiring = wiring_of(self.links)
         lattices = [Lattice(shape_of(s)) for s in shapes or [self.size] * 2]
-        net, all_passes = self._online(
-            lattices,
-            points,
-            scales,
-            wiring,
-        )
+        net, epochs = self._online(lattices, points, scales, wiring)
         history = []
         with one_blas_thread():
-            for epochs in all_passes:
-                history.append([epoch.row for epoch in epochs])
+            for of_maps in epochs:
+                history.append([epoch.row for epoch in of_maps])
                 if progress is not None:
-                    progress(len(history) / self._passes, epochs[1].error)
+                    progress(len(history) / self._passes, of_maps[1].error)
+        by_map = np.array(history).swapaxes(0, 1)
         motor, sensory = (
-            Map(
-                layer.weights,
-                layer.lattice,
-                layer.scale,
-                past,
-            )
-            for layer, past in zip(
-                net.layers, np.array(history).swapaxes(0, 1), strict=True
-            )
+            replace(layer.map, history=rows)
+            for layer, rows in zip(net.layers, by_map, strict=True)
         )
-        return Association(
-            motor,
-            sensory,
-            without_weak(net.links),
-            wiring,
-        )
+        return Association(motor, sensory, without_weak(net.links), wiring)
 
     def _online(
         self,
@@ -217,33 +189,14 @@ class SOM:
         """Maps at their random start, and the passes over the samples that train them."""
         rng = np.random.default_rng(self.seed)
         layers = []
-        for lattice, u, scale in zip(
-            lattices,
-            points,
-            scales,
-            strict=True,
-        ):
+        for lattice, u, scale in zip(lattices, points, scales, strict=True):
             weights = rng.random((lattice.size, u.shape[1]))
             per_node = len(u) / lattice.size
-            layers.append(
-                Layer(
-                    weights,
-                    lattice,
-                    scale,
-                    self._gain,
-                    per_node,
-                )
-            )
+            layers.append(Layer(weights, lattice, scale, self._gain, per_node))
         net = VDSOM(layers, wiring)
         last = 0.5 if self.map == "som" else BATCH.last_radius_varying
         radii = self.sigma or (max(lattices[0].shape) / 2, last)
-        return net, passes(
-            net,
-            points,
-            self._passes,
-            radii,
-            rng,
-        )
+        return net, passes(net, points, self._passes, radii, rng)
 
     @property
     def _gain(self) -> Gain | None:
@@ -265,45 +218,24 @@ class SOM:
         """The epochs that train, and how many they are."""
         rng = np.random.default_rng(self.seed)
         lattice = Lattice(shape_of(self.size))
+        gain = self._gain
+        count = self._passes
         kind = kind_of(self.map)
         if kind == "gng":
-            nodes = lattice.size
-            epochs = learn_gng(
-                u,
-                nodes,
-                self._gain,
-                self._passes,
-                rng,
-            )
-        elif kind == "dsom":
-            epochs = learn_dsom(
-                u,
-                lattice,
-                self._passes,
-                rng,
-            )
-        elif self.rule == "online":
-            shown = self._online([lattice], [u], [scale])[1]
-            epochs = (epoch for (epoch,) in shown)
-        else:
-            density: Density = "varying"
-            if self.map in ("som", "vdsom:residual"):
-                density = "even" if self.map == "som" else "growing"
-            stages = coarse_to_fine(
-                lattice,
-                self.epochs,
-                self.sigma,
-                density,
-            )
-            total = sum(len(stage.sigma) for stage in stages)
-            return learn_batch(
-                u,
-                stages,
-                self._gain,
-                rng,
-                residual,
-            ), total
-        return epochs, self._passes
+            return learn_gng(u, lattice.size, gain, count, rng), count
+        if kind == "dsom":
+            return learn_dsom(u, lattice, count, rng), count
+        if self.rule == "online":
+            _, epochs = self._online([lattice], [u], [scale])
+            return (epoch for (epoch,) in epochs), count
+        densities: dict[str | Gain, Density] = {
+            "som": "even",
+            "vdsom:residual": "growing",
+        }
+        density = densities.get(self.map, "varying")
+        stages = coarse_to_fine(lattice, self.epochs, self.sigma, density)
+        count = sum(len(stage.sigma) for stage in stages)
+        return learn_batch(u, stages, gain, rng, residual), count
 
 
 def _training_samples(samples: Array) -> Array:

@@ -61,12 +61,7 @@ class Layer:
     def map(self) -> Map:
         """The map as it stands."""
         no_history = np.zeros((0, 4))
-        return Map(
-            self.weights,
-            self.lattice,
-            self.scale,
-            no_history,
-        )
+        return Map(self.weights, self.lattice, self.scale, no_history)
 
     def learn(
         self,
@@ -79,17 +74,17 @@ class Layer:
         """Learn from a sample (d,) in the unit box; return its distance to the winner."""
         squares = ((self._w - x[:, None]) ** 2).sum(axis=0)
         winner = int(squares.argmin())  # eq. 1
-        grid = self._w.reshape(-1, *self.lattice.shape)
+        w = self._w.reshape(-1, *self.lattice.shape)
         if self.gain is as_printed:
-            h_printed = self._printed_h(winner, sigma, progress)
-            step = np.asarray(min(alpha * h_printed, 1.0))
+            h_of_all = self._printed_h(winner, sigma, progress)
+            step = np.asarray(min(alpha * h_of_all, 1.0))
         else:
             window, h = self.lattice.around(winner, sigma)  # eq. 3
-            grid = grid[(slice(None), *window)]
+            w = w[(slice(None), *window)]
             # beyond 1 the nodes around a winner would all jump to the sample
             step = min(alpha * gain, 1.0) * h  # eq. 8
         sample = x.reshape(-1, *(1,) * self.lattice.dim)
-        grid += step * (sample - grid)  # eq. 2
+        w += step * (sample - w)  # eq. 2
         return float(squares[winner] ** 0.5)
 
     def _printed_h(
@@ -172,23 +167,10 @@ class VDSOM:
         n = len(samples[0])
         distances = [np.empty(n) for _ in self.layers]
         for first in range(0, n, ONLINE.chunk):
-            end = min(first + ONLINE.chunk, n)
-            squared_widths = []
-            if self.wiring is not None:
-                squared_widths = [
-                    self.wiring.widths(layer.map) ** 2 for layer in self.layers
-                ]
-            gains = [
-                layer.gains(
-                    x[first:end],
-                    float(sigma[end - 1]),
-                    float(rates.progress[end - 1]),
-                )
-                for layer, x, sigma in zip(
-                    self.layers, samples, rates.sigma, strict=True
-                )
-            ]
-            for k in range(first, end):
+            chunk = range(first, min(first + ONLINE.chunk, n))
+            squared_widths = self._squared_widths()
+            gains = self._gains(samples, rates, chunk)
+            for k in chunk:
                 for m, layer in enumerate(self.layers):
                     distances[m][k] = layer.learn(
                         samples[m][k],
@@ -198,15 +180,46 @@ class VDSOM:
                         progress=float(rates.progress[k]),
                     )
                 if self.wiring is not None:
-                    motor, sensory = self.layers
-                    i, a_i = motor.activity(samples[0][k], squared_widths[0])
-                    j, a_j = sensory.activity(samples[1][k], squared_widths[1])
-                    eta = rates.eta[k]
-                    beta = rates.beta[k]
-                    # what was active together is linked, what was not is forgotten
-                    self._c[j] *= 1.0 - eta * beta * a_j[:, None] ** 2  # eq. 11
-                    self._c[j[:, None], i] += eta * np.outer(a_j, a_i)  # eq. 5
+                    motor, sensory = (
+                        layer.activity(x[k], width)
+                        for layer, x, width in zip(
+                            self.layers, samples, squared_widths, strict=True
+                        )
+                    )
+                    self._link(motor, sensory, rates.eta[k], rates.beta[k])
         return distances
+
+    def _squared_widths(self) -> list[Array]:
+        """Squared sigma of eq. 6 of each map's nodes, (nodes,); none without links."""
+        if self.wiring is None:
+            return []
+        return [self.wiring.widths(layer.map) ** 2 for layer in self.layers]
+
+    def _gains(
+        self, samples: Sequence[Array], rates: Rates, chunk: range
+    ) -> list[Array]:
+        """Factor g on the update of some of the samples, (chunk,) for each map."""
+        last = chunk[-1]
+        progress = float(rates.progress[last])
+        return [
+            layer.gains(x[chunk[0] : last + 1], float(sigma[last]), progress)
+            for layer, x, sigma in zip(
+                self.layers, samples, rates.sigma, strict=True
+            )
+        ]
+
+    def _link(
+        self,
+        motor: tuple[Index, Array],
+        sensory: tuple[Index, Array],
+        eta: float,
+        beta: float,
+    ) -> None:
+        """Link nodes i and j that are active together; what node j had before fades."""
+        i, a_i = motor
+        j, a_j = sensory
+        self._c[j] *= 1.0 - eta * beta * a_j[:, None] ** 2  # eq. 11
+        self._c[j[:, None], i] += eta * np.outer(a_j, a_i)  # eq. 5
 
     @property
     def links(self) -> NDArray[np.float32]:
@@ -259,22 +272,17 @@ def passes(
     for epoch in range(epochs):
         order = rng.permutation(n)
         t = epoch * n + np.arange(n)
-        rates = Rates.training(
-            t,
-            sigma,
-            epochs * n,
-            len(points),
-        )
+        rates = Rates.training(t, sigma, epochs * n, len(points))
         distances = net.show([x[order] for x in points], rates)
         yield [
             Epoch.of(
-                x, layer.weights, layer.lattice, radius, float(distance.mean())
+                x,
+                layer.weights,
+                layer.lattice,
+                float(radius[-1]),
+                float(distance.mean()),
             )
             for x, layer, radius, distance in zip(
-                points,
-                net.layers,
-                [float(radii[-1]) for radii in rates.sigma],
-                distances,
-                strict=True,
+                points, net.layers, rates.sigma, distances, strict=True
             )
         ]

@@ -357,9 +357,9 @@ class Model(Compilable):
         if quaternion is None:
             return self._single("inverse", near, position)
         axis = free_axis(free)
-        open_axis = [-1 if axis is None else axis]
+        no_starts = (-1 if axis is None else axis, 0, 0)
         unsure = {0} if self.strict else {0, 1, 2, 3} - {CERTAIN}
-        question = (near, position, quaternion, open_axis, [-1])
+        question = (near, position, quaternion, no_starts)
         return self._single("poses", *question, unsure=unsure)
 
     def jacobian(self, q: ArrayLike) -> Array:

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from ..arm.rotations import quaternion_of
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.scale import Scale
-from ..inverse.closed_form import WAYS, ClosedForm
+from ..inverse.closed_form import ClosedForm
 from ..inverse.newton import Newton
 from ..inverse.postures import DrawnPostures, Postures
-from ..inverse.search import Search, Starts
+from ..inverse.search import Search
 from ..inverse.settings import SEARCH
 from ..inverse.slides import settle
 from ..inverse.task import Poses, Positions, Task
@@ -22,9 +22,15 @@ from ..inverse.ways import distinct, rank_within
 from ..kernel.compiled import CERTAIN, Library
 from .space import REACHED, Space
 
+_ROWS = 2_000  # poses whose starts are held at a time, 20 MB
 _LONG = 16  # times as many steps of Newton beside a singularity
 _SAME = 1e-3  # of the joints' ranges: ways that slide to one place are one way
 _FAMILIES = 4  # ways of redundant joints to a pose that are answered
+
+
+def _chunks(rows: Index) -> list[Index]:
+    """Rows (n,) in parts whose starts fit into memory."""
+    return np.split(rows, range(_ROWS, len(rows), _ROWS)) if len(rows) else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +86,8 @@ class Reach:
         if kernel is not None:
             question = self._question(target, alone=True)
             q, sure = kernel.rows("poses", near, *question)
-            rows = np.flatnonzero(sure != CERTAIN)
-            if len(rows):
+            unsure = np.flatnonzero(sure != CERTAIN)
+            for rows in _chunks(unsure):
                 question = self._question(target[rows])
                 q[rows], sure[rows] = kernel.rows(
                     "poses", near[rows], *question
@@ -114,9 +120,12 @@ class Reach:
         newton = self.search.newton
         kernel = self._kernel
         if kernel is not None and not newton.redundant:
-            question = self._question(target)
-            q, count = kernel.rows("poses_all", near, *question)
-            ways = [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]
+            ways = []
+            for part in _chunks(np.arange(len(target))):
+                question = self._question(target[part])
+                q, count = kernel.rows("poses_all", near[part], *question)
+                counts = count.tolist()
+                ways += [rows[:k] for rows, k in zip(q, counts, strict=True)]
         else:
             every = self.search.every(target)
             numbers = np.arange(1, len(target))
@@ -152,8 +161,8 @@ class Reach:
             return Positions.in_base(space.evaluate, self._scale, length)
         return Poses(space.evaluate, self._scale, length, length, self.free)
 
-    @property
-    def _starts(self) -> Starts:
+    @cached_property
+    def _starts(self) -> Postures | DrawnPostures:
         """Starts of the drawing's closed form where that answers, else a table's."""
         body = self.space.body
         structure: Any = body.structure
@@ -182,24 +191,23 @@ class Reach:
     def _question(self, target: Array, *, alone: bool = False) -> list[Array]:
         """What the compiled C is asked of poses, see ``c/many.h``.
 
-        alone : whether to begin near the joints alone, rather than at starts: those of the
-            drawing's closed form where it has one, of which none is NaN, else the table's
+        alone : whether to begin near the joints alone, rather than at starts; NaN are none
         """
         rotation = target[:, 3:].reshape(-1, 3, 3)
         place, turn = self.space.to_sensor(target[:, :3], rotation)
-        column = np.ones((len(target), 1))
         axis = -1 if self.free is None else self.free
-        question = [place, quaternion_of(turn), axis * column]
-        if alone:
-            return [*question, -column]
-        if not isinstance(self.search.starts, DrawnPostures):
-            return [*question, 0 * column]
-        owner, u = self.search.starts.of(target)
-        dof = u.shape[1]
-        starts = np.full((len(target), WAYS, dof), np.nan)
-        starts[owner, rank_within(owner)] = self._scale.from_unit(u)
-        flat = starts.reshape(len(target), WAYS * dof)
-        return [*question, WAYS * column, flat]
+        starts = self._starts
+        most = 0
+        if not alone:
+            owner, u = starts.of(target)
+            most = int(np.bincount(owner).max(initial=0))
+        choice = np.tile([axis, starts.apart, most], (len(target), 1))
+        dof = len(self._scale.span)
+        table = np.full((len(target), most, dof), np.nan)
+        if most:
+            table[owner, rank_within(owner)] = self._scale.from_unit(u)
+        flat = table.reshape(len(target), most * dof)
+        return [place, quaternion_of(turn), choice, flat]
 
     def _unit(self, q: Array) -> Array:
         return self.search.newton.clip(self._scale.to_unit(q))

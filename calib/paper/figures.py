@@ -73,12 +73,7 @@ def lattice_figure(setting: Setting, path: Path) -> None:
             xlabel="shoulder [deg]",
             ylabel="elbow [deg]",
         )
-        ax = figure.add_subplot(
-            2,
-            2,
-            2 * k + 2,
-            aspect="equal",
-        )
+        ax = figure.add_subplot(2, 2, 2 * k + 2, aspect="equal")
         heat = _node_means(sensory, x, inverse)
         _draw_map(
             ax,
@@ -189,21 +184,14 @@ def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
     )
     for ax in axes.flat:
         ax.grid(alpha=0.3)
-        ax.legend(
-            frameon=False,
-            fontsize=8,
-        )
+        ax.legend(frameon=False, fontsize=8)
     _save(figure, path)
 
 
 def _save(figure: Figure, path: Path) -> None:
     atomic_write(
         path,
-        partial(
-            figure.savefig,
-            format="png",
-            dpi=160,
-        ),
+        partial(figure.savefig, format="png", dpi=160),
     )
 
 
@@ -227,12 +215,7 @@ def _draw_map(
     """Draw the edges of a map, coloured by the mean of their nodes' values, up to `top`."""
     points = factor * net.weights[:, :2]
     lines = draw_lattice(ax, points, net.edges, heat, top)
-    bar = ax.figure.colorbar(
-        lines,
-        ax=ax,
-        shrink=0.7,
-        extend="max",
-    )
+    bar = ax.figure.colorbar(lines, ax=ax, shrink=0.7, extend="max")
     bar.set_label(label)
 
 
@@ -241,9 +224,6 @@ def _figure(width: float, height: float) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(
-        figsize=(width, height),
-        layout="constrained",
-    )
+    figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure

@@ -74,12 +74,10 @@ def handeye(
     >>> import calib
     >>> calib.handeye(pictures="shots", poses="flange.csv", board="10x7:22mm")  # doctest: +SKIP
     """
-    if (pictures is None) == (boards is None) or (arm is None) == (
-        poses is None
-    ):
-        raise OptionError(
-            "expected pictures or the board's poses, and either an arm with joints or flange poses"
-        )
+    if (pictures is None) == (boards is None):
+        raise OptionError("expected either pictures or the board's poses")
+    if (arm is None) == (poses is None):
+        raise OptionError("expected either an arm with joints or flange poses")
     if isinstance(arm, (str, os.PathLike)):
         arm = load_arm(os.fspath(arm))
     if arm is not None and not isinstance(arm, SpatialArm):
@@ -90,11 +88,14 @@ def handeye(
         pictures, lens = pictures_of_boards(boards)
     assert pictures is not None  # noqa: S101 - refused above
     table = None if poses is None else _flange_table(poses)
+
+    # pictures, eye and lens of each camera
     folders = _folders(pictures)
     eyes = dict.fromkeys(folders, eye) if isinstance(eye, str) else eye
     lenses = lens if isinstance(lens, Mapping) else dict.fromkeys(folders, lens)
     views = []
     with one_blas_thread():
+        # the corners that each camera sees, and its lens
         for name, source in folders.items():
             if eyes.get(name) not in EYES:
                 raise OptionError(
@@ -113,6 +114,8 @@ def handeye(
             views.append(
                 view_of(name, shots, eyes[name] == "hand", lenses.get(name))
             )
+
+        # one fit of all cameras
         if table is not None:
             problem = of_poses(table, views, unit, rotation, degrees)
             return answer(problem, ("base", "flange"))

@@ -1,5 +1,6 @@
 """Check and recognise: what undisturbed, changed and misread logs look like to a model."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -27,6 +28,14 @@ def test_a_turned_sensor_and_an_offset_of_the_first_joint_are_the_same():
         sizes = {c.cause: c.value for c in drift.causes}
         assert sizes["sensor"] == pytest.approx(0.02, abs=2e-3)
         assert sizes["offset:shoulder"] == pytest.approx(0.02, abs=2e-3)
+        assert any(text.endswith(" would look the same") for text in drift.explanations)
+
+
+def test_sizes_are_told_to_the_digits_of_their_intervals():
+    """-0.01112, -0.002138 mm were told of a sensor whose place is known to .1 mm."""
+    (moved,) = calib.check(model(1e-3), log("sensor.shift=0.02,0")).explanations
+    size = r"-?\d+\.\d\d? ± \d\.\d\d?"
+    assert re.search(f"frame moved: turned {size}\\d? deg, shifted {size} mm, {size} mm$", moved)
 
 
 def test_what_is_known_of_a_change_is_believed():

@@ -160,6 +160,8 @@ def test_what_lies_just_inside_of_the_edge_of_a_redundant_arm_is_reached():
     edge = model.forward(model.inverse(far, nearest=True))
     inside = edge + 1e-4 * (middle - edge)
     np.testing.assert_allclose(arm.forward(model.inverse(inside)), inside, atol=1e-7)
+    # of the edge itself, to the last digit, most: once none
+    assert np.isfinite(model.inverse(edge)).all(axis=1).sum() > 30
 
 
 @pytest.mark.parametrize("compiled", [True, False])

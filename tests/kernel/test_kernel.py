@@ -215,6 +215,17 @@ def test_without_a_compiler_the_batch_answers(monkeypatch, name, value):
     np.testing.assert_array_equal(slow.forward(q[0]), model.forward(q[:1])[0])
 
 
+@needs_compiler
+def test_a_quaternion_that_is_none_is_still_refused():
+    """Compiled C would answer for the rotation of its direction."""
+    fast = warm(six())
+    q = draw(fast, 1)[0]
+    place, turn = fast.pose(q)
+    np.testing.assert_allclose(fast.inverse_pose(place, turn, q), q, atol=1e-6)
+    for length in (0.5, 1.1):
+        refused(calib.QueryError, "expected length 1", fast.inverse_pose, place, length * turn, q)
+
+
 @pytest.mark.parametrize("waves", [0.0, 3e-4])
 def test_a_small_posterior_is_as_sure_as_the_whole_where_rows_were(waves):
     # 80 rows within a third of each range, without a drawing: a second belief, far from the first

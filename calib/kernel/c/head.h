@@ -6,7 +6,7 @@
 @facts@ *
  * Functions return 1 where there is an answer; else 0, and their results are NaN, unless they say
  * otherwise.  Joint values are in rad (or m where a joint slides), positions in @unit@.
- * Nothing is allocated, nothing recurses, nothing but calib_prepare's table is kept between calls.
+ * Nothing is allocated, nothing recurses, nothing is kept between calls.
  * A search takes at most CALIB_BUDGET steps, CALIB_STEPS of a start.
  */
 #ifndef @guard@
@@ -24,9 +24,8 @@ enum {
   CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_NODES = @nodes@, CALIB_NEAR = @near@,
   CALIB_HARMONICS = @harmonics@, CALIB_KNOTS = @knots@, CALIB_CHAIN = @chain@,
   CALIB_STARTS = @starts@, CALIB_STEPS = @steps@, CALIB_SLIDES = @slides@, CALIB_BUDGET = @budget@,
-  CALIB_TRIES = @tries@, CALIB_POSTURES = @postures@, CALIB_SCANNED = @scanned@,
-  CALIB_RUNS = @runs@, CALIB_PULL = @pull@, CALIB_LOADS = @loads@, CALIB_BELIEFS = @beliefs@,
-  CALIB_TOGETHER = @together@
+  CALIB_TRIES = @tries@, CALIB_RUNS = @runs@, CALIB_PULL = @pull@, CALIB_LOADS = @loads@,
+  CALIB_BELIEFS = @beliefs@, CALIB_TOGETHER = @together@
 };
 
 /* An arm: joint values are gain q + offset + curve, and bend with their posture. */

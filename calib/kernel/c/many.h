@@ -1,8 +1,8 @@
 
 /* Rows of numbers: each kind of question has a function that answers one row by another and returns a
  * flag.  A question has joints, or those that an answer should be near to, and from 16 on a position
- * (4), a quaternion x, y, z, w, an axis of the tip that is free or -1, and how many starts follow: -1
- * to begin near the joints alone, 0 for the table's. */
+ * (4), a quaternion x, y, z, w, an axis of the tip that is free or -1, from which distance on starts
+ * lead to other ways, how many starts there are, and these. */
 typedef int (*calib_row)(const calib_real *question, calib_real *answer);
 
 /* Answers rows from `first` up to `last`, questions and answers so many numbers apart. */
@@ -25,70 +25,6 @@ CALIB_API int calib_inverse_all_row(const calib_real *b, calib_real *out) {
 }
 #if @placed@
 
-/* Postures all over the joints' ranges, and the poses of their tips in arm's lengths. */
-typedef struct {
-  calib_real q[CALIB_POSTURES][CALIB_DOF];
-  float pose[CALIB_POSTURES][12];
-} calib_postures;
-
-CALIB_API int calib_table_size(void) { return (int)sizeof(calib_postures); }
-
-/* The table that searches begin at, see calib_prepare; without one they begin near joints alone. */
-static const calib_postures *calib_table = 0;
-
-static inline void calib_pose_of(const calib_real p[3], const calib_real R[9], float pose[12]) {
-  int i;
-  for (i = 0; i < 3; ++i) pose[i] = (float)(p[i] / @lever@);
-  for (i = 0; i < 9; ++i) pose[3 + i] = (float)(R[i] / (calib_real)1.4142135623730951);
-}
-
-/* Fills a table of postures evenly, multiples of powers of the root of g^(dof + 1) = g + 1 without
- * their whole parts (Roberts 2018), many of them at limits, and makes it the one that searches begin at. */
-CALIB_API void calib_prepare(calib_postures *table) {
-  calib_real golden = 2, u[CALIB_DOF], p[3], R[9], G[6 * CALIB_DOF];
-  int n, k;
-  for (n = 0; n < 40; ++n) golden = pow(1 + golden, 1 / (calib_real)(CALIB_DOF + 1));
-  for (k = 0; k < CALIB_DOF; ++k) u[k] = (calib_real)0.5;
-  for (n = 0; n < CALIB_POSTURES; ++n) {
-    calib_real share = 1;
-    for (k = 0; k < CALIB_DOF; ++k) {
-      share /= golden;
-      u[k] += share;
-      u[k] -= floor(u[k]);
-      table->q[n][k] = calib_lower[k] + (u[k] + @aside@ * (2 * u[k] - 1)) * calib_span[k];
-    }
-    calib_clipped(table->q[n]);
-    calib_chain(&calib_placed, 1, table->q[n], p, R, G);
-    calib_pose_of(p, R, table->pose[n]);
-  }
-  calib_table = table;
-}
-
-/* Starts of a pose: the `count` that a question gives, or else the postures nearest to it, in the
- * order of their distance; `row` is room for it. */
-static inline calib_starts calib_pose_starts(const calib_task *task, const calib_real *given,
-                                             int count, short row[CALIB_POSTURES]) {
-  calib_starts starts = {given, 0, count, count, count, @same@};
-  float wanted[12], weight[12], far[CALIB_POSTURES] = {0};
-  int n, i;
-  if (count || !calib_table) return starts;
-  starts.q = calib_table->q[0];
-  starts.row = row;
-  starts.count = starts.likely = CALIB_SCANNED;
-  starts.runs = CALIB_RUNS;
-  starts.apart = @apart@;
-  calib_pose_of(task->x, task->R, wanted);
-  for (i = 0; i < 12; ++i)
-    weight[i] = i < 3 || task->kind == CALIB_POSE || (i - 3) % 3 == task->axis ? 1.0f : 0.0f;
-  for (n = 0; n < CALIB_POSTURES; ++n)
-    for (i = 0; i < 12; ++i) {
-      const float gap = calib_table->pose[n][i] - wanted[i];
-      far[n] += weight[i] * gap * gap;
-    }
-  calib_order(CALIB_POSTURES, far, row);
-  return starts;
-}
-
 /* The task of the pose that a question asks for; 0 where its quaternion is none. */
 static inline int calib_asked(const calib_real *b, calib_task *task) {
   const calib_real *p = b + 20;
@@ -99,15 +35,21 @@ static inline int calib_asked(const calib_real *b, calib_task *task) {
   return 1;
 }
 
+/* The starts of a question. */
+static inline calib_starts calib_starts_of(const calib_real *b) {
+  const int count = (int)b[26];
+  calib_starts starts = {b + 27, 0, count, count, CALIB_RUNS, b[25]};
+  return starts;
+}
+
 CALIB_API int calib_poses_row(const calib_real *b, calib_real *q) {
+  const calib_starts starts = calib_starts_of(b);
   calib_task task;
   calib_search search = calib_begin(&task, b, 1, 0, q);
   int sure = 0;
   if (calib_asked(b, &task)) sure = calib_try_near(&search, &task, b, CALIB_BUDGET, q);
-  if (sure == 2 && b[25] >= 0) { /* all that starts lead to is looked at */
-    short row[CALIB_POSTURES];
-    const calib_starts starts = calib_pose_starts(&task, b + 26, (int)b[25], row);
-    search.budget = CALIB_BUDGET * CALIB_SCANNED;
+  if (sure == 2 && starts.count) { /* all that starts lead to is looked at */
+    search.budget = CALIB_BUDGET * starts.count;
     calib_try_starts(&search, &starts);
     sure = 1;
   }
@@ -115,12 +57,9 @@ CALIB_API int calib_poses_row(const calib_real *b, calib_real *q) {
 }
 
 CALIB_API int calib_poses_all_row(const calib_real *b, calib_real *q) {
+  const calib_starts starts = calib_starts_of(b);
   calib_task task;
-  calib_starts starts;
-  short row[CALIB_POSTURES];
-  if (!calib_asked(b, &task)) return 0;
-  starts = calib_pose_starts(&task, b + 26, (int)b[25], row);
-  return calib_every(&task, &starts, @most_ways@, q);
+  return calib_asked(b, &task) ? calib_every(&task, &starts, @most_ways@, q) : 0;
 }
 
 CALIB_API int calib_pose_row(const calib_real *q, calib_real *out) {

@@ -7,21 +7,6 @@ typedef struct {
   int runs;            /* so many runs without a new way end a search */
   calib_real apart;    /* starts closer to a known way lead to it */
 } calib_starts;
-
-/* Puts rows into the order of their distances, which are told apart up to 4. */
-static inline void calib_order(int count, const float *far, short *row) {
-  enum { BINS = 256 };
-  int begin[BINS + 1] = {0}, bin, n;
-  for (n = 0; n < count; ++n) {
-    bin = far[n] < 4 ? (int)(far[n] * (BINS / 4)) : BINS - 1;
-    ++begin[bin + 1];
-  }
-  for (n = 0; n < BINS; ++n) begin[n + 1] += begin[n];
-  for (n = 0; n < count; ++n) {
-    bin = far[n] < 4 ? (int)(far[n] * (BINS / 4)) : BINS - 1;
-    row[begin[bin]++] = (short)n;
-  }
-}
 #if @grid@
 
 /* Starts of a position: those of its cell and, after them, of the cells beside. */
@@ -56,23 +41,28 @@ static inline calib_starts calib_position_starts(const calib_real x[CALIB_OUT],
 }
 #else
 
-/* Starts of a position: those that are near to it and to joints. */
+/* Starts of a position: those that are near to it and to joints, the nearest first. */
 static inline calib_starts calib_position_starts(const calib_real x[CALIB_OUT],
                                                  const calib_real near[CALIB_DOF],
                                                  short row[CALIB_STARTS + 1]) {
   const int count = CALIB_TRIES < CALIB_STARTS ? CALIB_TRIES : CALIB_STARTS;
   calib_starts starts = {calib_start_q[0], row, count, count / 6, CALIB_TRIES, @margin@ / 2};
-  float far[CALIB_STARTS + 1];
-  int i, n;
+  calib_real far[CALIB_STARTS];
+  int i, n, k;
   for (n = 0; n < CALIB_STARTS; ++n) {
-    const calib_real away = calib_apart(calib_start_q[n], near, 0);
-    far[n] = (float)(away * away);
+    const calib_real joints = calib_apart(calib_start_q[n], near, 0);
+    calib_real away = joints * joints;
     for (i = 0; i < CALIB_OUT; ++i) {
       const calib_real gap = (x[i] - calib_start_x[n][i]) / @extent@;
-      far[n] += (float)(CALIB_PULL * gap * gap);
+      away += CALIB_PULL * gap * gap;
     }
+    for (k = n; k > 0 && far[k - 1] > away; --k) {
+      far[k] = far[k - 1];
+      row[k] = row[k - 1];
+    }
+    far[k] = away;
+    row[k] = (short)n;
   }
-  calib_order(CALIB_STARTS, far, row);
   return starts;
 }
 #endif
