@@ -71,7 +71,10 @@ def correct(
     }
     change = {}
     sizes = []
-    size = np.abs(result.change[result.reachable])
+    answered = np.isfinite(result.q).all(axis=1)
+    # of changes that are all beyond the limit their sizes are told
+    shown = answered if answered.any() else result.reachable
+    size = np.abs(result.change[shown])
     if len(size):
         units = query.model.about.units_of_joints
         for name, kind, column, bound in zip(
@@ -85,7 +88,7 @@ def correct(
             )
             sizes.append(f"{name} {words}")
     lines = [f"mean change: {', '.join(sizes)}"] if sizes else []
-    refused = result.exceeded.any() and not np.isfinite(result.q).any()
+    refused = result.exceeded.any() and not answered.any()
     return query.answer(
         batch,
         None if refused else columns_with(batch, valid, table),

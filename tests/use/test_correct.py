@@ -92,6 +92,10 @@ def test_a_change_beyond_the_limit_is_marked_and_not_written(tmp_path, run, turn
     assert done.document["beyond_limit"] == [1, 2]
     assert done.document["change"]["elbow"]["max"] == pytest.approx(0.02, abs=2e-3)
     change = done.document["change"]["elbow"]
+    between = np.sort(np.abs(found.change).max(axis=1)).mean()
+    some = run(*line, "--limit", f"{between:.12f}", "--json").document
+    assert some["beyond_limit"] == [2]  # a refused change is no part of the mean one
+    assert all(joint["max"] <= between for joint in some["change"].values())
     done = run.done(*line)
     assert np.isfinite(np.loadtxt(old, delimiter=",", skiprows=1)).all()
     told = re.search(r"elbow ([\d.]+) deg \(largest ([\d.]+) deg\)", done.out)
