@@ -31,6 +31,8 @@ class EvidenceSettings:
     # share of the positions' spread: a log that is further off from every hypothesis is explained
     # by none
     unexplained: float = 0.1
+    # share of rows that may contradict all others where the rest is as near as told
+    few_wrong: float = 0.05
 
 
 EVIDENCE = EvidenceSettings()
@@ -170,8 +172,13 @@ class Evidence:
 
     @cached_property
     def is_explained(self) -> bool:
-        """Whether an explanation comes near the rows, to a part of their spread."""
-        return self.misfit < EVIDENCE.unexplained
+        """Whether an explanation comes near the rows: to a part of their spread, or the bound."""
+        if self.misfit < EVIDENCE.unexplained:
+            return True
+        # rows that lag or whose joints are exchanged come near too, but for those at each jump
+        count = len(self.rows) + self.rows.wrong
+        few = self.rows.wrong <= EVIDENCE.few_wrong * count
+        return few and self.distance < self.bound.usual < np.inf
 
     @cached_property
     def is_better_than_none(self) -> bool:
