@@ -50,9 +50,8 @@ class Wanted:
     # nominal positions (n, m) [unit] of joint values (n, dof), before the frame moved
     predict: Callable[[Array], Array]
     moves: tuple[Alignment, ...] = ()  # of the frame, in their order
-    keeps_turn: bool = (
-        True  # whether the user wants the tool's orientation kept
-    )
+    # whether the user wants the tool's orientation kept
+    keeps_turn: bool = True
     # where a reading is not all that has to be met: the tool's pose of an arm with six joints, or
     # the tip's place before a camera, whose pixel does not say how far away the tip is
     space: Space | None = None
