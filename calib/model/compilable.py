@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -75,6 +75,13 @@ class Compilable(Parts):
     def unanswered(self) -> str | None:
         """Why this thread's last single query of a strict model was NaN, None if it was not."""
         return None if self.kernel is None else self.kernel.reason
+
+    def __setstate__(self, state: Mapping[str, object]) -> None:
+        """Unpickle; a strict model warms up again, others have to be told to."""
+        for name, value in state.items():
+            object.__setattr__(self, name, value)
+        if self.strict:
+            self.warm_up(strict=True)
 
     def _single(
         self,

@@ -185,6 +185,10 @@ def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond():
     np.testing.assert_allclose(model.forward(model.inverse(position)), position, atol=1e-7)
     assert np.isnan(model.inverse(position + 9.0)).all()
     assert "nothing reaches" in model.unanswered
+    # in another process, too
+    again = cold(model)
+    assert np.isnan(again.inverse_pose(position + 9.0, turn, q)).all()
+    assert "bounded search" in again.unanswered
 
 
 @needs_compiler
