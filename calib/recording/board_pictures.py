@@ -19,7 +19,7 @@ from .board import LEAST_CORNERS, Chessboard, Pattern, parse_board
 from .lens import Lens, calibrate_lens, lens_of_model
 from .lerobot import is_dataset, read_dataset
 from .motion_tables import JointTable, read_joints, read_shots
-from .pictures import Frame, Picture
+from .pictures import Picture, Shot
 from .reference import Pose, find_pose, matrices
 from .rigid import inverse, place_points, rigid, shift_of, turn_of
 
@@ -184,9 +184,9 @@ def find_board(
     if not isinstance(table, JointTable):
         table = read_joints(table, names, degrees=degrees, prismatic=prismatic)
     if isinstance(pictures, (str, os.PathLike)):
-        rows, frames, notes = read_shots(table, pictures)
+        rows, shots, notes = read_shots(table, pictures)
     else:
-        rows, frames = _frames_of(table, pictures)
+        rows, shots = _shots_of(table, pictures)
 
     # the corners that each picture shows
     corners: dict[int, dict[int, Array]] = {}  # by row
@@ -194,7 +194,7 @@ def find_board(
     without: dict[str, int] = {}
     looked: list[Picture] = []
     grey = np.zeros((0, 0), np.uint8)
-    for number, name, grey in frames:
+    for number, name, grey in shots:
         marks = board.find(grey)
         if len(marks) < LEAST_CORNERS:
             without[name] = len(marks)
@@ -231,10 +231,10 @@ def find_board(
     )
 
 
-def _frames_of(
+def _shots_of(
     table: JointTable, pictures: Sequence[Picture]
-) -> tuple[list[int], Iterator[Frame]]:
-    """The row of each picture, and the pictures by number and name, where both are in one order."""
+) -> tuple[list[int], Iterator[Shot]]:
+    """The row of each shot, and the shots, of pictures in the order of the rows."""
     rows = list(range(len(table.q)))
     if len(pictures) != len(rows):
         raise LogError(

@@ -26,33 +26,33 @@ from .track import Judge, jumps
 class ClockSettings:
     """How clocks are compared."""
 
-    # peaks of the correlation of speeds that are judged
+    # peaks of the correlation of speeds that get a short fit
     candidates: int = 15
-    # of them that are fitted to the end
+    # the best of them, which get a long one
     fitted: int = 3
-    # [1/s], at which speeds are compared
+    # rate at which speeds are compared [1/s]
     grid: float = 50.0
-    # of the shorter recording must have a counterpart
+    # share of the shorter recording that must have a counterpart
     overlap: float = 0.8
-    # rows, and steps, that judge candidates
+    # rows and steps of a short fit
     judged: tuple[int, int] = (120, 4)
-    # and that refine the best
+    # rows and steps of a long one
     refined: tuple[int, int] = (300, 12)
-    # over which a velocity is taken [s]
+    # time to either side over which a velocity is taken [s]
     step: float = 0.01
-    # [s]: far from the solution the velocity is a poor guide
+    # largest step of the offset [s]: far from the solution the velocity is a poor guide
     farthest_step: float = 0.08
-    # that a candidate moves from its peak [s]
+    # furthest that a candidate moves from its peak [s]
     farthest: float = 0.15
-    # how much rates of clocks differ
+    # prior sd of how much the rates of clocks differ
     rate_sd: float = 4e-3
-    # share of the error that is left where the rows show a rate
+    # where the rows show a rate, less than this share of the error is left
     shows_rate: float = 0.9
     # a planar chain that leaves more of the track's spread is none
     chain_fits: float = 0.03
     # the best candidate's error must be less than this share of its rival's
     clearly: float = 0.6
-    # and less than this share of the track's spread
+    # the best candidate's error must be less than this share of the track's spread
     fits: float = 0.25
     # difference of the rates: beyond it the stated frame rate is not the true one
     fastest: float = 0.012
@@ -63,7 +63,7 @@ class ClockSettings:
 CLOCK = ClockSettings()
 
 SURE = 1.5e-3
-"""The standard deviation of the offset that is accepted [s]."""
+"""Largest standard deviation of the offset that is accepted [s]."""
 
 
 Linear = tuple[Array, Array, Array, Array, Array]
@@ -93,7 +93,7 @@ class Clocks:
         return np.asarray(time + self.offset + self.rate * (time - self.middle))
 
     def words(self) -> str:
-        """Say it in a line."""
+        """One line for the user."""
         # encoders of coarse steps, .5 deg, leave 1.3 to 4.1 ms where the sd is .6
         doubt = 1e3 * max(self.doubt, SURE)
         return (

@@ -17,7 +17,7 @@ from ..common.wording import listing
 from ..errors import LogError, OptionError
 from .board import Board
 from .lens import UNSTATED, Lens
-from .pictures import Frame, Picture, opencv
+from .pictures import Picture, Shot, opencv
 from .reference import MarkLayout, Marks, PlaneReference, find_reference
 from .tags import Tag, TagFinder
 
@@ -149,7 +149,7 @@ class Sightings:
 
 
 def find_sightings(
-    frames: Iterable[Frame], setting: Setup, what: str, every: int = 1
+    shots: Iterable[Shot], setting: Setup, what: str, every: int = 1
 ) -> Sightings:
     """Find the tag of the tip, and the marks of the reference, in pictures.
 
@@ -166,7 +166,7 @@ def find_sightings(
     twice: list[str] = []
     size = (0, 0)
     count = 0
-    for number, name, grey in frames:
+    for number, name, grey in shots:
         count += 1
         size = (grey.shape[1], grey.shape[0])
         _refuse_size(name, size, setting.lens)

@@ -25,7 +25,7 @@ from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
 from .lens import Lens
 from .motion_tables import JointTable, read_shots
-from .pictures import Frame, Video
+from .pictures import Shot, Video
 from .reference import find_pose, matrices
 from .rigid import shift_of, turn_of
 from .setting import LOOKS, Setup, Sightings, find_sightings
@@ -37,13 +37,13 @@ from .track import jumps, row_shift
 class RestSettings:
     """When an arm and its tag rest."""
 
-    # [px]; a tag that moves less over a recording does not move
+    # a tag that moves less over a recording does not move [px]
     still: float = 2.0
     # a joint that moves slower rests [rad/s or m/s]
     rest: float = 0.01
-    # frames that a rest must have
+    # frames that a rest has at least
     least: int = 3
-    # without the tag, that a rest may have [s]
+    # longest time without the tag within a rest [s]
     pause: float = 0.25
     # a tag that moves more has not come to rest [px]
     shake: float = 0.5
@@ -63,8 +63,8 @@ def log_pictures(
     joints : one row for each picture, by their column of names or in natural order
     Raises LogError in one line, if no log can be made.
     """
-    rows, frames, notes = read_shots(joints, source)
-    sightings = find_sightings(frames, setting, "pictures")
+    rows, shots, notes = read_shots(joints, source)
+    sightings = find_sightings(shots, setting, "pictures")
     sightings.reasons["cut off or damaged"] = len(rows) - sightings.count
     q = joints.q[[rows[number] for number in sightings.numbers]]
     if len(q) > 1:
@@ -204,7 +204,7 @@ def _video_sightings(video: Video, setting: Setup) -> tuple[Sightings, Array]:
     """What a video's frames show, and the times (n,) [s] of all n frames."""
     times: list[float] = []
 
-    def frames() -> Iterator[Frame]:
+    def frames() -> Iterator[Shot]:
         for number, (stamp, grey) in enumerate(video.frames()):
             times.append(stamp)
             yield number, f"{video.name} at {stamp:.1f} s", grey
