@@ -27,6 +27,7 @@ Moving = Iterator[tuple[Indices, Callable[[], TipMotion]]]
 """Parameters of a chain's geometry, and how the tip moves with each of them."""
 
 _BELIEFS = 16  # whose constants are remembered
+_LEVERS = 2  # of the last rows are remembered: a fit asks for them at each step
 _STEP = 1e-4  # of a sensor's parameters, in derivatives
 
 S = TypeVar("S", bound="Structure")
@@ -128,11 +129,15 @@ class Structure(Layout):
             gravity = constants.gravity
         bends = np.zeros((len(self.chain_names), len(q)))
         for block, elastic in constants.elastic.items():
-            loads = self.loads[block]
-            levers = loads.levers(q[:, : self.dof])
-            angles = elastic[:, None] * loads_of(levers, gravity)
-            np.add.at(bends, loads.joints, angles)
+            angles = elastic[:, None] * self._loads_at(block, q, gravity)
+            np.add.at(bends, self.loads[block].joints, angles)
         return bends
+
+    def _loads_at(self, block: str, q: Array, gravity: Array) -> Array:
+        """Loads (e, n) of a block of elasticity at rows (n, dof + g)."""
+        joints = q[:, : self.dof].astype(float)
+        levers = _levers(self.loads[block], self.dof, joints.tobytes())
+        return loads_of(levers, gravity)
 
     def offsets(self, beta: Array) -> Array:
         """What is added to the joints' values (dof,)."""
@@ -224,9 +229,9 @@ class Structure(Layout):
         joint_slope = self.joint_slope(chain_slope)
 
         def by_loads(block: str) -> Array:
-            bending = self.loads[block]
-            loads = loads_of(bending.levers(joints), constants.gravity)
-            moved: Array = chain_slope[bending.joints] * loads[:, None]
+            loads = self._loads_at(block, q, constants.gravity)
+            bent = self.loads[block].joints
+            moved: Array = chain_slope[bent] * loads[:, None]
             return moved
 
         for block in self.loads:
@@ -351,6 +356,13 @@ def _constants(structure: Structure, parameters: bytes) -> Constants:
         sensor=structure.viewpoint.place(blocks),
         blocks=blocks,
     )
+
+
+@lru_cache(_LEVERS)
+def _levers(loads: BendingLoads, dof: int, joints: bytes) -> Array:
+    """Levers (e, g, n) of loads at joint values (n, dof), remembered."""
+    q = np.frombuffer(joints).reshape(-1, dof)
+    return loads.levers(q)
 
 
 def loads_of(levers: Array, gravity: Array) -> Array:
