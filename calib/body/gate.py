@@ -33,8 +33,8 @@ class HeldOut:
     residual: Array  # (n, m); NaN where the other blocks leave the body open
     score: Array  # (n,), negative log predictive density, up to a constant; NaN without a spread
     edges: Indices  # (b + 1,), limits of the blocks
-    # error over the 95 % radius (n,), NaN for outliers of the fit, by the number of blocks: 2, 5, 10,
-    # and 0 of the fit itself, whose own residuals may contradict what it states there
+    # errors over the 95 % radius (n,), NaN for outliers of the fit, by the number of blocks: 2, 5
+    # and 10, and 0 of the fit itself, whose own residuals may contradict what it states there
     ratios: dict[int, Array]
     # (n,), 95 % radius by the other blocks over that of the fit itself, 1 where it was not computed
     widening: Array

@@ -90,4 +90,5 @@ def _after_reading(directions: Array, reading: Array) -> Array:
     sd = 1 / np.sqrt(1 + sizes**2)
     along_ways = directions @ ways
     explained = (1 - sd) * along_ways @ ways.T
-    return directions - explained
+    remaining: Array = directions - explained
+    return remaining
