@@ -71,7 +71,8 @@ class HeldOut:
         for columns in part.outputs:
             p = columns.stop - columns.start
             noise = part.noise[columns.start]
-            lengths = np.linalg.norm(self.residual[:, columns], axis=1)
+            residual = self.residual[:, columns]
+            lengths = np.linalg.norm(residual, axis=1)
             lengths = lengths[np.isfinite(lengths)]
             square = float(noise**2)
             if len(lengths):
@@ -290,7 +291,8 @@ def _member_of(
     """Return a member with some blocks free, None where the rows leave them open."""
     structure = begin.structure
     try:
-        fit = Fit(structure, rows, begin.beta, structure.prior(free), nu=nu)
+        prior = structure.prior(free)
+        fit = Fit(structure, rows, begin.beta, prior, nu=nu)
         if np.isfinite(nu):
             fit.maximise(steps=10, tolerance=FIT.settled)
         else:

@@ -19,7 +19,8 @@ class Factor:
 
     def __init__(self, matrix: Array) -> None:
         diagonal = np.diag(matrix)
-        self.scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        positive = np.where(diagonal > 0, diagonal, 1.0)
+        self.scale = 1.0 / np.sqrt(positive)
         scaled = matrix * self.scale[:, None]
         scaled *= self.scale
         self._root = positive_root(scaled)

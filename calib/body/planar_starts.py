@@ -82,7 +82,8 @@ def _starts_of_drawing(
         signs = np.multiply(turns, drawing.signs)
         turned = structure.with_fields(signs=tuple(signs.tolist()))
         turned = turned.with_sensor(mirror=drawing.mirror)
-        side, beta = side_and_frame(turned, q, z, turned.neutral())
+        arm = turned.neutral()
+        side, beta = side_and_frame(turned, q, z, arm)
         yield Start(side, beta)
 
 
@@ -126,7 +127,8 @@ def _linear(structure: PlanarStructure, q: Array, z: Array) -> Array:
     revolute = structure.revolute
     tip: Complex = z @ np.array([1, 1j])
     columns = waves(q, signs, mirror, revolute)
-    columns = np.column_stack([columns, np.ones(len(q))])
+    ones = np.ones(len(q))
+    columns = np.column_stack([columns, ones])
     solution = _shared_solution(columns, tip)
     links = solution[:-1]
     shift = complex(solution[-1])
@@ -152,8 +154,10 @@ def _shared_solution(columns: Complex, tip: Complex) -> Complex:
     A joint that hardly moves makes columns alike.
     """
     size = np.linalg.norm(columns, axis=0) + 1e-300
-    fit, *_ = np.linalg.lstsq(columns / size, tip, rcond=START.one_column)
-    return np.asarray(fit / size, dtype=complex)
+    alike = START.one_column
+    fit, *_ = np.linalg.lstsq(columns / size, tip, rcond=alike)
+    solution: Complex = fit / size
+    return solution
 
 
 def _unit_length(structure: PlanarStructure, sizes: Array) -> float:
@@ -162,5 +166,6 @@ def _unit_length(structure: PlanarStructure, sizes: Array) -> float:
     unit = float(sizes[0])
     if slides.any():
         logarithms = np.log(sizes[slides] + 1e-300)
-        unit = float(np.exp(logarithms.mean()))
+        mean = logarithms.mean()
+        unit = float(np.exp(mean))
     return max(unit, 1e-9 * structure.extent)

@@ -269,7 +269,8 @@ class Structure(Layout):
     ) -> Array:
         """Outputs (n, m) of a motion at rows (n, dof + g), after a step (d,) of the sensor."""
         blocks = self.by_blocks(self.retract(beta, step))
-        sight = self.measurement.look(blocks, motion, q[:, self.dof :])
+        also = q[:, self.dof :]
+        sight = self.measurement.look(blocks, motion, also)
         return sight.values
 
     def by_blocks(self, beta: Array) -> dict[str, Array]:

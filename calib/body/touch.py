@@ -82,9 +82,10 @@ class Facts(Measurement):
         """See how far the sockets are off."""
         places = blocks["point"].reshape(-1, 3)
         misfits = [fact.misfit(places) / fact.tolerance for fact in self.facts]
-        values = np.concatenate(misfits)
+        misfit = np.concatenate(misfits)
         rows = also[:, 0].astype(int)
-        return Sight(values[rows, None], np.zeros((1, 3)))
+        values = misfit[rows, None]
+        return Sight(values, np.zeros((1, 3)))
 
 
 def rows_of_touches(
@@ -150,13 +151,15 @@ def fit_touches(
         x = np.zeros((len(q), 3))
     tip, _ = structure.pose(q, structure.neutral())
     variance = tip.var(axis=0).sum()
-    sized = structure.with_sensor(extent=float(np.sqrt(variance)))
+    extent = float(np.sqrt(variance))
+    sized = structure.with_sensor(extent=extent)
     rows = rows_of_touches(q, point, known, x)
     whole = with_measurements(sized, rows)
     begin = _beginning(whole, tip, point, x)
     of_all = fit(whole, rows, begin=begin, seed=seed)
-    points = of_all.body.beta[whole.groups["point"]].reshape(-1, 3)
-    body = in_structure(of_all.body, structure)
+    body = of_all.body
+    points = body.beta[whole.groups["point"]].reshape(-1, 3)
+    body = in_structure(body, structure)
     measured = point < 0
     held_out = np.empty((len(q), 3))
     held_out[~measured] = _about_means(of_all.held_out, point[~measured])
@@ -171,7 +174,8 @@ def fit_touches(
     else:
         rng = np.random.default_rng(seed)
         shares = rng.random((_POSTURES, q.shape[1]))
-        postures = lower + shares * (upper - lower)
+        span = upper - lower
+        postures = lower + shares * span
         body = without_whole_motion(body, postures)
     # of a block that has most touches of a socket the others do not tell where that is
     alike = np.ones(len(q))
@@ -243,7 +247,9 @@ def without_whole_motion(body: Body, q: Array) -> Body:
     """
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone
-    base: Indices = np.concatenate([structure.shifts[0], structure.turns[0]])
+    shift = structure.shifts[0]
+    turn = structure.turns[0]
+    base: Indices = np.concatenate([shift, turn])
 
     def without(belief: Gaussian) -> dict[str, Array | Indices]:
         active = np.concatenate([base, belief.active])
