@@ -221,13 +221,13 @@ class PlanarStructure(Structure):
     def _unknown_joints(self) -> tuple[Block, ...]:
         """Lengths, offsets and gains of which no drawing tells."""
         names = self.joint_names
-        turning = np.asarray(self.revolute)
+        turning = np.asarray(self.revolute, dtype=float)
         size, unit = self._link
         length = size * turning
-        sd: Array = 2.0 * length
+        sd = 2.0 * length
         if self.sensors[0].view_kind.has_scale and turning.all():
             sd[0] = 0.0  # the view's scale is the first length
-        anywhere: Array = 10.0 * self._has_offset
+        anywhere = np.where(self._has_offset, 10.0, 0.0)
         gain = 2.0 * PRIOR.gain
         return (
             Block.of("length", unit, ["length"], sd, length, (), names),
