@@ -19,7 +19,7 @@ from .views import Measurement
 class Rows:
     """What one sensor measured: n rows of m outputs."""
 
-    q: Array  # (n, dof + g), joint values [rad or m], and what else a row tells the sensor
+    q: Array  # (n, dof + a), joint values [rad or m], and what else a row tells the sensor
     z: Array  # (n, m), what it saw
     # how it measures, or its name where the structure has several; None: as the structure says
     sensor: Measurement | str | None = None

@@ -57,7 +57,8 @@ class Constants(NamedTuple):
 class Structure(Layout):
     """A chain and what a sensor measures of it.
 
-    ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters, ``c`` joints of the chain.  Joint
+    ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters, ``c`` joints of the chain, ``e``
+    loads under a gravity of ``g`` numbers, ``a`` numbers that a row tells beside its joints.  Joint
     values are in rad or m as they are logged; positions in the structure's own unit.
     """
 
@@ -144,9 +145,9 @@ class Structure(Layout):
         return move(constants_at(self, beta).links, values)
 
     def motion_and_sight(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
-        """Where the chain is at rows (n, dof + g), and what the sensor sees of it.
+        """Where the chain is at rows (n, dof + a), and what the sensor sees of it.
 
-        The g columns after the joints are what a row tells the measurement.
+        The columns after the joints are what a row tells the measurement.
         """
         constants = constants_at(self, beta)
         values = self.joint_values(q, beta)
@@ -267,7 +268,7 @@ class Structure(Layout):
     def _sight_after(
         self, step: Array, beta: Array, motion: Motion, q: Array
     ) -> Array:
-        """Outputs (n, m) of a motion at rows (n, dof + g), after a step (d,) of the sensor."""
+        """Outputs (n, m) of a motion at rows (n, dof + a), after a step (d,) of the sensor."""
         blocks = self.by_blocks(self.retract(beta, step))
         also = q[:, self.dof :]
         sight = self.measurement.look(blocks, motion, also)
