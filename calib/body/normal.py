@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_solve, solve_triangular
 
 from ..common.arrays import Array
 
@@ -27,6 +26,8 @@ class Factor:
 
     def solve(self, b: Array) -> Array:
         """Solution (k,) or (k, r) of ``matrix x = b``."""
+        from scipy.linalg import cho_solve
+
         scaled = (self.scale * b.T).T
         inner = cho_solve((self._root, True), scaled, check_finite=False)
         solution: Array = (self.scale * inner.T).T
@@ -34,6 +35,8 @@ class Factor:
 
     def whiten(self, b: Array) -> Array:
         """``L^-1 b`` (k, r): columns whose scalar products are ``b' matrix^-1 b``."""
+        from scipy.linalg import solve_triangular
+
         scaled = b * self.scale[:, None]
         white: Array = solve_triangular(
             self._root, scaled, lower=True, check_finite=False

@@ -114,6 +114,7 @@ class PlaceOfSet(Place):
 class Search:
     """Sets of causes of a log beside a reference.
 
+    always : groups that are free in every set: a frame that no posterior tells of, a turned tool
     temper : rows that count for one
     """
 
@@ -121,6 +122,7 @@ class Search:
         self,
         system: System,
         cause: str | None,
+        always: Sequence[str],
         temper: float,
     ) -> None:
         reference = system.reference
@@ -129,9 +131,7 @@ class Search:
         self.temper = temper
         groups = changeable(structure)
         self.sd = freedom(reference.body, groups, reference.forgotten)
-        self.start = np.zeros(0, np.intp)  # what is free in every set
-        if reference.is_fitted:
-            self.start = np.sort(indices_of(structure, FRAME))
+        self.start = np.sort(indices_of(structure, always))
         singles = single_causes(structure, cause)
         allowed = np.concatenate([*singles.values()])
         self.free = np.union1d(self.start, allowed).astype(np.intp)
@@ -331,6 +331,7 @@ def explain(
     *,
     temper: float,
     calm: bool,
+    turned: Sequence[str] = (),
 ) -> tuple[Explanation, ...]:
     """Return sets of causes with their evidence, the best first.
 
@@ -338,9 +339,13 @@ def explain(
         that is far
     temper : rows that count for one
     calm : whether nothing changed
+    turned : groups that changed for sure, as orientations show: the tool that is turned has moved
     """
     explanations: list[Explanation] = []
     for system in systems:
-        search = Search(system, cause, temper)
+        always = turned
+        if system.reference.is_fitted:
+            always = (*FRAME, *turned)
+        search = Search(system, cause, always, temper)
         explanations += search.explanations(calm=calm)
     return tuple(sorted(explanations, key=_evidence, reverse=True))

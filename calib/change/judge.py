@@ -25,7 +25,7 @@ from ..errors import ModelError, OptionError, require
 from ..model.model import Model
 from ..samples.samples import Samples
 from .causes import as_built, as_drawn
-from .evidence import Evidence, bound_test
+from .evidence import Evidence, bound_test, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
 from .play import find_play
@@ -130,7 +130,7 @@ def _of_body(logged: LogRows, cause: str | None, learn: bool) -> Verdict:
     if reference.is_fitted and not reference.new:  # it may be where it was
         there = Reference(prior, body.beta)
         systems.insert(0, System(there, data))
-    evidence = Evidence(
+    by_positions = Evidence(
         rows=rows,
         cause=cause,
         prior=prior,
@@ -140,6 +140,7 @@ def _of_body(logged: LogRows, cause: str | None, learn: bool) -> Verdict:
         bound=bound,
         explanations=explain(systems, cause, temper=temper, calm=calm),
     )
+    evidence = with_orientations(by_positions, systems, temper)
 
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out.
     better = None
