@@ -20,7 +20,7 @@ from ..samples.diagnosis import diagnose, readings, refuse_mistakes
 from ..samples.motion import OfRows
 from ..samples.samples import Samples
 from ..training.preparation import sound_log
-from ..training.touched import as_positions
+from ..training.touch_positions import as_positions
 
 # fewest different rows that a judgement or a correction can rest on
 LEAST_ROWS = 10
