@@ -18,8 +18,10 @@ class Factor:
 
     def __init__(self, matrix: Array) -> None:
         diagonal = np.diag(matrix)
-        self.scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        scaled = matrix * self.scale[:, None] * self.scale
+        positive = np.where(diagonal > 0, diagonal, 1.0)
+        self.scale = 1.0 / np.sqrt(positive)
+        scaled = matrix * self.scale[:, None]
+        scaled *= self.scale
         self._root = positive_root(scaled)
 
     def solve(self, b: Array) -> Array:
@@ -56,10 +58,11 @@ class Factor:
 
 def positive_root(matrix: Array) -> Array:
     """Lower triangular root (k, k) of a matrix, or of one with a little more on its diagonal."""
-    eye = np.eye(len(matrix))
+    raised = matrix.copy()
     for jitter in _JITTERS:
+        np.fill_diagonal(raised, np.diag(matrix) + jitter)
         try:
-            root = np.linalg.cholesky(matrix + jitter * eye)
+            root = np.linalg.cholesky(raised)
         except np.linalg.LinAlgError:
             continue
         if np.isfinite(np.diag(root)).all():  # a NaN spreads there

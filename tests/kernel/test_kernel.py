@@ -3,6 +3,7 @@
 import pickle
 import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import models
@@ -25,6 +26,7 @@ from refusals import refused
 
 import calib
 from calib import OptionError
+from calib.model.header import Header
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
@@ -164,6 +166,16 @@ def test_one_pose_is_that_of_the_batch(made):
         place, turned = fast.pose(alone)
         np.testing.assert_allclose(place, x[k], rtol=0, atol=1e-9 * model.reach)
         assert abs(abs(turned @ turns[k]) - 1.0) < 1e-12
+
+
+@needs_compiler
+def test_c_that_knows_less_than_numpy_does_not_answer(monkeypatch):
+    """A body's parameter that no C was written for left it 1.5 mm off, without a word."""
+    model = cold(in_space())
+    header = Header.of(replace(model, body=replace(model.body, beta=0.99 * model.body.beta)))
+    monkeypatch.setattr(Header, "of", lambda _: header)
+    assert "not say the same" in model.warm_up()
+    assert not model.warm
 
 
 @needs_compiler
