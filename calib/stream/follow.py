@@ -89,8 +89,10 @@ def matching_sigma(network: Map, error: float) -> float:
     epoch = int(np.flatnonzero(past >= error)[-1])
     if epoch + 1 == len(past) or past[epoch] == past[epoch + 1]:
         return float(full[epoch])
-    share = (past[epoch] - error) / (past[epoch] - past[epoch + 1])
-    return float(full[epoch] * (full[epoch + 1] / full[epoch]) ** share)
+    before, after = past[epoch : epoch + 2]
+    larger, smaller = full[epoch : epoch + 2]
+    share = (before - error) / (before - after)
+    return float(larger * (smaller / larger) ** share)
 
 
 class OnlineAdapter:
@@ -139,8 +141,11 @@ class OnlineAdapter:
 
     def feed(self, q: Array, x: Array) -> Step:
         """Take the next samples of the stream, (n, dof) and (n, 2), and learn from them."""
-        u = self._model.motor.scale.to_unit(np.asarray(q, dtype=float))
-        v = self._model.sensory.scale.to_unit(np.asarray(x, dtype=float))
+        model = self._model
+        q = np.asarray(q, dtype=float)
+        x = np.asarray(x, dtype=float)
+        u = model.motor.scale.to_unit(q)
+        v = model.sensory.scale.to_unit(x)
         if not len(u):
             raise OptionError("no samples: expected one or more rows")
         steps = [
@@ -231,8 +236,10 @@ class OnlineAdapter:
         )  # eq. 10, 12
         self._net.show((u, v), rates)
         self._since += len(u)
-        self._q.append(self._model.motor.scale.from_unit(u)[rows])
-        self._x.append(self._model.sensory.scale.from_unit(v)[rows])
+        q = self._model.motor.scale.from_unit(u)
+        x = self._model.sensory.scale.from_unit(v)
+        self._q.append(q[rows])
+        self._x.append(x[rows])
         while sum(map(len, self._x)) - len(self._x[0]) >= FOLLOW.latest:
             del self._q[0], self._x[0]
         return (
