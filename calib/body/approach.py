@@ -1,7 +1,11 @@
 """Backlash: half the play of each joint, learned from the side from which it came.
 
 A joint that comes from below stands lower than its encoder reads, one that comes from above
-higher: theta = q - h s, with h half the play and s the sign of the last motion.
+higher, so that a position x is off by h times a derivative::
+
+    theta = q - h s,    x(theta) = x(q) - (dx/dq) h s
+
+with h half the play and s = 1, -1 the sign of the joint's last motion.
 """
 
 from __future__ import annotations
@@ -17,9 +21,9 @@ from .settings import PLAY
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """What the direction of approach tells."""
+    """Half the play h of each joint."""
 
-    # [rad or m], half the play of each joint, 0 where the log shows none
+    # [rad or m], 0 where the log shows none
     play: Annotated[Array, Shape("dof")]
 
     def effective(self, q: Array, direction: Array) -> Array:
@@ -28,36 +32,43 @@ class Approach:
         return values
 
     def has_direction(self, direction: Array) -> Mask:
-        """Whether the direction (n, dof) is known of all joints with play, (n,)."""
-        tells = (direction != 0.0) | (self.play == 0.0)
-        has_direction: Mask = tells.all(axis=1)
+        """Whether the direction (n, dof) of all joints with play is known, (n,)."""
+        is_known = direction != 0.0
+        is_tight = self.play == 0.0
+        has_direction: Mask = (is_known | is_tight).all(axis=1)
         return has_direction
 
 
 def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
-    """Half the play of each joint, None where the direction of approach does not pay.
+    """Half the play of each joint (dof,), or None where no joint is sure to have some.
+
+    Beside a joint that is sure of its play others count that are likely to have some.
 
     residual : (n, m) [unit], measured less predicted position, in the order of motion
     slope : (n, m, dof) [unit / rad or m], derivative of the position by the joint values
     direction : (n, dof), sign of the last motion of each joint
-    Returns (dof,): one joint has to be sure of its play; beside it others count that are likely.
     """
     features = -slope * direction[:, None, :]
     half, error = _least_squares(features, residual)
     is_sure = half > PLAY.sure * error
     if not is_sure.any():
         return None
-    likely = half > PLAY.likely * error
-    play = np.zeros(len(half))
-    likely_features = features[:, :, likely]
-    play[likely], _ = _least_squares(likely_features, residual)
-    if (play < 0.0).any():
+    is_likely = half > PLAY.likely * error
+    features = features[:, :, is_likely]
+    half, _ = _least_squares(features, residual)
+    if (half < 0.0).any():
         return None
+    play = np.zeros(len(is_likely))
+    play[is_likely] = half
     return play
 
 
 def _least_squares(features: Array, residual: Array) -> tuple[Array, Array]:
-    """Least squares (k,) of features (n, m, k), and the standard errors (k,)."""
+    """Solution (k,) of ``features @ solution = residual``, and its standard errors (k,).
+
+    features, residual : (n, m, k) and (n, m)
+    Where the rows leave it open, the solution is zero and its errors are infinite.
+    """
     n, _, k = features.shape
     flat = features.reshape(-1, k)
     gram = flat.T @ flat

@@ -44,12 +44,14 @@ class Corners(Measurement):
             back = np.swapaxes(turn, 1, 2)
             arm = also - shift
             point = np.einsum("nij,nj->ni", back, arm)
-            by = np.concatenate([-back, back @ cross_matrix(arm)], axis=2)
+            by_turn = back @ cross_matrix(arm)
+            by = np.concatenate([-back, by_turn], axis=2)
         else:
             arm = np.einsum("nij,nj->ni", turn, also)
             point = arm + shift
             still = np.broadcast_to(np.eye(3), turn.shape)
-            by = np.concatenate([still, -cross_matrix(arm)], axis=2)
+            by_turn = -cross_matrix(arm)
+            by = np.concatenate([still, by_turn], axis=2)
         camera = pixels(blocks["lens"], point.T)
         by_pose = np.einsum("mkn,nkj->mjn", camera.slope, by)
         slope = np.einsum("mjn,ji->min", by_pose, pose.slope)

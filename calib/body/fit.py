@@ -221,7 +221,8 @@ class Fit:
                 continue
             residuals = [part.residual_at(beta) for part in self.parts]
             gain = before - self._energy(beta, residuals)
-            if gain > 0 or (damping == 0 and gain >= -1e-9 * abs(before)):
+            is_even = gain >= -1e-9 * abs(before)
+            if gain > 0 or (damping == 0 and is_even):
                 self.beta = beta
                 for part, residual in zip(self.parts, residuals, strict=True):
                     part.residual = residual
@@ -256,7 +257,8 @@ class Fit:
         )
         gram = self.grams.sum(axis=0)
         self.precision = with_prior(gram, self.sd, self.prior_precision)
-        self.gradient = self.moments.sum(axis=0) - self._pull(self.beta)
+        moment = self.moments.sum(axis=0)
+        self.gradient = moment - self._pull(self.beta)
 
     def _information(
         self,
@@ -300,7 +302,8 @@ class Fit:
             squares = away[index] ** 2 / hyper.shape
             total = float(squares.sum()) + hyper.pseudo * hyper.scale**2
             least, most = hyper.scale * np.array(hyper.within)
-            scale = float(np.clip(np.sqrt(total / count), least, most))
+            scale = np.sqrt(total / count)
+            scale = float(np.clip(scale, least, most))
             self.scales[hyper.name] = scale
             self.sd[index] = scale * np.sqrt(hyper.shape)
         share = determined / sum(part.z.size for part in self.parts)

@@ -40,7 +40,8 @@ def frame_of_drawing(structure: SpatialStructure, q: Array, z: Array) -> Array:
         free = [*structure.frame_groups, "offset"]
         sd = structure.prior(free).sd
         sd[structure.groups["offset"]] *= 20.0
-        start = start.run(q, z, Prior(start.beta, sd), 60)
+        prior = Prior(start.beta, sd)
+        start = start.run(q, z, prior, 60)
     if not structure.viewpoint.view_kind.has_scale:
         _refuse_misfit(structure, q, z, start.beta)
     return start.beta
@@ -57,9 +58,11 @@ def _best_place(
     for guess in _guesses(structure, q, z, arm):
         start = Start(structure, guess)
         prior = Prior(guess, sd)
-        runs.append(start.run(q[some], z[some], prior, START.guess_steps))
+        run = start.run(q[some], z[some], prior, START.guess_steps)
+        runs.append(run)
     best = min(runs, key=lambda run: run.cost)
-    return best.run(q, z, Prior(best.beta, sd), START.steps)
+    prior = Prior(best.beta, sd)
+    return best.run(q, z, prior, START.steps)
 
 
 def _refuse_misfit(
@@ -70,7 +73,8 @@ def _refuse_misfit(
     off = median_length(misfit[:, :3])
     positions = z[:, :3]
     away = positions - np.median(positions, axis=0)
-    size = float(np.linalg.norm(away, axis=1).max())
+    lengths = np.linalg.norm(away, axis=1)
+    size = float(lengths.max())
     most = START.other_arm
     what = "positions"
     if structure.camera:
@@ -122,7 +126,8 @@ def _trackers(
     seen = z[:, :3]
     aside = START.tool * structure.chain.reach
     # from the tip alone 2 of 96 mountings of long tools were not found
-    tools = np.outer([0.0, aside, -aside], [1.0, 0.0, 0.0])
+    sides = [0.0, aside, -aside]
+    tools = np.outer(sides, [1.0, 0.0, 0.0])
     turns = [similarity(points + rotations @ tool, seen)[0] for tool in tools]
     if structure.outputs == 6:
         # without it 2 of 48 mountings of long tools were not found
@@ -196,7 +201,8 @@ def _cameras(
         factors += [0.7, 1.4]
     for factor in factors:
         focal = factor * camera.lens[0]
-        depth = focal / max(float(s.mean()), 1e-9)
+        pixels_a_metre = max(float(s.mean()), 1e-9)
+        depth = focal / pixels_a_metre
         centre = np.append((seen - principal) / focal, 1.0) * depth
         guess = arm.copy()
         guess[groups["lens"][0]] = focal

@@ -1,12 +1,14 @@
 """The gate: which member of a structure the rows support, from simple to rich.
 
-Members are compared by leave-block-out predictions in closed form, which downdate the information
-by the block's rows, and by the evidence.
+A member frees some blocks of parameters.  Each is fitted, and two members are compared by the
+evidence, and by what each predicts of every block of rows from the others (`leave_blocks_out`).
+The fit is linear near its maximum, so that no block needs another fit: without its rows
+information and gradient give the step to where that fit would end.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -15,6 +17,7 @@ import numpy as np
 from ..common.arrays import Array
 from .covariance import radius_95
 from .fit import Fit
+from .normal import Factor
 from .parameters import Indices
 from .rows import Part, Rows, edges_of
 from .settings import FIT, NATS, STUDENT
@@ -30,9 +33,8 @@ class HeldOut:
     residual: Array  # (n, m); NaN where the other blocks leave the body open
     score: Array  # (n,), negative log predictive density, up to a constant; NaN without a spread
     edges: Indices  # (b + 1,), limits of the blocks
-    # dict of int to (n,) array, error over the 95 % radius, for partitions into 2, 5 and 10 blocks,
-    # and 0: of the fit itself, whose own residuals may contradict what it states there; NaN for
-    # outliers of the fit
+    # errors over the 95 % radius (n,), NaN for outliers of the fit, by the number of blocks: 2, 5
+    # and 10, and 0 of the fit itself, whose own residuals may contradict what it states there
     ratios: dict[int, Array]
     # (n,), 95 % radius by the other blocks over that of the fit itself, 1 where it was not computed
     widening: Array
@@ -72,10 +74,10 @@ class HeldOut:
             residual = self.residual[:, columns]
             lengths = np.linalg.norm(residual, axis=1)
             lengths = lengths[np.isfinite(lengths)]
-            limited = np.array([noise])
+            square = float(noise**2)
             if len(lengths):
                 limited = np.minimum(lengths, 4 * np.median(lengths))
-            square = float((limited**2).mean())
+                square = float((limited**2).mean())
             beyond = square / p - 1.3 * noise**2
             least = (0.05 * noise) ** 2
             tau[columns] = np.sqrt(max(beyond, least))
@@ -102,22 +104,23 @@ def leave_blocks_out(
     part = fit.parts[sensor]
     derivatives = list(part.by_blocks(fit.beta, fit.active))
     outlier = part.weight[:, 0] <= FIT.outlier
-    finest = max(partitions)
     ratios: dict[int, Array] = {}
     radii: dict[int, Array] = {}
-    for count in sorted(partitions):  # the finest is the last
+    for count in sorted(partitions):
         residual, spread = _from_others(fit, part, derivatives, count)
         positions = residual[:, part.outputs[0]]
         lengths = np.linalg.norm(positions, axis=1)
         radii[count] = radius_95(spread)
         ratios[count] = lengths / radii[count]
         ratios[count][outlier] = np.nan
+    # residual, lengths and spread are now of the finest partition
+    score = _negative_log_density(lengths, spread)
     widening = np.ones(len(residual))
     if 0 in radii:
-        wider = radii[finest] / radii[0]
-        wider = np.maximum(wider, 1.0)
-        widening = np.where(np.isfinite(wider), wider, 1.0)
-    score = _negative_log_density(lengths, spread)
+        finest = max(partitions)
+        wider = np.maximum(radii[finest] / radii[0], 1.0)
+        is_computed = np.isfinite(wider)
+        widening[is_computed] = wider[is_computed]
     return HeldOut(residual, score, part.edges, ratios, widening)
 
 
@@ -142,29 +145,37 @@ def _from_others(
         left_out = slice(first, last) if count else slice(0)
         try:
             gram, step = fit.without(left_out)
-            softer = fit.softer(gram)
+            precision = fit.softer(gram)
         except np.linalg.LinAlgError:  # the others leave parameters open
             continue
         for rows, derivative in derivatives[first:last]:
             residual[rows] = part.residual[rows] - derivative @ step
             some = derivative[::every, positions]
-            n, p, k = some.shape
-            flat = some.reshape(n * p, k)
-            white = softer.whiten(flat.T).reshape(k, n, p)
-            covariance = np.einsum("kni,knj->nij", white, white)
-            spread[rows][::every] = covariance + noise
+            spread[rows][::every] = _predicted_covariance(precision, some)
+            spread[rows][::every] += noise
     return residual, spread
 
 
+def _predicted_covariance(precision: Factor, derivative: Array) -> Array:
+    """Covariance (n, p, p) of predictions with derivatives (n, p, k) by parameters."""
+    n, p, k = derivative.shape
+    flat = derivative.reshape(n * p, k)
+    white = precision.whiten(flat.T).reshape(k, n, p)
+    covariance: Array = np.einsum("kni,knj->nij", white, white)
+    return covariance
+
+
 def _negative_log_density(length: Array, spread: Array) -> Array:
-    """Of errors (n,) under covariances (n, p, p), of a Student with 4 degrees of freedom."""
+    """Of errors (n,) under covariances (n, p, p), of a Student with 4 degrees of freedom.
+
+    Up to a constant (p log v + (4 + p) log(1 + e^2 / 4 v)) / 2, with v the mean variance.
+    """
     p = spread.shape[1]
     variance = np.einsum("nii->n", spread) / p
     square = length**2 / (4 * variance)
-    beyond = np.log1p(square)
+    tail = (4 + p) * np.log1p(square)
     volume = p * np.log(variance)
-    twice = volume + (4 + p) * beyond
-    density: Array = 0.5 * twice
+    density: Array = 0.5 * (volume + tail)
     return density
 
 
@@ -192,45 +203,46 @@ def _wins(richer: Member, simpler: Member) -> bool:
     old = simpler.held_out.blockwise()
     has_new = np.isfinite(new)
     has_old = np.isfinite(old)
-    both = has_new & has_old
     if has_new.sum() < has_old.sum():
         return False
-    if not both.any():
+    has_both = has_new & has_old
+    if not has_both.any():
         return bool(has_new.any())
-    gain = (old - new)[both]
+    gains = (old - new)[has_both]
+    gain = gains.mean()
     evidence = richer.fit.evidence - simpler.fit.evidence
     evidence /= richer.fit.autocorrelation
-    if gain.mean() <= 0 or evidence <= 0:
+    if gain <= 0 or evidence <= 0:
         return False
     error = np.inf
-    if len(gain) > 1:
-        error = gain.std(ddof=1) / np.sqrt(len(gain))
-    return bool(gain.mean() > error or evidence > NATS)
+    if len(gains) > 1:
+        error = gains.std(ddof=1) / np.sqrt(len(gains))
+    return bool(gain > error or evidence > NATS)
 
 
 def pass_gate(
     start: Start, chain: tuple[str, ...], rows: Sequence[Rows]
 ) -> Member:
-    """Fit members from simple to rich, each with what has passed; a richer one must win.
+    """Fit members from simple to rich, each with what has passed; return the last that wins.
 
     Samples of a simulation have Gaussian noise, a log's is Student.  Nothing richer is tried where
     samples reach their least noise.
 
     start : the structure, whose members they are, and parameters to begin with
-    chain : groups of the simplest member that is a start for richer ones
+    chain : blocks of the simplest member that is a start for richer ones
     """
     structure = start.structure
     nu = np.inf if structure.simulated else STUDENT
-    names = {frozenset(groups): name for name, groups in structure.members()}
+    names = {frozenset(blocks): name for name, blocks in structure.members()}
     best: Member | None = None
     tried: dict[frozenset[str], Member | None] = {}
-    for rung, groups in structure.members():
+    for rung, blocks in structure.members():
         name = rung
-        free = groups
+        free = blocks
         begin = start.beta
         # what has passed stays: a lens stays beneath the curves
         if best is not None:
-            free = tuple(dict.fromkeys((*best.free, *groups)))
+            free = tuple(dict.fromkeys((*best.free, *blocks)))
             name = names.get(frozenset(free), f"{best.name} and {rung}")
             if set(chain) <= set(best.free):
                 begin = best.fit.beta
@@ -242,14 +254,25 @@ def pass_gate(
             continue
         if best is None or _wins(member, best):
             best = member
-        least = 1.5 * member.fit.parts[0].floor
-        is_exact = member.fit.noise <= least
-        if structure.simulated and is_exact.all():
+        if structure.simulated and _is_exact(member.fit):
             break
     if best is None:
         raise np.linalg.LinAlgError("no member of the body could be fitted")
+    return _with_doubt_of_curves(best, tried.values())
+
+
+def _is_exact(fit: Fit) -> bool:
+    """Whether a fit's noise is next to the least that rows have."""
+    least = 1.5 * fit.parts[0].floor
+    return bool((fit.noise <= least).all())
+
+
+def _with_doubt_of_curves(
+    best: Member, tried: Iterable[Member | None]
+) -> Member:
+    """The best member with its evidence against those that have joint curves."""
     with_curves = -np.inf
-    for member in tried.values():
+    for member in tried:
         if member is not None and "curve" in member.free:
             with_curves = max(with_curves, member.fit.evidence)
     gain = best.fit.evidence - with_curves
@@ -268,7 +291,8 @@ def _member_of(
     """Return a member with some blocks free, None where the rows leave them open."""
     structure = begin.structure
     try:
-        fit = Fit(structure, rows, begin.beta, structure.prior(free), nu=nu)
+        prior = structure.prior(free)
+        fit = Fit(structure, rows, begin.beta, prior, nu=nu)
         if np.isfinite(nu):
             fit.maximise(steps=10, tolerance=FIT.settled)
         else:

@@ -1,7 +1,7 @@
 """Information: which poses would tell most of an arm beside those that were measured.
 
-Poses are chosen by the gain of information, the logarithm of the predicted covariance over the
-noise (D-optimal; maximum entropy sampling, Shewry and Wynn 1987).
+A pose tells as much as it shrinks the belief: half the logarithm of the predicted covariance of
+its reading over that of the noise (D-optimal; maximum entropy sampling, Shewry and Wynn 1987).
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ _SMOOTH = 0.5
 
 def matern(q: Array, other: Array, lengths: Array) -> Array:
     """Matern 5/2 correlation (n, k) of joints (n, dof) and (k, dof)."""
-    away = q[:, None] / lengths - other / lengths
+    scaled = q / lengths
+    others = other / lengths
+    away = scaled[:, None] - others
     d = np.sqrt(5.0) * np.linalg.norm(away, axis=2)
     rising = 1 + d + d * d / 3
     correlation: Array = rising * np.exp(-d)
@@ -25,10 +27,11 @@ def matern(q: Array, other: Array, lengths: Array) -> Array:
 
 
 def lengths_of(body: Body, q: Array) -> Array:
-    """Correlation lengths (dof,) [rad or m] of a log's own residual."""
-    turning = np.asarray(body.structure.revolute)
+    """Correlation lengths (dof,) [rad or m] of the residual of a log with joints (n, dof)."""
+    structure = body.structure
+    turning = np.asarray(structure.revolute)
     span = np.maximum(np.ptp(q, axis=0), 1e-9)
-    smooth = _SMOOTH * np.sqrt(body.structure.dof / 2)
+    smooth = _SMOOTH * np.sqrt(structure.dof / 2)
     lengths: Array = np.where(turning, smooth, 0.3 * span)
     return lengths
 
@@ -46,7 +49,8 @@ def most_telling(body: Body, q: Array, n: int) -> Index:
     # what no parameter explains counts as noise
     noise = np.hypot(body.noise, body.tau)[:p]
     _, slope = structure.linearise(q, body.beta, body.active)
-    directions = slope[:, :p] @ body.root
+    positions = slope[:, :p]
+    directions = positions @ body.root
     directions *= body.kappa
     directions /= noise[:, None]
     return greedy(directions, n)
@@ -55,21 +59,36 @@ def most_telling(body: Body, q: Array, n: int) -> Index:
 def greedy(directions: Array, n: int) -> Index:
     """Choose rows one by one, each of the largest gain of information beside those before.
 
-    directions : (k, p, r), in which each row tells of the belief, in units of the noise: products
-        of two rows' directions are the covariance of their readings
+    directions : (k, p, r), derivatives of each row's reading by r independent unknowns of unit sd,
+        in units of the noise: products of two rows' directions are their readings' covariance
     n : how many, at most k
     """
-    eye = np.eye(directions.shape[1])
     chosen: list[int] = []
     for _ in range(n):
-        spread = directions @ np.swapaxes(directions, 1, 2)
-        _, gain = np.linalg.slogdet(eye + spread)
+        gain = _gains(directions)
         gain[chosen] = -1.0
         best = int(gain.argmax())
         chosen.append(best)
-        # ways that the row tells, and the share of the belief's sd that it leaves along them
-        ways, sizes, _ = np.linalg.svd(directions[best].T, full_matrices=False)
-        shares = 1 / np.sqrt(1 + sizes**2)
-        along_ways = directions @ ways
-        directions = directions - (1 - shares) * along_ways @ ways.T
+        directions = _after_reading(directions, directions[best])
     return np.array(chosen, dtype=np.intp)
+
+
+def _gains(directions: Array) -> Array:
+    """Gains (k,) of information [2 nats] of readings with directions (k, p, r)."""
+    transposed = np.swapaxes(directions, 1, 2)
+    covariance = directions @ transposed
+    eye = np.eye(directions.shape[1])
+    _, logarithms = np.linalg.slogdet(eye + covariance)
+    gains: Array = logarithms
+    return gains
+
+
+def _after_reading(directions: Array, reading: Array) -> Array:
+    """Directions (k, p, r) after a reading of directions (p, r), whose unknowns it narrows."""
+    ways, sizes, _ = np.linalg.svd(reading.T, full_matrices=False)
+    # of sd one before, along each way
+    sd = 1 / np.sqrt(1 + sizes**2)
+    along_ways = directions @ ways
+    explained = (1 - sd) * along_ways @ ways.T
+    remaining: Array = directions - explained
+    return remaining

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_solve, solve_triangular
 
 from ..common.arrays import Array
 
@@ -19,12 +18,16 @@ class Factor:
 
     def __init__(self, matrix: Array) -> None:
         diagonal = np.diag(matrix)
-        self.scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        scaled = matrix * self.scale[:, None] * self.scale
+        positive = np.where(diagonal > 0, diagonal, 1.0)
+        self.scale = 1.0 / np.sqrt(positive)
+        scaled = matrix * self.scale[:, None]
+        scaled *= self.scale
         self._root = positive_root(scaled)
 
     def solve(self, b: Array) -> Array:
         """Solution (k,) or (k, r) of ``matrix x = b``."""
+        from scipy.linalg import cho_solve
+
         scaled = (self.scale * b.T).T
         inner = cho_solve((self._root, True), scaled, check_finite=False)
         solution: Array = (self.scale * inner.T).T
@@ -32,6 +35,8 @@ class Factor:
 
     def whiten(self, b: Array) -> Array:
         """``L^-1 b`` (k, r): columns whose scalar products are ``b' matrix^-1 b``."""
+        from scipy.linalg import solve_triangular
+
         scaled = b * self.scale[:, None]
         white: Array = solve_triangular(
             self._root, scaled, lower=True, check_finite=False
@@ -53,10 +58,11 @@ class Factor:
 
 def positive_root(matrix: Array) -> Array:
     """Lower triangular root (k, k) of a matrix, or of one with a little more on its diagonal."""
-    eye = np.eye(len(matrix))
+    raised = matrix.copy()
     for jitter in _JITTERS:
+        np.fill_diagonal(raised, np.diag(matrix) + jitter)
         try:
-            root = np.linalg.cholesky(matrix + jitter * eye)
+            root = np.linalg.cholesky(raised)
         except np.linalg.LinAlgError:
             continue
         if np.isfinite(np.diag(root)).all():  # a NaN spreads there

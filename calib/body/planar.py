@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.scale import METRES
 from .curves import curve_shape
 from .drawing import Complex, PlanarDrawing
@@ -36,7 +36,8 @@ class PlanarMotion:
     def joints(self) -> TipMotion:
         """How the tip moves with the value of each joint, (dof, 2, n)."""
         # a joint turns all that comes after it about its own place
-        beyond = self.terms[::-1].cumsum(axis=0)[::-1]
+        from_tip = self.terms[::-1].cumsum(axis=0)
+        beyond = from_tip[::-1]
         moved = np.where(self.turning, 1j * beyond, self.direction)
         return _pairs(moved), None
 
@@ -84,7 +85,8 @@ class PlanarLoads:
 
 def _pairs(values: Complex) -> Array:
     """Complex numbers (..., n) as coordinates (..., 2, n)."""
-    pairs = np.empty((*values.shape[:-1], 2, values.shape[-1]))
+    *rest, n = values.shape
+    pairs = np.empty((*rest, 2, n))
     # quicker than NumPy's stack, which counts of one row
     pairs[..., 0, :] = values.real
     pairs[..., 1, :] = values.imag
@@ -139,7 +141,8 @@ class PlanarStructure(Structure):
     @cached_property
     def loads(self) -> Mapping[str, PlanarLoads]:
         """What bends the joints, by the block of elasticity that has a parameter for each."""
-        return {"elastic": PlanarLoads(np.multiply(self.signs, self.revolute))}
+        turns = np.multiply(self.signs, self.revolute)
+        return {"elastic": PlanarLoads(turns)}
 
     @property
     def _link(self) -> tuple[float, str]:
@@ -182,57 +185,71 @@ class PlanarStructure(Structure):
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the chain's geometry and of its joints."""
-        names = self.joint_names
-        turning = np.asarray(self.revolute)
-        size, unit = self._link
-        # in a free frame the first joint's offset is the frame's
-        free = np.ones(self.dof, dtype=bool)
-        free[0] = any(sensor.view == "base" for sensor in self.sensors)
         drawing = self.nominal
-        scales: list[tuple[Hyper, ...]] = [(), (), ()]
-        sds: list[Array | float] = [0.0, 0.0, 0.0]
+        elastic = PRIOR.elastic_in_plane
         if drawing is not None:
-            lengths = np.array(drawing.lengths)
-            offsets = np.array(drawing.offsets)
-            scales = [
-                (Hyper("length", SHIFT, PRIOR.wider),),
-                (Hyper("offset", TURN, PRIOR.servos, indices=free),),
-                (Hyper("gain", PRIOR.gain, PRIOR.wider),),
-            ]
-            loose = 1.0
+            joints = self._joints_of_drawing(drawing)
         else:
-            lengths = size * turning
-            offsets = np.zeros(self.dof)
-            sds = [2.0 * lengths, 10.0 * free, 2.0 * PRIOR.gain]
-            if self.sensors[0].view_kind.has_scale and turning.all():
-                # the view's scale is the first length
-                sds[0] = 2.0 * lengths * (np.arange(self.dof) > 0)
-            loose = 2.0
-        bends: list[tuple[str, str, str]] = []
+            joints = self._unknown_joints()
+            elastic *= 2.0
+        shape = curve_shape(PRIOR.long)
+        curves = self.curves(PRIOR.curve_rms, PRIOR.curve_rows_in_plane, shape)
+        return (*joints, self._elasticity(elastic), *curves)
+
+    @property
+    def _has_offset(self) -> Mask:
+        """Joints (dof,) with an offset of their own: in a free frame the first one's is its."""
+        has_offset = np.ones(self.dof, dtype=bool)
+        has_offset[0] = any(sensor.view == "base" for sensor in self.sensors)
+        return has_offset
+
+    def _joints_of_drawing(self, drawing: PlanarDrawing) -> tuple[Block, ...]:
+        """Lengths, offsets and gains near those of a drawing."""
+        names = self.joint_names
+        _, unit = self._link
+        size = Hyper("length", SHIFT, PRIOR.wider)
+        zero = Hyper("offset", TURN, PRIOR.servos, indices=self._has_offset)
+        gain = Hyper("gain", PRIOR.gain, PRIOR.wider)
+        length = np.array(drawing.lengths)
+        offset = np.array(drawing.offsets)
+        return (
+            Block.of("length", unit, ["length"], 0.0, length, (size,), names),
+            Block.of("offset", "rad", ["offset"], 0.0, offset, (zero,), names),
+            Block.of("gain", "1", ["gain"], 0.0, 1.0, (gain,), names),
+        )
+
+    def _unknown_joints(self) -> tuple[Block, ...]:
+        """Lengths, offsets and gains of which no drawing tells."""
+        names = self.joint_names
+        turning = np.asarray(self.revolute, dtype=float)
+        size, unit = self._link
+        length = size * turning
+        sd = 2.0 * length
+        if self.sensors[0].view_kind.has_scale and turning.all():
+            sd[0] = 0.0  # the view's scale is the first length
+        anywhere = np.where(self._has_offset, 10.0, 0.0)
+        gain = 2.0 * PRIOR.gain
+        return (
+            Block.of("length", unit, ["length"], sd, length, (), names),
+            Block.of("offset", "rad", ["offset"], anywhere, joints=names),
+            Block.of("gain", "1", ["gain"], gain, 1.0, (), names),
+        )
+
+    def _elasticity(self, size: float) -> Block:
+        """How much loads bend the joints, with the prior's scale [rad]."""
+        names = self.joint_names
+        labels: list[tuple[str, str, str]] = []
         for i, j in self.loads["elastic"].pairs:
             for wave in ("cos", "sin"):
                 name = f"{names[i]}.elastic {wave} {names[j]}"
-                bends.append((names[i], name, "rad"))
-        bending = Hyper("elastic", PRIOR.elastic_in_plane * loose, pseudo=4.0)
-        return (
-            Block.of(
-                "length", unit, ["length"], sds[0], lengths, scales[0], names
-            ),
-            Block.of(
-                "offset", "rad", ["offset"], sds[1], offsets, scales[1], names
-            ),
-            Block.of("gain", "1", ["gain"], sds[2], 1.0, scales[2], names),
-            Block("elastic", tuple(bends), scales=(bending,)),
-            *self.curves(
-                PRIOR.curve_rms,
-                PRIOR.curve_rows_in_plane,
-                curve_shape(PRIOR.long),
-            ),
-        )
+                labels.append((names[i], name, "rad"))
+        scale = Hyper("elastic", size, pseudo=4.0)
+        return Block("elastic", tuple(labels), scales=(scale,))
 
     def offsets(self, beta: Array) -> Array:
         """What is added to the joints' values (dof,); a slide's offset is its direction."""
-        return np.where(self.revolute, beta[self.groups["offset"]], 0.0)
+        offsets = beta[self.groups["offset"]]
+        return np.where(self.revolute, offsets, 0.0)
 
     def links(self, beta: Array) -> tuple[Array, Array, Array]:
         """The links' lengths (dof, 1), the slides' directions [rad], and which joints turn."""
@@ -297,7 +314,8 @@ def planar_structure(
     if view == "auto":
         view = "rigid" if unit in METRES else "homography"
     centre = z.mean(axis=0)
-    extent = float(np.sqrt(z.var(axis=0).sum()))
+    variance = z.var(axis=0).sum()
+    extent = float(np.sqrt(variance))
     size = float(np.abs(z).max())
     signs = (1,) * len(joint_names) if nominal is None else nominal.signs
     sensor = InPlane(

@@ -1,4 +1,9 @@
-"""Starts of a planar arm: the signs of its joints, the side that it is seen from, its frame."""
+"""Starts of a planar arm: the signs of its joints, the side that it is seen from, its frame.
+
+Which way joints turn is not known.  For each choice of signs positions x + i y are linear in the
+links, so that links, offsets and frame follow from least squares; where a drawing has the links,
+the frame alone is fitted.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +14,7 @@ import numpy as np
 
 from ..arm.rotations import similarity
 from ..common.arrays import Array
-from .drawing import PlanarDrawing, drawing_of, waves
+from .drawing import Complex, PlanarDrawing, drawing_of, waves
 from .planar import PlanarStructure
 from .settings import FIT, START
 from .start import Start
@@ -18,7 +23,7 @@ from .start import Start
 def planar_starts(
     structure: PlanarStructure, q: Array, z: Array
 ) -> list[Start]:
-    """Candidates of signs, mirror and parameters (d,), the best linear fits first."""
+    """Starts of positions z (n, 2) [unit] at joint values q (n, dof), the best fits first."""
     drawing = structure.nominal
     if drawing is None:
         starts = [*_free_starts(structure, q, z)]
@@ -27,14 +32,19 @@ def planar_starts(
     starts.sort(key=lambda start: _miss(start, q, z))
     if drawing is not None and not structure.viewpoint.view_kind.has_scale:
         # lengths tell whether the joints turn as drawn; a camera says nothing of the servos
-        as_drawn = [
-            start
-            for start in starts
-            if start.structure.directions == drawing.signs
-        ]
-        if _miss(as_drawn[0], q, z) <= FIT.doubted * structure.extent:
+        signs = drawing.signs
+        as_drawn = [s for s in starts if s.structure.directions == signs]
+        miss = _miss(as_drawn[0], q, z)
+        if miss <= FIT.doubted * structure.extent:
             return as_drawn
     return starts[: START.turned_ways]
+
+
+def _miss(start: Start, q: Array, z: Array) -> float:
+    """Error [unit] of a start, rms."""
+    miss = z - start.structure.predict(q, start.beta)
+    total = np.linalg.norm(miss)
+    return float(total / np.sqrt(len(z)))
 
 
 def _free_starts(
@@ -46,7 +56,22 @@ def _free_starts(
             turned = structure.with_fields(signs=signs)
             for mirror in (1, -1):
                 side = turned.with_sensor(mirror=mirror)
-                yield Start(side, _linear(side, q, z))
+                beta = _linear(side, q, z)
+                yield Start(side, beta)
+
+
+def _differs(signs: tuple[int, ...], revolute: tuple[bool, ...]) -> bool:
+    """Whether signs make a chain of their own.
+
+    A first turning joint that turns the other way is a mirror; a slide that is reversed is another
+    offset: both are +1.
+    """
+    first = revolute.index(True) if any(revolute) else 0
+    for joint, sign in enumerate(signs):
+        is_free = revolute[joint] and joint != first
+        if sign < 0 and not is_free:
+            return False
+    return True
 
 
 def _starts_of_drawing(
@@ -54,17 +79,23 @@ def _starts_of_drawing(
 ) -> Iterator[Start]:
     """The drawing with all signs of its joints, in front of the sensor."""
     for turns in product((1, -1), repeat=structure.dof):
-        signs = np.multiply(turns, drawing.signs).tolist()
-        turned = structure.with_fields(signs=tuple(signs))
+        signs = np.multiply(turns, drawing.signs)
+        turned = structure.with_fields(signs=tuple(signs.tolist()))
         turned = turned.with_sensor(mirror=drawing.mirror)
-        side, beta = side_and_frame(turned, q, z, turned.neutral())
+        arm = turned.neutral()
+        side, beta = side_and_frame(turned, q, z, arm)
         yield Start(side, beta)
 
 
 def side_and_frame(
     structure: PlanarStructure, q: Array, z: Array, arm: Array
 ) -> tuple[PlanarStructure, Array]:
-    """The side and the frame from which a sensor sees an arm of parameters (d,)."""
+    """The side and the frame from which a sensor sees an arm.
+
+    q, z : (n, dof) and (n, 2), joint values and what the sensor saw of them
+    arm : (d,), the arm's parameters, which stay
+    Returns the structure with its mirror, and parameters (d,) with the sensor's frame.
+    """
     if structure.view == "base":
         return structure, arm
     motion, _ = structure.motion_and_sight(q, arm)
@@ -72,67 +103,69 @@ def side_and_frame(
     turn, _, scale = similarity(points, z, mirrored=True)
     if not structure.viewpoint.view_kind.has_scale:
         scale = structure.metre
-    beta = arm.copy()
-    groups = structure.groups
     cosine, sine = turn[:, 0]
+    shifts = z - scale * points @ turn.T
+    groups = structure.groups
+    beta = arm.copy()
     beta[groups["view.rotation"]] = np.arctan2(sine, cosine)
     beta[groups["view.scale"]] = np.log(scale / structure.metre)
-    shifts = z - scale * points @ turn.T
     beta[groups["view.shift"]] = shifts.mean(axis=0)
     side = 1 if np.linalg.det(turn) > 0 else -1
     return structure.with_sensor(mirror=side), beta
 
 
-def _miss(start: Start, q: Array, z: Array) -> float:
-    """Error [unit] of a start, rms."""
-    miss = z - start.structure.predict(q, start.beta)
-    total = np.linalg.norm(miss)
-    return float(total / np.sqrt(len(z)))
-
-
-def _differs(signs: tuple[int, ...], revolute: tuple[bool, ...]) -> bool:
-    """Whether signs are a way of its own.
-
-    A first turning joint that turns the other way is a mirror; a slide that is reversed is another
-    offset.
-    """
-    first = revolute.index(True) if any(revolute) else 0
-    return all(
-        sign > 0
-        for k, sign in enumerate(signs)
-        if k == first or not revolute[k]
-    )
-
-
 def _linear(structure: PlanarStructure, q: Array, z: Array) -> Array:
-    """Parameters of the chain that fits positions (n, 2) best."""
-    beta = structure.neutral()
-    groups = structure.groups
-    joints = (structure.signs, structure.mirror, structure.revolute)
-    columns = waves(q, *joints)
-    columns = np.column_stack([columns, np.ones(len(q))])
-    size = np.linalg.norm(columns, axis=0) + 1e-300
-    # a joint that hardly moves makes columns alike: they share what they cannot tell apart
-    tip = z @ (1, 1j)
-    fit, *_ = np.linalg.lstsq(columns / size, tip, rcond=START.one_column)
-    solution = np.asarray(fit / size, dtype=complex)
+    """Parameters (d,) of the chain that fits positions z (n, 2) best.
+
+    As complex numbers positions are the sum of links, each turned by the joints before it (its
+    wave, see `waves`), and of the base's shift::
+
+        x + i y = sum_k link_k wave_k(q) + shift
+    """
+    signs = structure.signs
+    mirror = structure.mirror
+    revolute = structure.revolute
+    tip: Complex = z @ np.array([1, 1j])
+    columns = waves(q, signs, mirror, revolute)
+    ones = np.ones(len(q))
+    columns = np.column_stack([columns, ones])
+    solution = _shared_solution(columns, tip)
     links = solution[:-1]
     shift = complex(solution[-1])
-    drawing = drawing_of(links, shift, *joints)
-    turning = np.asarray(structure.revolute)
+    drawing = drawing_of(links, shift, signs, mirror, revolute)
     # of a slide how far it moves the tip
     sizes = np.abs(links) / structure.metre
+    groups = structure.groups
+    beta = structure.neutral()
     if structure.viewpoint.view_kind.has_scale:
-        # in the first length, or where joints slide in metres
-        unit = float(sizes[0])
-        if not turning.all():
-            logarithms = np.log(sizes[~turning] + 1e-300)
-            unit = float(np.exp(logarithms.mean()))
-        unit = max(unit, 1e-9 * structure.extent)
+        unit = _unit_length(structure, sizes)
         beta[groups["view.scale"]] = np.log(unit)
         sizes = sizes / unit
-    beta[groups["length"]] = np.where(turning, sizes, 0.0)
+    beta[groups["length"]] = np.where(revolute, sizes, 0.0)
     beta[groups["offset"]] = drawing.offsets
     beta[groups["view.rotation"]] = drawing.rotation
     beta[groups["view.shift"]] = drawing.shift
     return beta
+
+
+def _shared_solution(columns: Complex, tip: Complex) -> Complex:
+    """Least squares (k,) of columns (n, k); what these cannot tell apart they share.
+
+    A joint that hardly moves makes columns alike.
+    """
+    size = np.linalg.norm(columns, axis=0) + 1e-300
+    alike = START.one_column
+    fit, *_ = np.linalg.lstsq(columns / size, tip, rcond=alike)
+    solution: Complex = fit / size
+    return solution
+
+
+def _unit_length(structure: PlanarStructure, sizes: Array) -> float:
+    """Unit of a camera's lengths (dof,) [px]: the first, or metres where joints slide."""
+    slides = ~np.asarray(structure.revolute)
+    unit = float(sizes[0])
+    if slides.any():
+        logarithms = np.log(sizes[slides] + 1e-300)
+        mean = logarithms.mean()
+        unit = float(np.exp(mean))
+    return max(unit, 1e-9 * structure.extent)

@@ -19,7 +19,7 @@ from .views import Measurement
 class Rows:
     """What one sensor measured: n rows of m outputs."""
 
-    q: Array  # (n, dof + g), joint values [rad or m], and what else a row tells the sensor
+    q: Array  # (n, dof + a), joint values [rad or m], and what else a row tells the sensor
     z: Array  # (n, m), what it saw
     # how it measures, or its name where the structure has several; None: as the structure says
     sensor: Measurement | str | None = None
@@ -103,7 +103,8 @@ class Part:
         self, beta: Array, active: Indices
     ) -> Iterator[tuple[slice, Array]]:
         """Each block's rows, and the derivatives (n, m, k) of their predictions."""
-        blocks = [slice(*ends) for ends in pairwise(self.edges.tolist())]
+        limits = pairwise(self.edges.tolist())
+        blocks = [slice(first, last) for first, last in limits]
         structure = self.structure
         if len(self.q) <= FIT.rows_at_once:
             _, whole = structure.linearise(self.q, beta, active)
@@ -125,8 +126,10 @@ class Part:
         for columns, p, squares in self._squares(self.residual):
             numbers = p * len(squares)
             freedom = max((1 - share) * numbers, 1.0)
-            lowest = max(float(self.floor[columns.start]) ** 2, 1e-300)
-            variance = max(float(np.median(squares)) / p, lowest)
+            floor = float(self.floor[columns.start])
+            lowest = max(floor**2, 1e-300)
+            typical = float(np.median(squares)) / p
+            variance = max(typical, lowest)
             for _ in range(FIT.noise_steps):
                 weights = self._weights(squares / variance, p)
                 total = float(weights @ squares)
@@ -139,7 +142,8 @@ class Part:
         self.weight = np.ones_like(self.residual)
         for columns, p, squares in self._squares(self.residual):
             away = squares / self.noise[columns.start] ** 2
-            self.weight[:, columns] = self._weights(away, p)[:, None]
+            weights = self._weights(away, p)
+            self.weight[:, columns] = weights[:, None]
         roots: Array = np.sqrt(self.weight) / self.noise
         return roots
 

@@ -215,12 +215,15 @@ def without_gauge(
     position, slope = base.linearise(q, beta, belief.active[of_arm])
     axis = base.chain.axes[0]
     arm = position - base.chain.points[0]
-    motions = [np.cross(axis, arm), np.broadcast_to(axis, arm.shape)]
+    turn = np.cross(axis, arm)
+    shift = np.broadcast_to(axis, arm.shape)
+    motions = [turn, shift]
     if not size:
         motions.append(arm)
     wanted = np.reshape(motions, (len(motions), -1)).T
     # of independent standard normals
-    columns = slope.reshape(len(wanted), -1) @ belief.root[of_arm]
+    flat = slope.reshape(len(wanted), -1)
+    columns = flat @ belief.root[of_arm]
     ways, *_ = np.linalg.lstsq(columns, wanted, rcond=1e-9)
     misfit = columns @ ways - wanted
     sizes = np.linalg.norm(wanted, axis=0)

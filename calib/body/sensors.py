@@ -83,7 +83,8 @@ class Sensor(Measurement):
         blocks = self.parameters(arm)
         if further and self.marked:
             apart = Hyper(f"{self.name}.marker", PRIOR.marker, PRIOR.markers)
-            blocks = (*blocks, Block.of("marker", "m", "xyz", scales=(apart,)))
+            marker = Block.of("marker", "m", "xyz", scales=(apart,))
+            blocks = (*blocks, marker)
         return tuple(block.with_sensor_name(self.name) for block in blocks)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from ..arm.arm import PlanarArm, SpatialArm
 from ..arm.gravity import GRAVITY, Loads
 from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from .curves import curve_shape
 from .parameters import Block, Hyper, Indices
 from .sensors import InSpace
@@ -75,12 +75,14 @@ class SpatialStructure(Structure):
     @property
     def shifts(self) -> Indices:
         """Parameters (c, 3) that shift the joint origins."""
-        return self.groups["placement"].reshape(-1, 2, 3)[:, 0]
+        placements = self.groups["placement"].reshape(-1, 2, 3)
+        return placements[:, 0]
 
     @property
     def turns(self) -> Indices:
         """Parameters (c, 3) that turn the joint origins."""
-        return self.groups["placement"].reshape(-1, 2, 3)[:, 1]
+        placements = self.groups["placement"].reshape(-1, 2, 3)
+        return placements[:, 1]
 
     @property
     def linear(self) -> Indices:
@@ -97,13 +99,8 @@ class SpatialStructure(Structure):
         tools = (self.tool,) if self.tool and self.informed else ()
         names = self.joint_names
         gain = Hyper("gain", PRIOR.gain, PRIOR.wider)
-        turning = np.asarray(self.revolute)
-        gears = Hyper(
-            "coupling",
-            PRIOR.coupling,
-            pseudo=1.0,
-            indices=np.flatnonzero(turning[1:] & turning[:-1]),
-        )
+        indices = np.flatnonzero(self._has_motor_before)
+        gears = Hyper("coupling", PRIOR.coupling, pseudo=1.0, indices=indices)
         return (
             Block.of("tool", "m", "xyz", self._reach, 0.0, tools),
             Block.of("tool.rotation", "rad", "xyz", turn),
@@ -114,6 +111,13 @@ class SpatialStructure(Structure):
             Block.of("coupling", "1", ["coupling"], 0, 0, (gears,), names[1:]),
             *self.curves(PRIOR.curve_rms, PRIOR.curve_rows, curve_shape()),
         )
+
+    @property
+    def _has_motor_before(self) -> Mask:
+        """Whether each joint from the second on (dof - 1,) turns, and the one before it, too."""
+        turning = np.asarray(self.revolute)
+        both: Mask = turning[1:] & turning[:-1]
+        return both
 
     @property
     def _first(self) -> int:
@@ -142,7 +146,8 @@ class SpatialStructure(Structure):
                 Hyper("placement.turn", TURN, within, indices=turns),
             )
         else:
-            sd = np.tile(np.repeat((self._reach, 3.0), 3), count)
+            shift_and_turn = np.repeat((self._reach, 3.0), 3)
+            sd = np.tile(shift_and_turn, count)
         parts = [f"{way}.{axis}" for way in ("shift", "turn") for axis in "xyz"]
         units = ["m"] * 3 + ["rad"] * 3
         return Block.of(
@@ -200,7 +205,8 @@ class SpatialStructure(Structure):
         arms = chain.centres - chain.points[0]
         lengths = np.linalg.norm(arms, axis=1)
         # [kg m], on the first joint
-        largest = max(float(chain.masses @ lengths), 1e-12)
+        largest = float(chain.masses @ lengths)
+        largest = max(largest, 1e-12)
         masses = Loads.of_masses(chain).scaled(1.0 / largest)
         return {"elastic": masses, "payload": units}
 
@@ -263,7 +269,8 @@ class SpatialStructure(Structure):
         for tool in groups.keys() & {"tool", "marker"}:
             yield groups[tool], lambda: (_axes(motion.flange), None)
         yield groups["tool.rotation"], lambda: (still, _axes(motion.rotation))
-        yield self.shifts, lambda: (_axes(motion.frames[:-1]), None)
+        frames = motion.frames[:-1]
+        yield self.shifts, lambda: (_axes(frames), None)
         yield self.turns, motion.turns
 
     def retract(self, beta: Array, delta: Array) -> Array:
@@ -284,14 +291,14 @@ class SpatialStructure(Structure):
     def ladder(self) -> Sequence[tuple[str, tuple[str, ...], bool]]:
         """Members from simple to rich: a name, the blocks that it frees, whether it is wanted."""
         frame = self.frame_groups
-        turning = np.asarray(self.revolute)
+        turns = any(self.revolute)
+        gears = bool(self._has_motor_before.any())
         drawn = self.informed
         chain = (*frame, "placement")
         bent = chain
         if drawn:
             chain = (*chain, "offset")
             bent = (*chain, "elastic", "gravity")
-        gears = bool((turning[1:] & turning[:-1]).any())
         # touches of some places follow wrong gains: 2 % more error elsewhere
         geared = "point" not in self.groups
         return (
@@ -302,7 +309,7 @@ class SpatialStructure(Structure):
             ("payload", (*bent, "payload"), drawn and self.has_masses),
             ("coupled", (*chain, "coupling"), drawn and gears),
             ("geared", (*chain, "gain"), geared),
-            ("curves", (*bent, "curve"), bool(turning.any())),
+            ("curves", (*bent, "curve"), turns),
         )
 
     def pose(self, q: Array, beta: Array) -> tuple[Array, Array]:
@@ -334,12 +341,13 @@ def structure_of(
         names.append(name if name not in names else f"{name}.mimic{i}")
     gravity = fields.pop("gravity", tuple(arm.gravity))
     extent = max(chain.reach, 1e-9) * fields.get("metre", 1.0)
+    sensor = InSpace(view, **{"extent": extent, **fields})
     return SpatialStructure(
         chain,
         joint_names=tuple(arm.joint_names),
         chain_names=tuple(names),
         revolute=tuple(arm.revolute),
-        sensors=(InSpace(view, **{"extent": extent, **fields}),),
+        sensors=(sensor,),
         gravity=gravity,
     )
 

@@ -43,7 +43,8 @@ def best_start(
             run.run(some.q, some.z, run.structure.prior(free), steps)
             for run in runs
         ]
-        runs = sorted(runs, key=lambda run: run.cost)[: START.runs]
+        runs.sort(key=lambda run: run.cost)
+        runs = runs[: START.runs]
     # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
     most = runs[0].cost + START.tied
     tied = [run for run in runs if not run.cost > most]
@@ -75,8 +76,10 @@ def _refuse_open(structure: SpatialStructure, z: Array) -> None:
             f"{len(z)} rows cannot place a spatial arm in its sensor's frame: expected {least} or "
             "more, of poses that differ in every joint"
         )
-    size = max(float(np.abs(z).max()), 1e-12)
-    if float(np.ptp(z, axis=0).max()) <= 1e-9 * size:
+    size = float(np.abs(z).max())
+    size = max(size, 1e-12)
+    spread = float(np.ptp(z, axis=0).max())
+    if spread <= 1e-9 * size:
         raise LogError(
             "the positions are the same in every row: the sensor saw no motion"
         )

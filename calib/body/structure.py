@@ -1,17 +1,21 @@
 """Structure: what a chain and its sensors predict at their parameters, and the derivatives.
 
-The fit, the gate, the bound, ``check`` and ``adapt`` know a body only through `Structure`::
+The fit, the gate, the bound, ``check`` and ``adapt`` know a body only through `Structure`.  Three
+steps lead from logged joint values q to outputs z::
 
-    v_i = gain s q_i + offset + coupling q_(i-1) + curve_i(q_i) + sum_e elastic_e load_e(q)
+    joints   v_i = gain s q_i + offset + coupling q_(i-1) + curve_i(q_i) + sum_e elastic_e load_e(q)
+    chain    motion = chain(v), with the tip's position and orientation
+    sensor   z = sight(motion)
 
-with loads ``load_e = gravity . lever_e(q)``.
+with directions s = 1, -1 and loads ``load_e = gravity . lever_e(q)``.  Derivatives are products of
+those of the steps; ``chain_slope`` is dz/dv, of all joints of the chain.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache, partial
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -19,6 +23,7 @@ from ..arm.spatial_chain import Motion, move
 from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, waves_of
 from .layout import Layout
+from .loads import BendingLoads, loads_at
 from .parameters import Gaussian, Indices
 from .sensors import Sensor
 from .views import Projection, Sight, TipMotion, compose
@@ -32,20 +37,6 @@ _STEP = 1e-4  # of a sensor's parameters, in derivatives
 S = TypeVar("S", bound="Structure")
 
 
-class BendingLoads(Protocol):
-    """Loads that bend joints: ``load_e = gravity . lever_e(q)``."""
-
-    @property
-    def joints(self) -> Indices:
-        """The joints (e,) that they bend."""
-
-    def levers(self, q: Array) -> Array:
-        """Levers (e, g, n) at joint values (n, dof)."""
-
-    def slopes(self, q: Array, gravity: Array) -> Array:
-        """Derivatives (e, dof, n) of the loads by the joint values."""
-
-
 class Constants(NamedTuple):
     """What follows from the parameters alone, whatever the joints are."""
 
@@ -55,9 +46,8 @@ class Constants(NamedTuple):
     curves: Array  # (k, 96) [rad]
     # (dof - 1, 1), None where no joint moves with its neighbour's motor
     coupling: Array | None
-    elastic: Mapping[
-        str, Array
-    ]  # (e,) of each block by which joints bend, if they do
+    # (e,) of each block of elasticity that bends joints
+    elastic: Mapping[str, Array]
     gravity: Array  # (g,), what a load is of its levers
     links: Any  # of the chain
     sensor: Projection
@@ -67,7 +57,8 @@ class Constants(NamedTuple):
 class Structure(Layout):
     """A chain and what a sensor measures of it.
 
-    ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters, ``c`` joints of the chain.  Joint
+    ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters, ``c`` joints of the chain, ``e``
+    loads under a gravity of ``g`` numbers, ``a`` numbers that a row tells beside its joints.  Joint
     values are in rad or m as they are logged; positions in the structure's own unit.
     """
 
@@ -77,6 +68,18 @@ class Structure(Layout):
     def directions(self) -> tuple[int, ...]:
         """How each joint (dof,) moves with its log, 1 or -1."""
         return (1,) * self.dof
+
+    def offsets(self, beta: Array) -> Array:
+        """What is added to the joints' values (dof,)."""
+        return beta[self.groups["offset"]]
+
+    def chain_values(self, values: Array) -> Array:
+        """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
+        return values
+
+    def joint_slope(self, chain_slope: Array) -> Array:
+        """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
+        return chain_slope
 
     def links(self, beta: Array) -> Any:
         """What `move` needs of the parameters."""
@@ -108,11 +111,11 @@ class Structure(Layout):
         logged = np.ascontiguousarray(q.T[: self.dof])
         values = logged * constants.gain
         values += constants.offset
-        if constants.coupling is not None:
-            values[1:] += constants.coupling * logged[:-1]
+        coupling = constants.coupling
+        if coupling is not None:
+            values[1:] += coupling * logged[:-1]
         bent = constants.bent
         if bent:
-            # all at once: of one row each operation costs as much as of a hundred
             values[bent] += curve_value(logged[bent], constants.curves)
         values = self.chain_values(values)
         if constants.elastic:
@@ -122,38 +125,29 @@ class Structure(Layout):
     def bends(
         self, q: Array, beta: Array, gravity: Array | None = None
     ) -> Array:
-        """How much loads bend the chain's joints (c, n) [rad or m] at logged values (n, dof)."""
+        """How much loads bend the chain's joints (c, n) [rad or m] at logged values (n, dof).
+
+        gravity : (g,), by default that of the parameters
+        """
         constants = constants_at(self, beta)
         if gravity is None:
             gravity = constants.gravity
         bends = np.zeros((len(self.chain_names), len(q)))
         for block, elastic in constants.elastic.items():
-            loads = self.loads[block]
-            levers = loads.levers(q[:, : self.dof])
-            angles = elastic[:, None] * loads_of(levers, gravity)
-            np.add.at(bends, loads.joints, angles)
+            bending = self.loads[block]
+            loads = loads_at(bending, q[:, : self.dof], gravity)
+            angles = elastic[:, None] * loads
+            np.add.at(bends, bending.joints, angles)
         return bends
-
-    def offsets(self, beta: Array) -> Array:
-        """What is added to the joints' values (dof,)."""
-        return beta[self.groups["offset"]]
-
-    def chain_values(self, values: Array) -> Array:
-        """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
-        return values
-
-    def joint_slope(self, chain_slope: Array) -> Array:
-        """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
-        return chain_slope
 
     def move(self, values: Array, beta: Array) -> Motion:
         """Where the chain is at the true values (c, n) of its joints."""
         return move(constants_at(self, beta).links, values)
 
     def motion_and_sight(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
-        """Where the chain is at rows (n, dof + g), and what the sensor sees of it.
+        """Where the chain is at rows (n, dof + a), and what the sensor sees of it.
 
-        Further columns than the joints' are what a row tells the measurement.
+        The columns after the joints are what a row tells the measurement.
         """
         constants = constants_at(self, beta)
         values = self.joint_values(q, beta)
@@ -198,14 +192,14 @@ class Structure(Layout):
         n, outputs = sight.values.shape
         if active is None:
             active = np.arange(self.size)
-        column = np.full(self.size, -1)
+        column = np.full(self.size, -1)  # of each parameter in the derivative
         column[active] = np.arange(len(active))
         slope = np.zeros((n, outputs, len(active)))
-        for indices, moved in self._columns(q, beta, motion, sight):
+        for indices, derivative in self._columns(q, beta, motion, sight):
             places = column[indices.ravel()]
             is_active = places >= 0
             if is_active.any():
-                columns = moved().reshape(len(places), outputs, n)
+                columns = derivative().reshape(len(places), outputs, n)
                 columns = columns[is_active]
                 places = places[is_active]
                 slope[:, :, places] = columns.transpose(2, 1, 0)
@@ -216,35 +210,38 @@ class Structure(Layout):
     ) -> Iterator[tuple[Indices, Callable[[], Array]]]:
         """Parameters, and how outputs (..., m, n) move with them."""
         groups = self.groups
-        constants = constants_at(self, beta)
-        joints = q[:, : self.dof]
         for name in self.sensor_blocks:
             yield groups[name], partial(self._by_sensor, name, q, motion, beta)
         chain_slope = sight.push(*motion.joints())
-        joint_slope = self.joint_slope(chain_slope)
-
-        def by_loads(block: str) -> Array:
-            bending = self.loads[block]
-            loads = loads_of(bending.levers(joints), constants.gravity)
-            moved: Array = chain_slope[bending.joints] * loads[:, None]
-            return moved
-
         for block in self.loads:
-            yield groups[block], partial(by_loads, block)
+            by_loads = partial(self._by_loads, block, q, beta, chain_slope)
+            yield groups[block], by_loads
         if "gravity" in groups:
             by_gravity = partial(self._by_gravity, q, beta, chain_slope)
             yield groups["gravity"], by_gravity
+        joint_slope = self.joint_slope(chain_slope)
+        joints = q[:, : self.dof]
         if "coupling" in groups:
             motors = joints.T[:-1, None]
             yield groups["coupling"], lambda: joint_slope[1:] * motors
         signed = (joints * self.directions).T
         yield groups["offset"], lambda: joint_slope
         yield groups["gain"], lambda: joint_slope * signed[:, None]
-        for indices, moved in self.moving(motion):
-            yield indices, partial(_by_tip, sight, moved)
+        for indices, tip_motion in self.moving(motion):
+            yield indices, partial(_by_tip, sight, tip_motion)
         for k in range(self.dof):
             by_curve = partial(_by_curve, joints[:, k], joint_slope[k])
             yield groups[f"curve.{k}"], by_curve
+
+    def _by_loads(
+        self, block: str, q: Array, beta: Array, chain_slope: Array
+    ) -> Array:
+        """How outputs (e, m, n) move with the elasticity under each load of a block."""
+        gravity = constants_at(self, beta).gravity
+        bending = self.loads[block]
+        loads = loads_at(bending, q[:, : self.dof], gravity)
+        by_elasticity: Array = chain_slope[bending.joints] * loads[:, None]
+        return by_elasticity
 
     def _by_gravity(self, q: Array, beta: Array, chain_slope: Array) -> Array:
         """How outputs (t, m, n) move as gravity tilts."""
@@ -258,19 +255,24 @@ class Structure(Layout):
     def _by_sensor(
         self, block: str, q: Array, motion: Motion, beta: Array
     ) -> Array:
-        """How outputs (k, m, n) move with a block of the sensor's parameters."""
-        also = q[:, self.dof :]
+        """How outputs (k, m, n) move with a block of the sensor's parameters, by differences."""
         moved: list[Array] = []
         for index in self.groups[block]:
-            sights: list[Array] = []
-            for size in (_STEP, -_STEP):
-                step = np.zeros(self.size)
-                step[index] = size
-                blocks = self.by_blocks(self.retract(beta, step))
-                sight = self.measurement.look(blocks, motion, also)
-                sights.append(sight.values)
-            moved.append(self.residual(*sights).T)
+            step = np.zeros(self.size)
+            step[index] = _STEP
+            ahead = self._sight_after(step, beta, motion, q)
+            behind = self._sight_after(-step, beta, motion, q)
+            moved.append(self.residual(ahead, behind).T)
         return np.array(moved) / (2 * _STEP)
+
+    def _sight_after(
+        self, step: Array, beta: Array, motion: Motion, q: Array
+    ) -> Array:
+        """Outputs (n, m) of a motion at rows (n, dof + a), after a step (d,) of the sensor."""
+        blocks = self.by_blocks(self.retract(beta, step))
+        also = q[:, self.dof :]
+        sight = self.measurement.look(blocks, motion, also)
+        return sight.values
 
     def by_blocks(self, beta: Array) -> dict[str, Array]:
         """Parameters (d,) by block."""
@@ -287,7 +289,7 @@ class Structure(Layout):
         """Derivative (n, m, dof) by the logged joints, of outputs (c, m, n) by the chain's."""
         joints = q[:, : self.dof]
         constants = constants_at(self, beta)
-        rates = constants.gain
+        rates = constants.gain  # of a joint's value by its own log
         bent = constants.bent
         if bent:
             rates = np.repeat(rates, len(q), axis=1)
@@ -311,9 +313,10 @@ class Structure(Layout):
         return slope
 
 
-def _by_tip(sight: Sight, moved: Callable[[], TipMotion]) -> Array:
-    """How outputs (..., m, n) move with the tip."""
-    return sight.push(*moved())
+def _by_tip(sight: Sight, tip_motion: Callable[[], TipMotion]) -> Array:
+    """How outputs (..., m, n) move with parameters that move the tip."""
+    velocity, angular = tip_motion()
+    return sight.push(velocity, angular)
 
 
 def _by_curve(q: Array, joint_slope: Array) -> Array:
@@ -330,10 +333,15 @@ def constants_at(structure: Structure, beta: Array) -> Constants:
 def _constants(structure: Structure, parameters: bytes) -> Constants:
     beta = np.frombuffer(parameters)
     blocks = structure.by_blocks(beta)
-    curves = {k: blocks[f"curve.{k}"] for k in range(structure.dof)}
-    bent = [k for k, curve in curves.items() if curve.any()]
-    shapes = [curves[k] for k in bent]
+    bent: list[int] = []
+    curves: list[Array] = []
+    for joint in range(structure.dof):
+        curve = blocks[f"curve.{joint}"]
+        if curve.any():
+            bent.append(joint)
+            curves.append(curve)
     gain = blocks["gain"] * structure.directions
+    offset = structure.offsets(beta)
     coupling = blocks.get("coupling", np.zeros(0))
     elastic: dict[str, Array] = {}
     for name in structure.loads:
@@ -341,9 +349,9 @@ def _constants(structure: Structure, parameters: bytes) -> Constants:
             elastic[name] = blocks[name]
     return Constants(
         gain=gain[:, None],
-        offset=structure.offsets(beta)[:, None],
+        offset=offset[:, None],
         bent=bent,
-        curves=np.reshape(shapes, (-1, 2 * HARMONICS)),
+        curves=np.reshape(curves, (-1, 2 * HARMONICS)),
         coupling=coupling[:, None] if coupling.any() else None,
         elastic=elastic,
         gravity=structure.gravity_at(beta),
@@ -351,12 +359,6 @@ def _constants(structure: Structure, parameters: bytes) -> Constants:
         sensor=structure.viewpoint.place(blocks),
         blocks=blocks,
     )
-
-
-def loads_of(levers: Array, gravity: Array) -> Array:
-    """Loads (e, n) of levers (e, g, n) under gravity (g,)."""
-    loads: Array = np.einsum("egn,g->en", levers, gravity)
-    return loads
 
 
 class OfStructure(Gaussian):

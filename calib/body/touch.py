@@ -82,9 +82,10 @@ class Facts(Measurement):
         """See how far the sockets are off."""
         places = blocks["point"].reshape(-1, 3)
         misfits = [fact.misfit(places) / fact.tolerance for fact in self.facts]
-        values = np.concatenate(misfits)
+        misfit = np.concatenate(misfits)
         rows = also[:, 0].astype(int)
-        return Sight(values[rows, None], np.zeros((1, 3)))
+        values = misfit[rows, None]
+        return Sight(values, np.zeros((1, 3)))
 
 
 def rows_of_touches(
@@ -108,14 +109,19 @@ def rows_of_touches(
     if measured.any():
         rows.append(Rows(q[measured], x[measured]))
     if known:
-        count = 0
-        for fact in known:
-            count += 1 if fact.value is not None else len(fact.points)
-        still = np.zeros((count, q.shape[1] + 1))
-        still[:, -1] = np.arange(count)
-        misfit = np.zeros((count, 1))
-        rows.append(Rows(still, misfit, Facts(tuple(known))))
+        rows.append(_rows_of_facts(known, q.shape[1]))
     return rows
+
+
+def _rows_of_facts(known: Sequence[Known], dof: int) -> Rows:
+    """One row of each distance, and of each point of a plane; its joints do not matter."""
+    count = 0
+    for fact in known:
+        count += 1 if fact.value is not None else len(fact.points)
+    still = np.zeros((count, dof + 1))
+    still[:, -1] = np.arange(count)
+    misfit = np.zeros((count, 1))
+    return Rows(still, misfit, Facts(tuple(known)))
 
 
 def fit_touches(
@@ -144,43 +150,57 @@ def fit_touches(
     if x is None:
         x = np.zeros((len(q), 3))
     tip, _ = structure.pose(q, structure.neutral())
-    measured = point < 0
-    rows = rows_of_touches(q, point, known, x)
     variance = tip.var(axis=0).sum()
-    sized = structure.with_sensor(extent=float(np.sqrt(variance)))
+    extent = float(np.sqrt(variance))
+    sized = structure.with_sensor(extent=extent)
+    rows = rows_of_touches(q, point, known, x)
     whole = with_measurements(sized, rows)
-    begin = whole.neutral()
-    groups = whole.groups
-    # each socket begins where the drawing says that the tip was on average
-    for k, place in enumerate(groups["point"].reshape(-1, 3)):
-        in_socket = tip[point == k]
-        begin[place] = in_socket.mean(axis=0)
-    if measured.any():
-        turn, *_ = similarity(tip[measured], x[measured])
-        begin[groups["view.rotation"]] = logarithm(turn)
-        shifts = x[measured] - tip[measured] @ turn.T
-        begin[groups["view.shift"]] = shifts.mean(axis=0)
+    begin = _beginning(whole, tip, point, x)
     of_all = fit(whole, rows, begin=begin, seed=seed)
-    points = of_all.body.beta[groups["point"]].reshape(-1, 3)
-    body = in_structure(of_all.body, structure)
+    body = of_all.body
+    points = body.beta[whole.groups["point"]].reshape(-1, 3)
+    body = in_structure(body, structure)
+    measured = point < 0
     held_out = np.empty((len(q), 3))
     held_out[~measured] = _about_means(of_all.held_out, point[~measured])
     if measured.any():
         by_sensor = of_all.beside[0]
         held_out[measured] = by_sensor.held_out
         # bounds are of touches and of readings
-        body = replace(body, noise=np.maximum(body.noise, by_sensor.body.noise))
+        noise = np.maximum(body.noise, by_sensor.body.noise)
+        body = replace(body, noise=noise)
         sensor = structure.sensor(body.beta)
         points = points @ sensor.rotation.T + sensor.shift
     else:
         rng = np.random.default_rng(seed)
         shares = rng.random((_POSTURES, q.shape[1]))
-        postures = lower + shares * (upper - lower)
+        span = upper - lower
+        postures = lower + shares * span
         body = without_whole_motion(body, postures)
     # of a block that has most touches of a socket the others do not tell where that is
     alike = np.ones(len(q))
     fitted = replace(of_all, body=body, held_out=held_out, widening=alike)
     return fitted, points
+
+
+def _beginning(
+    structure: SpatialStructure, tip: Array, point: NDArray[np.intp], x: Array
+) -> Array:
+    """Parameters (d,) to begin with: sockets and sensor where the drawing has the tip (n, 3)."""
+    groups = structure.groups
+    begin = structure.neutral()
+    for k, place in enumerate(groups["point"].reshape(-1, 3)):
+        in_socket = tip[point == k]
+        begin[place] = in_socket.mean(axis=0)
+    measured = point < 0
+    if measured.any():
+        nominal = tip[measured]
+        readings = x[measured]
+        turn, *_ = similarity(nominal, readings)
+        shifts = readings - nominal @ turn.T
+        begin[groups["view.rotation"]] = logarithm(turn)
+        begin[groups["view.shift"]] = shifts.mean(axis=0)
+    return begin
 
 
 def _about_means(residual: Array, point: NDArray[np.intp]) -> Array:
@@ -204,17 +224,17 @@ def in_structure(body: Body, structure: SpatialStructure) -> Body:
     """Return the belief in another structure of the same arm, without what that does not have."""
     place = {label.name: k for k, label in enumerate(structure.labels)}
     labels = body.structure.labels
-    to = np.array([place.get(label.name, -1) for label in labels])
+    places = np.array([place.get(label.name, -1) for label in labels])
+    is_shared = places >= 0
 
     def fields_of(belief: Gaussian) -> dict[str, Array | Indices]:
         beta = structure.neutral()
-        is_shared = to >= 0
-        beta[to[is_shared]] = belief.beta[is_shared]
+        beta[places[is_shared]] = belief.beta[is_shared]
         shared = is_shared[belief.active]
-        active = to[belief.active]
+        active = places[belief.active[shared]]
         covariance = belief.covariance[np.ix_(shared, shared)]
         root = as_kept(covariance)
-        return {"beta": beta, "active": active[shared], "root": root}
+        return {"beta": beta, "active": active, "root": root}
 
     return replace(body.with_fields(fields_of), structure=structure)
 
@@ -227,19 +247,20 @@ def without_whole_motion(body: Body, q: Array) -> Body:
     """
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone
-    places = [structure.shifts[0], structure.turns[0]]
-    base: Indices = np.concatenate(places)
+    shift = structure.shifts[0]
+    turn = structure.turns[0]
+    base: Indices = np.concatenate([shift, turn])
 
     def without(belief: Gaussian) -> dict[str, Array | Indices]:
-        both = np.concatenate([base, belief.active])
-        _, slope = structure.linearise(q, belief.beta, both)
-        flat = slope.reshape(-1, len(both))
-        by_base, by_belief = np.split(flat, [6], axis=1)
+        active = np.concatenate([base, belief.active])
+        _, slope = structure.linearise(q, belief.beta, active)
+        flat = slope.reshape(-1, len(active))
+        by_base, by_belief = np.split(flat, [len(base)], axis=1)
         whole, *_ = np.linalg.lstsq(by_base, by_belief, rcond=None)
         opposite = -whole @ belief.root
         root = np.concatenate([opposite, belief.root])
-        order = np.argsort(both)
-        return {"active": both[order], "root": root[order]}
+        order = np.argsort(active)
+        return {"active": active[order], "root": root[order]}
 
     return body.with_fields(without)
 
@@ -258,8 +279,9 @@ def with_size(body: Body, sd: float) -> Body:
     *links, tool = sd * np.diff(stops, axis=0)
     growth[structure.shifts[1:]] = links
     growth[structure.groups["tool"]] = chain.rotation.T @ tool
-    return body.with_fields(
-        lambda belief: {
-            "root": np.column_stack([belief.root, growth[belief.active]])
-        }
-    )
+
+    def with_growth(belief: Gaussian) -> dict[str, Array | Indices]:
+        growths = growth[belief.active]
+        return {"root": np.column_stack([belief.root, growths])}
+
+    return body.with_fields(with_growth)

@@ -53,7 +53,8 @@ def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
     words: dict[str, list[str]] = defaultdict(list)
     for (joint, group, unit), indices in kinds.items():
         size = float(np.linalg.norm(away[indices]))
-        width = float(np.sqrt((half[indices] ** 2).mean()))
+        square = (half[indices] ** 2).mean()
+        width = float(np.sqrt(square))
         if group == "curve":
             text = f"joint curve {number(1e3 * size / np.sqrt(2))} mrad rms"
         elif group == "offset":
@@ -83,7 +84,8 @@ def _of_loads(
     groups = structure.groups
     if not any(half[groups[block]].any() for block in structure.loads):
         return
-    largest = np.abs(structure.bends(postures, beta)).max(axis=1)
+    bends = structure.bends(postures, beta)
+    largest = np.abs(bends).max(axis=1)
     for joint, bend in zip(structure.chain_names, largest, strict=True):
         if bend >= LEAST_BEND:
             yield f"{joint}: bends by up to {number(1e3 * bend)} mrad under load"
@@ -94,7 +96,8 @@ def _interval(value: float, half: float, unit: str, sign: str = "") -> str:
     suffix = "" if unit == "1" else f" {unit}"
     if unit == "rad":
         turn = (value + np.pi) % (2 * np.pi)
-        value = float(np.degrees(turn - np.pi))
+        turn -= np.pi
+        value = float(np.degrees(turn))
         half = float(np.degrees(half))
         suffix = " deg"
     elif unit == "m":

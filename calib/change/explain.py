@@ -123,9 +123,10 @@ class PlaceOfSet(Place):
 class Search:
     """Sets of causes of a log beside a reference.
 
+    always : groups that are free in every set: a frame that was fitted to the log, a turned tool
     temper : autocorrelation time of the rows; likelihoods are raised to 1 / temper
     sd : (d,), by which the parameters may have changed
-    always_free : parameters that are free in every set: a frame that was fitted to the log
+    always_free : parameters of `always`
     free : those that are free in any set
     """
 
@@ -133,6 +134,7 @@ class Search:
         self,
         system: System,
         cause: str | None,
+        always: Sequence[str],
         temper: float,
     ) -> None:
         reference = system.reference
@@ -141,9 +143,7 @@ class Search:
         self.temper = temper
         groups = changeable(structure)
         self.sd = sd_if_changed(reference.body, groups, reference.forgotten)
-        self.always_free = np.zeros(0, np.intp)
-        if reference.is_fitted:
-            self.always_free = np.sort(indices_of(structure, FRAME))
+        self.always_free = np.sort(indices_of(structure, always))
         singles = single_causes(structure, cause)
         allowed = np.concatenate([*singles.values()])
         self.free = np.union1d(self.always_free, allowed).astype(np.intp)
@@ -354,6 +354,7 @@ def explain(
     *,
     temper: float,
     calm: bool,
+    turned: Sequence[str] = (),
 ) -> tuple[Explanation, ...]:
     """Return sets of causes with their evidence, the best first.
 
@@ -361,9 +362,13 @@ def explain(
         that is far
     temper : autocorrelation time of the rows
     calm : whether no test fired: the causes are not searched then
+    turned : groups that changed for sure, as orientations show: the tool that is turned has moved
     """
     explanations: list[Explanation] = []
     for system in systems:
-        search = Search(system, cause, temper)
+        always = turned
+        if system.reference.is_fitted:
+            always = (*FRAME, *turned)
+        search = Search(system, cause, always, temper)
         explanations += search.explanations(calm=calm)
     return tuple(sorted(explanations, key=_evidence, reverse=True))

@@ -31,7 +31,7 @@ from ..errors import ModelError, OptionError, require
 from ..model.model import Model
 from ..samples.samples import Samples
 from .causes import as_built, as_drawn
-from .evidence import Evidence, bound_test
+from .evidence import Evidence, bound_test, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
 from .observations import Observations, sound_observations
@@ -131,13 +131,10 @@ def _verdict_on_body(
     fired = fired or bound.beyond > BEYOND or reference.has_discrete_cause
 
     # 4. p(y | causes): which sets of causes explain the rows?
-    explanations = explain(
-        _systems(prior, reference, observations),
-        cause,
-        temper=max(rows.body.kappa**2, 1.0, noise.temper),
-        calm=not fired,
-    )
-    evidence = Evidence(
+    systems = _systems(prior, reference, observations)
+    temper = max(rows.body.kappa**2, 1.0, noise.temper)
+    explanations = explain(systems, cause, temper=temper, calm=not fired)
+    by_positions = Evidence(
         rows=rows,
         cause=cause,
         prior=prior,
@@ -147,6 +144,7 @@ def _verdict_on_body(
         bound=bound,
         explanations=explanations,
     )
+    evidence = with_orientations(by_positions, systems, temper)
 
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
     better = None

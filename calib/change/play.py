@@ -11,6 +11,7 @@ from ..common.arrays import Array, Mask
 from ..common.rows import spread_rows
 from .rows import LogRows
 from .significance import FreeNoise, GroupTest
+from .system import System
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,8 @@ def find_play(noise: FreeNoise, rows: LogRows) -> Play | None:
     """Find the joint whose play explains most beside all that may have changed; None for chance.
 
     A joint stands by half its play from where it stands coming from the other side: one more
-    column a joint, x = -slope * side, and half = x' C^-1 y / x' C^-1 x.
+    column a joint, x = -slope * side, and half = x' C^-1 y / x' C^-1 x.  The model learned its own
+    from rows, too, with an error that the number of these tells.
     """
     system = noise.system
     side = rows.side[spread_rows(len(rows), len(system.observations.q))]
@@ -65,6 +67,7 @@ def find_play(noise: FreeNoise, rows: LogRows) -> Play | None:
     by_chance = square / (variance_of_rows + 1e-300)
     statistic = half * vector / noise.temper
     statistic = np.minimum(statistic, by_chance)
+    statistic /= 1.0 + _rows_beside_training(system)
     may_play = _from_both_sides(side)
     may_play &= half > 0.0
     may_play &= explained > PLAY.least_explained
@@ -94,3 +97,11 @@ def _from_both_sides(side: Array) -> Mask:
     below = (side < 0).mean(axis=0)
     smaller_share = np.minimum(above, below)
     return np.asarray(smaller_share > PLAY.least_share)
+
+
+def _rows_beside_training(system: System) -> float:
+    """Rows of the log for each one that the model learned from; 0 where it was simulated."""
+    body = system.reference.body
+    if body.simulated or not body.rows:
+        return 0.0
+    return len(system.observations.q) / body.rows

@@ -230,8 +230,9 @@ class FreeNoise:
 
 def sd_of_changes(reference: Reference) -> Array:
     """Standard deviation (d,) by which the parameters may have changed, all together."""
-    # the unit weights of a payload, and couplings, would leave few rows no freedom
-    groups = set(changeable(reference.structure)) - {"payload", "coupling"}
+    # what bends the joints, and couplings, would leave few rows no freedom
+    groups = set(changeable(reference.structure))
+    groups -= {"elastic", "payload", "coupling"}
     sd = sd_if_changed(reference.body, groups, reference.forgotten)
     # the frame turns about the first joint's axis as its offset does: it is free once
     sd[frame_twin(reference.body)] = 0.0

@@ -15,9 +15,10 @@ from ..arm.gravity import Loads
 from ..arm.rotations import exponential
 from ..arm.spatial_chain import Deviations, Links, SpatialChain, move
 from ..body.curves import HARMONICS
+from ..body.loads import loads_of
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
-from ..body.structure import Structure, loads_of
+from ..body.structure import Structure
 from ..body.views import lens_slope, pixels
 from ..common.arrays import Array
 

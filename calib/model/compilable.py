@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
-from ..errors import OptionError
-from ..kernel.compiled import NOTHING, Library
+from ..errors import CalibError, OptionError
+from ..kernel.compiled import NOTHING, Library, compile_source
 from .answers import solve
-from .header import kernel_of
+from .header import Header
 from .parts import Parts
 
 COST = {
@@ -33,6 +33,10 @@ See ``benchmarks/inverse.py``."""
 
 CHUNK = 20_000
 """Positions at once, whose branches fit into the processor's cache."""
+
+ROWS_TO_COMPARE = 20
+"""Joint values at which compiled C has to say what NumPy says, to a share of the extent."""
+ALIKE = 1e-8
 
 
 _UNSURE = "the bound on the position may be too wide here: ask without strict"
@@ -76,6 +80,13 @@ class Compilable(Parts):
         """Why this thread's last single query of a strict model was NaN, None if it was not."""
         return None if self.kernel is None else self.kernel.reason
 
+    def __setstate__(self, state: Mapping[str, object]) -> None:
+        """Unpickle; a strict model warms up again, others have to be told to."""
+        for name, value in state.items():
+            object.__setattr__(self, name, value)
+        if self.strict:
+            self.warm_up(strict=True)
+
     def _single(
         self,
         kind: str,
@@ -114,6 +125,29 @@ class Compilable(Parts):
             return None
         answers, valid = kernel.rows(kind, q)
         return answers if self.everywhere or valid.all() else None
+
+
+def kernel_of(model: Parts) -> tuple[Library | None, str]:
+    """A model's compiled kernel, or None, and a sentence on what queries are answered by."""
+    try:
+        header = Header.of(model)
+        dof = len(header.limit)
+        compiled = compile_source(header.text()[0], dof, header.arm.outputs)
+        _check_answers(model, compiled)
+    except CalibError as error:
+        return None, f"queries are answered by the batch in NumPy: {error}"
+    return compiled, "queries are answered by compiled C"
+
+
+def _check_answers(model: Parts, kernel: Library) -> None:
+    """Refuse C that knows less than NumPy, such as a body's parameter that only one of them has."""
+    step = max(model.motor.size // ROWS_TO_COMPARE, 1)
+    q = model.motor.weights[::step]
+    x, valid = kernel.rows("forward", q)
+    expected = model.predictor.value(model.motor.scale.to_unit(q))
+    away = np.abs(x - expected)[valid == 1]
+    if (away > ALIKE * model.sensory.scale.span).any():
+        raise OptionError("the compiled C does not say the same")
 
 
 def prepare(model: Parts, kind: str, rows: int) -> Library | None:

@@ -19,7 +19,7 @@ from ..errors import CalibError, OptionError
 from ..inverse.settings import SEARCH
 from ..inverse.ways import distinct
 from ..kernel.arm import KernelArm
-from ..kernel.compiled import MOST, Library, compile_source
+from ..kernel.compiled import MOST
 from ..kernel.posterior import COMPACT, CompactPosterior
 from ..kernel.source import braces, c_number, c_source, source, table
 from ..maps.blend import blend_size
@@ -381,14 +381,3 @@ def _arm(name: str, arm: KernelArm, single: bool, *, bends: bool) -> str:
     words = [braces(np.asarray(part, dtype=float), single) for part in parts]
     listed = ",\n".join([*words, str(int(bends))])
     return f"static const calib_arm {name} = {{\n{listed}}};\n"
-
-
-def kernel_of(model: Parts) -> tuple[Library | None, str]:
-    """A model's compiled kernel, or None, and a sentence on what queries are answered by."""
-    try:
-        header = Header.of(model)
-        dof = len(header.limit)
-        compiled = compile_source(header.text()[0], dof, header.arm.outputs)
-    except CalibError as error:
-        return None, f"queries are answered by the batch in NumPy: {error}"
-    return compiled, "queries are answered by compiled C"

@@ -92,8 +92,8 @@ class Parts:
             object.__setattr__(self, "model_bounds", self.bounds)
 
     def __getstate__(self) -> dict[str, object]:
-        """State to pickle: all but what `warm_up` made and the cache."""
-        unpickled = ("kernel", "strict", "cache")
+        """State to pickle: all but the compiled kernel and the cache."""
+        unpickled = ("kernel", "cache")
         return {k: v for k, v in vars(self).items() if k not in unpickled}
 
     def __repr__(self) -> str:

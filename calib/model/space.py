@@ -6,6 +6,7 @@ Positions in the sensor's frame are answered by the model itself, see `calib.Mod
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -61,7 +62,11 @@ class Space:
     # What the chain says.
 
     def evaluate(self, q: Array) -> tuple[Array, Array, Array]:
-        """Position (n, 3) [m], orientation (n, 3, 3) and Jacobian (n, 6, dof) of the tip."""
+        """Position (n, 3) [m], orientation (n, 3, 3) and Jacobian (n, 6, dof) of the tip.
+
+        The Jacobian is that of joints that do not bend: how bending changes with them is a
+        thousandth of it, and would take half of the time of a step to a target.
+        """
         structure = self.structure
         beta = self.body.beta
         motion = structure.move(structure.joint_values(q, beta), beta)
@@ -69,8 +74,16 @@ class Space:
         return (
             motion.position.T.copy(),
             np.moveaxis(motion.rotation, 2, 0).copy(),
-            structure.by_joints(q, beta, chained),
+            structure.by_joints(q, self._rigid, chained),
         )
+
+    @cached_property
+    def _rigid(self) -> Array:
+        """The body's parameters (d,) without what bends its joints."""
+        beta = self.body.beta.copy()
+        for block in self.structure.loads:
+            beta[self.structure.groups[block]] = 0.0
+        return beta
 
     def forward(self, q: ArrayLike) -> tuple[Array, Array]:
         """Position (n, 3) [m] and quaternion (n, 4) of the tip; NaN where the model has none."""

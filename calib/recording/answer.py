@@ -46,7 +46,7 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
     # the first camera and its board
     first = problem.views[0]
     hand, base = rig_fit.places(0)
-    frames_of_first = layout.frames[[*rig_fit.frames(0)]]
+    frames_of_first = layout.frames[[*rig_fit.frame_numbers(0)]]
     places = np.concatenate(frames_of_first)
     used = agreeing[problem.motions_of(first)]
     size = layout.shapes[0, -1]
@@ -57,7 +57,7 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
     cameras = range(len(problem.views))
     rig = HandEye(
         eye=first.eye,
-        pictures=first.shots.count,
+        pictures=first.pictures.count,
         used=int(used.sum()),
         hand=hand,
         base=base,
@@ -114,25 +114,27 @@ class RigFit:
         variances = np.diag(self.fit.covariance)
         return np.sqrt(np.maximum(variances, 0.0))
 
-    def frames(self, camera: int) -> tuple[int, int]:
+    def frame_numbers(self, camera: int) -> tuple[int, int]:
         """Numbers of the frames of a camera and its board, that in the hand first."""
         bundle = self.problem.bundle
-        board = len(bundle.in_hand) + bundle.boards[camera]
-        return (camera, board) if bundle.in_hand[camera] else (board, camera)
+        camera_frame, board_frame = bundle.frame_numbers(camera)
+        if bundle.in_hand[camera]:
+            return camera_frame, board_frame
+        return board_frame, camera_frame
 
     def body(self, camera: int) -> Body | None:
         """The arm with one camera as a belief; None of flange poses."""
         bundle = self.problem.bundle
         if not isinstance(bundle.motions, JointMotions):
             return None
-        frames = self.frames(camera)
+        frames = self.frame_numbers(camera)
         return bundle.motions.body(self.fit, bundle.layout, *frames)
 
     def places(self, camera: int) -> tuple[Place, Place]:
         """Places of what is in the hand and of what stands still, of one camera and its board."""
         body = self.body(camera)
         if body is None:
-            hand, base = map(self._frame_place, self.frames(camera))
+            hand, base = map(self._frame_place, self.frame_numbers(camera))
         else:
             hand = self._sensor_place(hand_pose(body))
             base = self._sensor_place(SensorPose.of(body))
@@ -212,7 +214,7 @@ class RigFit:
     def lens(self, number: int) -> Lens:
         """The lens of a camera."""
         places: Index = self.problem.bundle.layout.lenses[number]
-        size = self.problem.views[number].shots.size
+        size = self.problem.views[number].pictures.size
         rms = float(np.sqrt(2.0) * self.fit.noise.corner[number])
         lens = Lens.of(size, self.fit.unknowns.values[places], rms)
         covariance = self.fit.covariance[np.ix_(places, places)]
@@ -247,7 +249,7 @@ class RigFit:
         if arm is None:
             return None
         view = self.problem.views[0]
-        log = view.shots.log(self.lens(0), view.in_hand)
+        log = view.pictures.log(self.lens(0), view.in_hand)
         log = log.take(self.agreeing[self.problem.motions_of(view)])
         return replace(
             log,

@@ -30,13 +30,13 @@ EXAMPLES = (
 
 
 @dataclass(frozen=True, eq=False)
-class Mark:
-    """A black square with white cells, as it is printed."""
+class BlackSquare:
+    """A square of the print: black, and if it is a tag with white cells upon it."""
 
     x: float  # left edge, from the print's corner [m]
     y: float  # upper edge [m]
     side: float  # [m]
-    white: Mask  # (n, n), by rows
+    white: Mask  # (n, n), the cells by rows
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ class Pattern(ABC):
         """Return the corners that a picture shows: number to place (2,) [px]."""
 
     @abstractmethod
-    def marks(self) -> Iterator[Mark]:
-        """Marks of the print."""
+    def black_squares(self) -> Iterator[BlackSquare]:
+        """All black squares of the print, tags among them."""
 
     @property
     def half_turn(self) -> Array | None:
@@ -80,12 +80,13 @@ class Pattern(ABC):
         corners[:, 1] = self.size[1] - corners[:, 1]
         return corners
 
-    def squares(self, odd: int) -> Iterator[Mark]:
-        """Every other square, from the first or the second."""
+    def _chequer(self, odd: int) -> Iterator[BlackSquare]:
+        """Every other square: where `odd` is 0 from the first, where it is 1 from the second."""
+        side = self.side
+        no_cells = np.zeros((1, 1), bool)
         for x, y in np.ndindex(self.columns, self.rows):
             if (x + y) % 2 == odd:
-                black = np.zeros((1, 1), bool)
-                yield Mark(x * self.side, y * self.side, self.side, black)
+                yield BlackSquare(x * side, y * side, side, no_cells)
 
 
 @dataclass(frozen=True)
@@ -113,25 +114,13 @@ class Chessboard(Pattern):
     def find(self, grey: Picture) -> dict[int, Array]:
         """Return all inner corners, or none."""
         cv2 = opencv()
-        shape = (self.rows - 1, self.columns - 1, 2)
-        inner = shape[1::-1]
+        inner = (self.columns - 1, self.rows - 1)
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE
         is_there, corners = cv2.findChessboardCorners(
             grey, inner, flags=flags + cv2.CALIB_CB_FAST_CHECK
         )
         if is_there:
-            grid = np.reshape(corners, shape)
-            gaps = [
-                np.linalg.norm(np.diff(grid, axis=axis), axis=2).min()
-                for axis in (0, 1)
-            ]
-            # a quarter of a square, so that no other corner is near
-            half = int(np.clip(0.25 * min(gaps), 3, 15))
-            stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
-            start = np.reshape(corners, (-1, 1, 2)).astype(np.float32)
-            corners = cv2.cornerSubPix(
-                grey, start, (half, half), (-1, -1), stop
-            )
+            corners = self._refine(grey, np.reshape(corners, (-1, 2)))
         else:  # slower, and sees boards in the dark
             is_there, corners = cv2.findChessboardCornersSB(
                 grey, inner, flags=0
@@ -140,9 +129,25 @@ class Chessboard(Pattern):
             return {}
         return dict(enumerate(np.asarray(corners, float).reshape(-1, 2)))
 
-    def marks(self) -> Iterator[Mark]:
+    def _refine(self, grey: Picture, corners: Array) -> Array:
+        """Corners (n, 2) [px] to less than a pixel, each in a window of half a square."""
+        cv2 = opencv()
+        grid = corners.reshape(self.rows - 1, self.columns - 1, 2)
+        down = np.linalg.norm(np.diff(grid, axis=0), axis=2)
+        across = np.linalg.norm(np.diff(grid, axis=1), axis=2)
+        # half the window is a quarter of a square, so that no other corner is near
+        square = min(down.min(), across.min())
+        half = int(np.clip(0.25 * square, 3, 15))
+        start = corners.reshape(-1, 1, 2).astype(np.float32)
+        stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
+        refined: Array = cv2.cornerSubPix(
+            grey, start, (half, half), (-1, -1), stop
+        )
+        return refined
+
+    def black_squares(self) -> Iterator[BlackSquare]:
         """Black squares."""
-        return self.squares(0)
+        return self._chequer(0)
 
 
 @dataclass(frozen=True)
@@ -203,14 +208,16 @@ class Board(Pattern):
         by_number = sorted(zip(np.ravel(numbers).tolist(), places, strict=True))
         return lay_corners(grey, dict(by_number), self.charuco)
 
-    def marks(self) -> Iterator[Mark]:
+    def black_squares(self) -> Iterator[BlackSquare]:
         """Black squares, and tags where OpenCV's detector expects them."""
         numbers = np.ravel(self.charuco.getIds()).tolist()
         places = np.array(self.charuco.getObjPoints())[:, :, :2].min(axis=1)
         first = np.rint(places[0] / self.side - 0.5).astype(int)
-        yield from self.squares(1 - first.sum() % 2)
+        yield from self._chequer(1 - first.sum() % 2)
         for number, (x, y) in zip(numbers, places, strict=True):
-            yield Mark(x, y, self.marker, tag_cells(number, self.dictionary))
+            yield BlackSquare(
+                x, y, self.marker, tag_cells(number, self.dictionary)
+            )
 
 
 @dataclass(frozen=True)
@@ -259,18 +266,22 @@ class TagGrid(Pattern):
         is_upward = _is_upward(tags, self.columns)
         corners: dict[int, Array] = {}
         for tag in tags:
+            # of tags that are there twice none is the board's for sure
+            if numbers.count(tag.number) > 1:
+                continue
             row, column = divmod(tag.number, self.columns)
             if is_upward:
                 row = self.rows - 1 - row
-            if numbers.count(tag.number) == 1:
-                first = 4 * (row * self.columns + column)
-                corners |= dict(enumerate(tag.corners, first))
+            first = 4 * (row * self.columns + column)
+            corners |= dict(enumerate(tag.corners, first))
         return dict(sorted(corners.items()))
 
-    def marks(self) -> Iterator[Mark]:
+    def black_squares(self) -> Iterator[BlackSquare]:
         """Tags."""
         for number, (x, y, _) in enumerate(self.points()[::4]):
-            yield Mark(x, y, self.side, tag_cells(number, self.dictionary))
+            yield BlackSquare(
+                x, y, self.side, tag_cells(number, self.dictionary)
+            )
 
 
 def _is_upward(tags: list[Tag], columns: int) -> bool:
@@ -298,15 +309,16 @@ def parse_board(board: Pattern | str) -> Pattern:
     )
     if match is None or (match[1] and not match[5]):
         raise OptionError(f"board {board!r}: expected {EXAMPLES}")
-    size = (int(match[2]), int(match[3]))
-    side = parse_length(match[4], "board's length")
-    if not match[5]:
+    grid, columns, rows, first, second, family = match.groups()
+    size = (int(columns), int(rows))
+    side = parse_length(first, "board's length")
+    if not second:
         return Chessboard(*size, side)
-    other = parse_length(match[5], "board's length")
-    family = [match[6]] if match[6] else []
-    if match[1]:
-        return TagGrid(*size, side, other, *family)
-    return Board(*size, side, other, *family)
+    other = parse_length(second, "board's length")
+    families = [family] if family else []
+    if grid:
+        return TagGrid(*size, side, other, *families)
+    return Board(*size, side, other, *families)
 
 
 def parse_length(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from .board import LEAST_CORNERS, Chessboard, Pattern, parse_board
 from .lens import Lens, calibrate_lens, lens_of_model
 from .lerobot import is_dataset, read_dataset
 from .motion_tables import JointTable, read_joints, read_shots
-from .pictures import Picture
+from .pictures import Picture, Shot
 from .reference import Pose, find_pose, matrices
 from .rigid import inverse, place_points, rigid, shift_of, turn_of
 
@@ -89,29 +89,33 @@ class BoardPictures:
         poses = self.poses(lens)
         hand = hand_poses(poses, in_hand)
         turns = turn_of(hand)
-        # a small turn and a shift of the board, in the camera's axes, move and turn what is told
+
+        # the point in what is in the hand, and a turn and shift of the board, which are in the
+        # camera's axes, in those of the log
         if in_hand:
             diagonal = float(np.hypot(*self.board.size))
-            at = np.array([0.0, 0.0, AHEAD * diagonal])
-            back = -turns
-            arm = at - np.array([pose.shift for pose in poses])
+            point = np.array([0.0, 0.0, AHEAD * diagonal])
+            to_log = -turns
+            lever = point - np.array([pose.shift for pose in poses])
         else:
-            at = self.board.points().mean(axis=0)
-            back = np.broadcast_to(np.eye(3), turns.shape)
-            arm = turns @ at
-        change = np.zeros((len(turns), 6, 6))
-        change[:, :3, :3] = -back @ cross_matrix(arm)
-        change[:, :3, 3:] = back
-        change[:, 3:, :3] = back
+            point = self.board.points().mean(axis=0)
+            to_log = np.broadcast_to(np.eye(3), turns.shape)
+            lever = turns @ point
+
+        # covariance (p, 6, 6) of the point and of the turn
+        slopes = np.zeros((len(turns), 6, 6))
+        slopes[:, :3, :3] = -to_log @ cross_matrix(lever)
+        slopes[:, :3, 3:] = to_log
+        slopes[:, 3:, :3] = to_log
         of_poses = np.array([pose.covariance[:6, :6] for pose in poses])
-        covariance = change @ of_poses @ np.swapaxes(change, 1, 2)
+        covariance = slopes @ of_poses @ np.swapaxes(slopes, 1, 2)
         variances = np.einsum("njj->n", covariance[:, :3, :3])
         noise = np.sqrt(variances.mean() / 3)
         source = {
             "source": "board",
             "eye": "hand" if in_hand else "base",
             "board": self.board.text,
-            "point": at.tolist(),
+            "point": point.tolist(),
             "size": list(self.size),
             "lens": lens.to_json(),
             "noise": float(noise),
@@ -120,7 +124,7 @@ class BoardPictures:
         }
         return Samples(
             self.q,
-            turns @ at + shift_of(hand),
+            turns @ point + shift_of(hand),
             self.joint_names,
             source=source,
             notes=self.notes,
@@ -167,7 +171,7 @@ def find_board(
         kinds = zip(names, arm.revolute, strict=True)
         prismatic = [name for name, turns in kinds if not turns]
 
-    # rows of joints, and the picture of each
+    # joints, and the picture of each row
     notes: list[str] = []
     if is_dataset(pictures):
         tables, pictures, notes = read_dataset(str(pictures), names, camera)
@@ -179,24 +183,18 @@ def find_board(
         )
     if not isinstance(table, JointTable):
         table = read_joints(table, names, degrees=degrees, prismatic=prismatic)
-    rows = list(range(len(table.q)))
     if isinstance(pictures, (str, os.PathLike)):
-        rows, frames, notes = read_shots(table, pictures)
-    elif len(pictures) == len(rows):
-        labels = table.pictures or [f"picture {k + 1}" for k in rows]
-        frames = zip(rows, labels, pictures, strict=True)
+        rows, shots, notes = read_shots(table, pictures)
     else:
-        raise LogError(
-            f"{len(pictures)} pictures and {len(rows)} rows of joints: expected as many"
-        )
+        rows, shots = _shots_of(table, pictures)
 
-    # corners that each shows
+    # the corners that each picture shows
     corners: dict[int, dict[int, Array]] = {}  # by row
     shown: list[str] = []
     without: dict[str, int] = {}
     looked: list[Picture] = []
     grey = np.zeros((0, 0), np.uint8)
-    for number, name, grey in frames:
+    for number, name, grey in shots:
         marks = board.find(grey)
         if len(marks) < LEAST_CORNERS:
             without[name] = len(marks)
@@ -231,6 +229,19 @@ def find_board(
         episodes=None if episodes is None else episodes[places],
         rows=places,
     )
+
+
+def _shots_of(
+    table: JointTable, pictures: Sequence[Picture]
+) -> tuple[list[int], Iterator[Shot]]:
+    """The row of each shot, and the shots, of pictures in the order of the rows."""
+    rows = list(range(len(table.q)))
+    if len(pictures) != len(rows):
+        raise LogError(
+            f"{len(pictures)} pictures and {len(rows)} rows of joints: expected as many"
+        )
+    labels = table.pictures or [f"picture {k + 1}" for k in rows]
+    return rows, zip(rows, labels, pictures, strict=True)
 
 
 def _instead(looked: Sequence[Picture], board: Pattern) -> str:

@@ -1,9 +1,10 @@
 """Bundle: what cameras see of boards at the motions of an arm, and how that follows the unknowns.
 
-A point p of a board appears at ``lens(X^-1 M Y p)``.  A camera in the hand has M = (G E)^-1, X the
-camera in the flange and Y the board in the base; a camera that stands still has M = G E, X the
-camera in the base and Y the board in the flange.  G is the flange in the base, E its error at that
-motion; besides, each camera's focal length may have an error at each motion (autofocus).
+A point p of a board appears at ``lens(X^-1 M Y p)``, and the board before the camera is the scene
+B = X^-1 M Y.  A camera in the hand has M = (G E)^-1, X the camera in the flange and Y the board in
+the base; a camera that stands still has M = G E, X the camera in the base and Y the board in the
+flange.  G is the flange in the base, E its error at that motion; besides, each camera's focal
+length may have an error at each motion (autofocus).
 """
 
 from __future__ import annotations
@@ -36,7 +37,12 @@ POSE = 6
 class Motions:
     """Where the flange was, as a controller says; of joints see :mod:`.joint_motions`."""
 
-    rows: Array  # (n, 4, 4), the flange in the base [m]
+    values: Array  # (n, 4, 4), the flange in the base [m]; of joints (n, dof)
+
+    @property
+    def count(self) -> int:
+        """Number n of motions."""
+        return len(self.values)
 
     @property
     def size(self) -> int:
@@ -45,15 +51,15 @@ class Motions:
 
     def poses(self, arm: Array) -> Array:  # noqa: ARG002
         """The flange in the base (n, 4, 4) [m] at parameters (k,)."""
-        return self.rows
+        return self.values
 
     def slopes(self, arm: Array) -> Array:  # noqa: ARG002
         """Turn in the flange's axes and shift in the base's, (n, 6, k), by the parameters."""
-        return np.zeros((len(self.rows), POSE, 0))
+        return np.zeros((self.count, POSE, 0))
 
     def take(self, rows: Index) -> Motions:
         """Some of the motions."""
-        return replace(self, rows=self.rows[rows])
+        return replace(self, values=self.values[rows])
 
 
 class Layout:
@@ -108,6 +114,29 @@ class Sight:
 
 
 @dataclass(frozen=True, eq=False)
+class Scenes:
+    """The board before a camera at n motions, and its slopes (.., 6, 6) by the frames behind it."""
+
+    poses: Array  # (n, 4, 4), X^-1 M Y [m]
+    by_camera: Array  # X
+    by_flange: Array  # G E
+    by_board: Array  # Y
+
+    @staticmethod
+    def of(camera: Array, flange: Array, board: Array, in_hand: bool) -> Scenes:
+        """Scenes of X and Y (4, 4) [m] at flanges G E (n, 4, 4) [m]."""
+        to_camera = inverse(camera)
+        motions = inverse(flange) if in_hand else flange
+        before_board = to_camera @ motions
+        return Scenes(
+            before_board @ board,
+            by_camera=scene_slopes(np.eye(4), camera, inverted=True),
+            by_flange=scene_slopes(to_camera, flange, in_hand),
+            by_board=scene_slopes(before_board, board),
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Bundle:
     """Corners that cameras see at the motions of an arm, by camera and motion."""
 
@@ -137,6 +166,10 @@ class Bundle:
         steps = np.diff(self.camera) + np.diff(self.motion)
         ends = np.flatnonzero(steps) + 1
         return np.split(np.arange(len(self.pixels)), ends)
+
+    def frame_numbers(self, camera: int) -> tuple[int, int]:
+        """Numbers of the frames of a camera and of the board that it sees."""
+        return camera, len(self.in_hand) + self.boards[camera]
 
     def take(self, motions: Index) -> Bundle:
         """The corners at some motions (k,), which are numbered anew."""
@@ -170,67 +203,62 @@ class Bundle:
         return Sight(*map(np.concatenate, zip(*sights, strict=True)))
 
     def _look(
-        self, number: int, unknowns: Unknowns, flange: Array, by_arm: Array
+        self, camera: int, unknowns: Unknowns, flange: Array, by_arm: Array
     ) -> tuple[Array, Array]:
-        """Pixels (n, 2) of one camera, and their slopes (n, 2, s + e).
+        """Pixels (m, 2) of one camera's corners, and their slopes (m, 2, s + e).
 
-        flange : (k, 4, 4) [m], at each motion;  by_arm : (k, 6, a), its slopes by the arm
+        flange : (n, 4, 4) [m], at each motion;  by_arm : (n, 6, k), its slopes by the arm
         """
         layout = self.layout
-        rows = self.camera == number
-        motion = self.motion[rows]
-        bends = self.bends[rows]
-        in_hand = self.in_hand[number]
-        board = self.boards[number]
-        board_number = board - max(self.boards) - 1
-        camera_frame = unknowns.frames[number]
-        board_frame = unknowns.frames[board_number]
-        shape = unknowns.values[layout.shapes[board]]
-        lens = unknowns.values[layout.lenses[number]]
+        camera_frame, board_frame = self.frame_numbers(camera)
+        *bend_columns, size_column = layout.shapes[self.boards[camera]]
+        focus_column = POSE + camera
+        corners = self.camera == camera
+        motion = self.motion[corners]
+        bends = self.bends[corners]
+        lens = unknowns.values[layout.lenses[camera]]
 
-        # the board before the camera, at each motion and at each corner's
-        to_camera = inverse(camera_frame)
-        arm_frames = inverse(flange) if in_hand else flange
-        before_board = to_camera @ arm_frames
-        scenes = before_board @ board_frame
-        scene = scenes[motion]
+        # corners in the board's frame, as it is bent and sized
+        size = np.exp(unknowns.values[size_column])
+        bent = self.points[corners] + bends @ unknowns.values[bend_columns]
+        points = size * bent
+
+        # before the camera
+        scenes = Scenes.of(
+            unknowns.frames[camera_frame],
+            flange,
+            unknowns.frames[board_frame],
+            self.in_hand[camera],
+        )
+        scene = scenes.poses[motion]
         turns = turn_of(scene)
+        places = np.einsum("nij,nj->ni", turns, points) + shift_of(scene)
 
-        # corners in the board's frame, in the camera's, and in the picture
-        scale = np.exp(shape[-1])
-        points = self.points[rows] + bends @ shape[:-1]
-        points *= scale
-        places = np.einsum("nij,nj->ni", turns, points)
-        places += shift_of(scene)
-        focal = POSE + number
-        focal_errors = unknowns.errors[motion, focal]
-        focus = np.exp(focal_errors)
+        # in the picture
+        focus = np.exp(unknowns.errors[motion, focus_column])
         pixels, by_place, by_lens = project(lens, focus, places)
 
-        # slopes of pixels by the scene and by points, then of the scene by each frame
+        # slopes by the scene, by the point in the board, and by the flange
         by_turn = np.cross(places[:, None], by_place)
         by_scene = np.concatenate([by_turn, by_place], axis=2)
         by_point = by_place @ turns
-        by_size = by_point @ points[:, :, None]
-        camera_slopes = scene_slopes(np.eye(4), camera_frame, inverted=True)
-        flange_slopes = scene_slopes(to_camera, flange, in_hand)
-        board_slopes = scene_slopes(before_board, board_frame)
-        by_flange = by_scene @ flange_slopes[motion]
-        by_board = by_scene @ board_slopes[motion]
+        by_flange = by_scene @ scenes.by_flange[motion]
 
-        # columns of the unknowns, and behind them those of the errors
+        # columns of the unknowns
         width = layout.size + layout.errors
         slopes = np.zeros((len(points), 2, width))
-        slopes[..., layout.frames[number]] = by_scene @ camera_slopes
-        slopes[..., layout.frames[board_number]] = by_board
-        slopes[..., layout.lenses[number]] = by_lens
-        *bend_columns, size_column = layout.shapes[board]
-        slopes[..., bend_columns] = scale * by_point @ bends
-        slopes[..., [size_column]] = by_size
+        by_board = by_scene @ scenes.by_board[motion]
+        slopes[..., layout.frames[camera_frame]] = by_scene @ scenes.by_camera
+        slopes[..., layout.frames[board_frame]] = by_board
+        slopes[..., layout.lenses[camera]] = by_lens
+        slopes[..., bend_columns] = size * by_point @ bends
+        slopes[..., [size_column]] = by_point @ points[:, :, None]
         slopes[..., layout.arm] = by_flange @ by_arm[motion]
-        error_slopes = slopes[..., layout.size :]
-        error_slopes[..., :POSE] = by_flange
-        error_slopes[..., focal] = by_lens[..., :2] @ lens[:2]
+
+        # columns of the motion's errors
+        by_errors = slopes[..., layout.size :]
+        by_errors[..., :POSE] = by_flange
+        by_errors[..., focus_column] = by_lens[..., :2] @ lens[:2]
         return pixels, slopes
 
 

@@ -1,7 +1,8 @@
 """A sensor's clock against the joints': offset and rate, or a refusal.
 
-A correlation of speeds names candidates, for an arm may repeat itself; the one from which joints
-predict the track best is taken, if its rival is clearly worse.
+A correlation of speeds names candidates, for an arm may repeat itself; from each, steps of Gauss
+and Newton move the clocks to where joints predict the track best; the best fit is taken, if its
+rival is clearly worse.  Joints predict by smooth functions (`_Waves`) or as a planar chain.
 """
 
 from __future__ import annotations
@@ -25,33 +26,33 @@ from .track import Judge, jumps
 class ClockSettings:
     """How clocks are compared."""
 
-    # peaks of the correlation of speeds that are judged
+    # peaks of the correlation of speeds that get a short fit
     candidates: int = 15
-    # of them that are fitted to the end
+    # the best of them, which get a long one
     fitted: int = 3
-    # [1/s], at which speeds are compared
+    # rate at which speeds are compared [1/s]
     grid: float = 50.0
-    # of the shorter recording must have a counterpart
+    # share of the shorter recording that must have a counterpart
     overlap: float = 0.8
-    # rows, and steps, that judge candidates
+    # rows and steps of a short fit
     judged: tuple[int, int] = (120, 4)
-    # and that refine the best
+    # rows and steps of a long one
     refined: tuple[int, int] = (300, 12)
-    # over which a velocity is taken [s]
+    # time to either side over which a velocity is taken [s]
     step: float = 0.01
-    # [s]: far from the solution the velocity is a poor guide
+    # largest step of the offset [s]: far from the solution the velocity is a poor guide
     farthest_step: float = 0.08
-    # that a candidate moves from its peak [s]
+    # furthest that a candidate moves from its peak [s]
     farthest: float = 0.15
-    # how much rates of clocks differ
+    # prior sd of how much the rates of clocks differ
     rate_sd: float = 4e-3
-    # share of the error that is left where the rows show a rate
+    # where the rows show a rate, less than this share of the error is left
     shows_rate: float = 0.9
     # a planar chain that leaves more of the track's spread is none
     chain_fits: float = 0.03
     # the best candidate's error must be less than this share of its rival's
     clearly: float = 0.6
-    # and less than this share of the track's spread
+    # the best candidate's error must be less than this share of the track's spread
     fits: float = 0.25
     # difference of the rates: beyond it the stated frame rate is not the true one
     fastest: float = 0.012
@@ -62,7 +63,7 @@ class ClockSettings:
 CLOCK = ClockSettings()
 
 SURE = 1.5e-3
-"""The standard deviation of the offset that is accepted [s]."""
+"""Largest standard deviation of the offset that is accepted [s]."""
 
 
 Linear = tuple[Array, Array, Array, Array, Array]
@@ -92,7 +93,7 @@ class Clocks:
         return np.asarray(time + self.offset + self.rate * (time - self.middle))
 
     def words(self) -> str:
-        """Say it in a line."""
+        """One line for the user."""
         # encoders of coarse steps, .5 deg, leave 1.3 to 4.1 ms where the sd is .6
         doubt = 1e3 * max(self.doubt, SURE)
         return (
@@ -101,29 +102,37 @@ class Clocks:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows of a track, and the joints at their times by the present clocks."""
+
+    track: Array  # (n, m) [px or mm]
+    q: Array  # (n, joints) [rad or m]
+    ahead: Array  # joints one `CLOCK.step` later
+    behind: Array  # and one earlier
+    since: Array  # (n, 1), times since their mean [s]
+
+
 class _Waves:
-    """What joints predict without a chain: blocks of rows by the others'."""
+    """Joints predict by smooth functions: each block of rows by the fit to the others."""
 
-    def look(
-        self, q: Array, ahead: Array, behind: Array, track: Array, since: Array
-    ) -> Linear:
+    def linearise(self, rows: _Rows) -> Linear:
         """What `estimate_delay` takes, with the clocks' rate last."""
-        judge = Judge(q)
+        judge = Judge(rows.q)
+        ahead = judge.predict(rows.ahead, rows.track)
+        behind = judge.predict(rows.behind, rows.track)
+        speed = (ahead - behind) / (2.0 * CLOCK.step)
+        velocity = judge.miss(speed)
+        by_rate = judge.miss(speed * rows.since)
         none = np.empty(0)
-        speed = (judge.predict(ahead, track) - judge.predict(behind, track)) / (
-            2.0 * CLOCK.step
-        )
-        velocity, apart = (
-            judge.miss(values) for values in (speed, speed * since)
-        )
-        return judge.miss(track), velocity, apart[:, :, None], none, none
+        return judge.miss(rows.track), velocity, by_rate[:, :, None], none, none
 
-    def take(self, change: Array) -> None:
-        """Nothing to take: each look is a fit of its own."""
+    def move(self, change: Array) -> None:
+        """Nothing to move: each linearisation is a fit of its own."""
 
 
 class _Chain:
-    """A planar chain under a tilted camera, fitted with the clocks: for few rows."""
+    """Joints predict as a planar chain under a tilted camera, fitted with the clocks."""
 
     def __init__(
         self, q: Array, track: Array, revolute: tuple[bool, ...]
@@ -145,43 +154,37 @@ class _Chain:
         self._prior = begin.structure.prior((*members, "lens"))
         self._active = np.flatnonzero(self._prior.sd > 0)
 
-    def look(
-        self, q: Array, ahead: Array, behind: Array, track: Array, since: Array
-    ) -> Linear:
+    def linearise(self, rows: _Rows) -> Linear:
         """What `estimate_delay` takes, with the clocks' rate last."""
         structure = self._structure
         beta = self._beta
-        speed = (ahead - behind) / (2.0 * CLOCK.step)
-        predicted, columns = structure.linearise(q, beta, self._active)
-        velocity = np.einsum("nmd,nd->nm", structure.slope(q, beta), speed)
-        columns = np.concatenate(
-            [columns, (velocity * since)[:, :, None]], axis=2
-        )
-        pull = (self._prior.mean - beta)[self._active]
-        return (
-            track - predicted,
-            velocity,
-            columns,
-            self._prior.sd[self._active] ** -2.0,
-            pull,
-        )
+        active = self._active
+        predicted, by_beta = structure.linearise(rows.q, beta, active)
+        joint_speed = (rows.ahead - rows.behind) / (2.0 * CLOCK.step)
+        by_joints = structure.slope(rows.q, beta)
+        velocity = np.einsum("nmd,nd->nm", by_joints, joint_speed)
+        by_rate = velocity * rows.since
+        slopes = np.concatenate([by_beta, by_rate[:, :, None]], axis=2)
+        precision = self._prior.sd[active] ** -2.0
+        pull = (self._prior.mean - beta)[active]
+        return rows.track - predicted, velocity, slopes, precision, pull
 
-    def take(self, change: Array) -> None:
+    def move(self, change: Array) -> None:
         """Move the chain's parameters."""
         self._beta[self._active] += change
 
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """A track (n, m) at times (n,), and joints (m, joints) at times (m,) of another clock."""
+    """The track of a sensor, and the joints by another clock."""
 
-    t: Array
-    x: Array
-    joint_time: Array
-    q: Array
+    t: Array  # (n,), the sensor's times [s]
+    x: Array  # (n, m), the track at them [px or mm]
+    joint_time: Array  # (k,), the joints' times [s]
+    q: Array  # (k, joints), at them [rad or m]
 
     def joints(self, when: Array) -> Array:
-        """Joints (k, joints) at their clock's times (k,)."""
+        """Joints (r, joints) at their clock's times (r,)."""
         return joints_at(when, self.joint_time, self.q)
 
     def peaks(self) -> list[float]:
@@ -189,49 +192,59 @@ class _Pair:
         from scipy.ndimage import maximum_filter1d
         from scipy.signal import correlate, correlation_lags
 
-        sensor = np.arange(self.t[0], self.t[-1], 1.0 / CLOCK.grid)
-        joints = np.arange(
-            self.joint_time[0], self.joint_time[-1], 1.0 / CLOCK.grid
-        )
-        if min(len(sensor), len(joints)) < 2 * CLOCK.grid:
+        # speeds of track and joints on one grid of time
+        step = 1.0 / CLOCK.grid
+        track_grid = np.arange(self.t[0], self.t[-1], step)
+        joint_grid = np.arange(self.joint_time[0], self.joint_time[-1], step)
+        if min(len(track_grid), len(joint_grid)) < 2 * CLOCK.grid:
             return []
-        a = _speed(joints_at(sensor, self.t, self.x))
-        b = _speed(self.joints(joints) / np.maximum(self.q.std(0), 1e-9))
-        a = a - a.mean()
-        b = b - b.mean()
-        count = correlate(b**0, a**0, method="fft")  # of what overlaps
-        far = count > int(CLOCK.overlap * min(len(a), len(b))) - 0.5
-        lags = correlation_lags(len(b), len(a))[far]
-        c = correlate(b, a, method="fft")[far] / np.sqrt(count[far])
-        # peaks within 0.2 s of a higher one are its shoulders
-        top = np.flatnonzero(c >= maximum_filter1d(c, 21, mode="nearest"))
-        top = top[np.argsort(-c[top], kind="stable")][: CLOCK.candidates]
-        return [
-            float(joints[0] - sensor[0] + lags[k] / CLOCK.grid) for k in top
-        ]
+        track_speed = _speed(joints_at(track_grid, self.t, self.x))
+        scales = np.maximum(self.q.std(0), 1e-9)
+        joints_speed = _speed(self.joints(joint_grid) / scales)
+        track_speed = track_speed - track_speed.mean()
+        joints_speed = joints_speed - joints_speed.mean()
 
-    def some(self, clocks: Clocks, rows: int) -> tuple[Array, Array]:
-        """Joints' times (n,) and the track (n, m) of some rows."""
+        # their correlation at each lag at which most of the shorter one overlaps
+        track_ones = track_speed**0
+        joint_ones = joints_speed**0
+        overlap = correlate(joint_ones, track_ones, method="fft")
+        shorter = min(len(track_speed), len(joints_speed))
+        is_long = overlap > int(CLOCK.overlap * shorter) - 0.5
+        products = correlate(joints_speed, track_speed, method="fft")
+        correlation = products[is_long] / np.sqrt(overlap[is_long])
+        lags = correlation_lags(len(joints_speed), len(track_speed))[is_long]
+
+        # peaks within 0.2 s of a higher one are its shoulders
+        highest = maximum_filter1d(correlation, 21, mode="nearest")
+        peaks = np.flatnonzero(correlation >= highest)
+        order = np.argsort(-correlation[peaks], kind="stable")
+        best = peaks[order][: CLOCK.candidates]
+        start = joint_grid[0] - track_grid[0]
+        return [float(start + lags[peak] / CLOCK.grid) for peak in best]
+
+    def sample(self, clocks: Clocks, count: int) -> tuple[Array, Array]:
+        """About `count` rows with joints beside them: joints' times (r,) and track (r, m)."""
         when = clocks.joints_time(self.t)
-        inside = np.flatnonzero(
-            (when >= self.joint_time[0]) & (when <= self.joint_time[-1])
-        )
-        some = inside[spread_rows(len(inside), rows)]
-        return when[some], self.x[some]
+        first, last = self.joint_time[[0, -1]]
+        inside = np.flatnonzero((when >= first) & (when <= last))
+        rows = inside[spread_rows(len(inside), count)]
+        return when[rows], self.x[rows]
 
     def refine(
         self, start: Clocks, revolute: tuple[bool, ...] | None
     ) -> Clocks | None:
         """Fit the offset, and the rate where rows show one; without `revolute` no planar chain."""
-        when, track = self.some(start, CLOCK.refined[0])
+        when, track = self.sample(start, CLOCK.refined[0])
         try:
-            there = self.joints(when)
-            model = _Chain(there, track, revolute) if revolute else _Waves()
-            plain = self.fit(model, start, CLOCK.refined)
-            free = self.fit(model, plain, CLOCK.refined, rate=True)
+            model: _Waves | _Chain = _Waves()
+            if revolute:
+                model = _Chain(self.joints(when), track, revolute)
+            in_step = self.fit(model, start, CLOCK.refined)
+            free = self.fit(model, in_step, CLOCK.refined, rate=True)
         except (CalibError, np.linalg.LinAlgError):
             return None
-        return free if free.error < CLOCK.shows_rate * plain.error else plain
+        is_clear = free.error < CLOCK.shows_rate * in_step.error
+        return free if is_clear else in_step
 
     def fit(
         self,
@@ -241,62 +254,64 @@ class _Pair:
         *,
         rate: bool = False,
     ) -> Clocks:
-        """Move clocks to where rows are predicted best, by Gauss and Newton's method."""
+        """Move clocks to where rows are predicted best, by Gauss and Newton's method.
+
+        most : rows and steps;  rate : whether the clocks' rate is free
+        """
         clocks = start
         best = replace(start, error=np.inf)
-        prior = np.array([CLOCK.rate_sd if rate else 1e-12]) ** -2.0
+        rate_sd = CLOCK.rate_sd if rate else 1e-12
         for _ in range(most[1]):
-            when, track = self.some(clocks, most[0])
+            # how late the track is, and how rate and chain change
+            when, track = self.sample(clocks, most[0])
             if len(when) < 16:
                 break
-            there, ahead, behind = (
-                self.joints(when + h) for h in (0.0, CLOCK.step, -CLOCK.step)
+            rows = _Rows(
+                track,
+                self.joints(when),
+                ahead=self.joints(when + CLOCK.step),
+                behind=self.joints(when - CLOCK.step),
+                since=(when - when.mean())[:, None],
             )
-            since = (when - when.mean())[:, None]
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                miss, velocity, columns, prior_precision, pull = model.look(
-                    there, ahead, behind, track, since
-                )
-                precision = np.append(prior_precision, prior)
+                miss, velocity, slopes, precision, pull = model.linearise(rows)
+                precision = np.append(precision, np.array([rate_sd]) ** -2.0)
                 pull = np.append(pull, -clocks.rate)
-                answer = estimate_delay(
-                    miss, velocity, columns, precision, pull
-                )
+                answer = estimate_delay(miss, velocity, slopes, precision, pull)
             if answer is None or not np.isfinite(answer[0].value):
                 break
             late, change = answer
+
             # three neighbouring rows say as much as one; at the ends of a line twice the sd
             doubt = np.sqrt(3.0) * late.sd * (2.0 if rate else 1.0)
-            before = clocks.error
+            error_before = clocks.error
             clocks = replace(clocks, error=_median(miss), doubt=doubt)
             best = min(best, clocks, key=attrgetter("error"))
             moved = max(abs(late.value), abs(change[-1]) * np.ptp(self.t))
-            if (
-                moved < 4e-5
-                and abs(clocks.error - before) < 1e-3 * clocks.error
-            ):
+            gain = abs(clocks.error - error_before)
+            if moved < 4e-5 and gain < 1e-3 * clocks.error:
                 break
+
+            # a step, shortened where the velocity is a poor guide
             scale = min(1.0, CLOCK.farthest_step / max(abs(late.value), 1e-12))
-            model.take(scale * change[:-1])
+            model.move(scale * change[:-1])
+            offset = clocks.offset - scale * late.value
             low = start.offset - CLOCK.farthest
             high = start.offset + CLOCK.farthest
-            offset = float(
-                np.clip(clocks.offset - scale * late.value, low, high)
-            )
             clocks = replace(
                 clocks,
-                offset=offset,
+                offset=float(np.clip(offset, low, high)),
                 rate=clocks.rate + float(scale * change[-1]),
             )
         return best
 
 
 def _speed(values: Array) -> Array:
-    along = np.gradient(values, 1.0 / CLOCK.grid, axis=0)
+    """Smooth speed (n,) of values (n, d) on the grid of time."""
+    velocity = np.gradient(values, 1.0 / CLOCK.grid, axis=0)
+    speed = np.linalg.norm(velocity, axis=1)
     window = np.hanning(15)[1:-1]
-    return np.convolve(
-        np.linalg.norm(along, axis=1), window / window.sum(), "same"
-    )
+    return np.convolve(speed, window / window.sum(), "same")
 
 
 @one_blas_thread()
@@ -312,13 +327,13 @@ def align_clocks(
 
     time, track : (n,) [s], (n, m) [unit], times by the sensor's clock, and where the tip was, in
         pixels, or mm in space; NaN where it was not seen
-    joint_time, q : (m,) [s], (m, joints) [rad or m], joints at increasing times by their clock
+    joint_time, q : (k,) [s], (k, joints) [rad or m], joints at increasing times by their clock
     revolute : which joints turn; all if not given
     Raises ClockError if nothing moves, no offset fits, or more than one does.
     """
-    there = np.isfinite(track[:, 0]) & ~jumps(track)
-    pair = _Pair(time[there], track[there], joint_time, q)
-    spread = float(np.sqrt(pair.x.var(axis=0).sum())) if there.any() else 0.0
+    usable = np.isfinite(track[:, 0]) & ~jumps(track)
+    pair = _Pair(time[usable], track[usable], joint_time, q)
+    spread = float(np.sqrt(pair.x.var(axis=0).sum())) if usable.any() else 0.0
     moves = spread >= 5.0 and np.ptp(q, axis=0).max() >= 0.02
     if len(pair.t) < 20 or not moves or not (peaks := pair.peaks()):
         raise ClockError(
@@ -326,34 +341,29 @@ def align_clocks(
             f"by {spread:.2g} {unit}, or the arm never moves; expected 5 s of motion or more, or "
             "`time_offset`"
         )
+
+    # a short fit from each peak, a long one from the best of them
     middle = float(pair.t[[0, -1]].mean())
     starts = (Clocks(peak, middle=middle) for peak in peaks)
     judged = _by_error(
         pair.fit(_Waves(), start, CLOCK.judged) for start in starts
     )
-    apart = [
-        c
-        for k, c in enumerate(judged)
-        if all(_are_apart(c, d) for d in judged[:k])
+    candidates = [
+        clocks
+        for k, clocks in enumerate(judged)
+        if all(_are_apart(clocks, better) for better in judged[:k])
     ][: CLOCK.fitted]
-    kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]
-    # a planar chain needs fewer rows, so it goes first; an arm in space has none that fits
-    fitted = (
-        _by_error(pair.refine(c, kinds) for c in apart)
-        if track.shape[1] == 2
-        else []
-    )
-    if not fitted or not fitted[0].error < CLOCK.chain_fits * spread:
-        fitted = _by_error(pair.refine(c, None) for c in apart) or judged
-    clocks = fitted[0]
-    rival = min(
-        (c.error for c in fitted[1:] if _are_apart(c, clocks)), default=np.inf
-    )
-    fits = (
-        clocks.error < CLOCK.fits * spread
-        and clocks.error < CLOCK.clearly * rival
-    )
-    if not (fits and abs(clocks.rate) <= CLOCK.fastest and clocks.doubt < SURE):
+    fits = _fits(pair, candidates, revolute, CLOCK.chain_fits * spread)
+    fits = fits or judged
+
+    # the best, if it is sure
+    clocks = fits[0]
+    rivals = (fit.error for fit in fits[1:] if _are_apart(fit, clocks))
+    rival = min(rivals, default=np.inf)
+    is_close = clocks.error < CLOCK.fits * spread
+    is_clear = clocks.error < CLOCK.clearly * rival
+    is_slow = abs(clocks.rate) <= CLOCK.fastest
+    if not (is_close and is_clear and is_slow and clocks.doubt < SURE):
         raise ClockError(
             f"no offset between the clocks is sure: the best, {clocks.offset:.3f} s to "
             f"{1e3 * clocks.doubt:.2g} ms with rates that differ by {100 * clocks.rate:.2g} %, "
@@ -367,13 +377,38 @@ def align_clocks(
     return clocks
 
 
+def _fits(
+    pair: _Pair,
+    candidates: Sequence[Clocks],
+    revolute: Sequence[bool] | None,
+    most: float,
+) -> list[Clocks]:
+    """Fits from candidates, the best first.
+
+    A planar chain needs fewer rows, so it goes first; an arm in space has none that leaves less
+    than `most` [px].
+    """
+    if pair.x.shape[1] == 2:
+        kinds = (True,) * pair.q.shape[1]
+        if revolute is not None:
+            kinds = tuple(revolute)
+        chains = _by_error(pair.refine(start, kinds) for start in candidates)
+        if chains and chains[0].error < most:
+            return chains
+    return _by_error(pair.refine(start, None) for start in candidates)
+
+
 def _median(miss: Array) -> float:
+    """Median length of misses (n, m)."""
     return float(np.median(np.linalg.norm(miss, axis=1)))
 
 
 def _by_error(fits: Iterable[Clocks | None]) -> list[Clocks]:
-    return sorted((c for c in fits if c is not None), key=attrgetter("error"))
+    """The fits that there are, the best first."""
+    clocks = [fit for fit in fits if fit is not None]
+    return sorted(clocks, key=attrgetter("error"))
 
 
 def _are_apart(one: Clocks, other: Clocks) -> bool:
+    """Whether two offsets are those of two peaks."""
     return abs(one.offset - other.offset) > CLOCK.apart

@@ -136,7 +136,7 @@ def information(
     slopes = sight.slopes * root[:, None, None]
     residuals = residuals * root[:, None]
     columns = slopes.shape[2]
-    count = len(bundle.motions.rows)
+    count = bundle.motions.count
     products = np.zeros((count, columns, columns))
     pulls = np.zeros((count, columns))
     for rows in bundle.pictures:

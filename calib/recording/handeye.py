@@ -1,7 +1,9 @@
 """Hand-eye calibration: where cameras and a board are, from pictures and the motions of the arm.
 
-Motions are joints of a drawn arm or flange poses of a controller; one fit (:mod:`.bundle`) has
-both.
+Pictures become corners (:mod:`.board_pictures`), corners a lens and the board before each camera
+(:mod:`.view`); with motions, joints of a drawn arm or flange poses of a controller, a closed form
+starts (:mod:`.start`, :mod:`.problem`) one fit of all (:mod:`.bundle`, :mod:`.fit`), and the places
+with their intervals are the answer (:mod:`.answer`).
 """
 
 from __future__ import annotations
@@ -87,45 +89,41 @@ def handeye(
     if boards is not None:
         pictures, lens = pictures_of_boards(boards)
     assert pictures is not None  # noqa: S101 - refused above
-    table = None if poses is None else _flange_table(poses)
+    flange = None if poses is None else _flange_table(poses)
+    if flange is not None:
+        joints = flange.joints
 
-    # pictures, eye and lens of each camera
-    folders = _folders(pictures)
-    eyes = dict.fromkeys(folders, eye) if isinstance(eye, str) else eye
-    lenses = lens if isinstance(lens, Mapping) else dict.fromkeys(folders, lens)
+    # pictures, eye and lens by the cameras' names
+    cameras = _cameras(pictures)
+    eyes = dict.fromkeys(cameras, eye) if isinstance(eye, str) else eye
+    lenses = lens if isinstance(lens, Mapping) else dict.fromkeys(cameras, lens)
     views = []
     with one_blas_thread():
-        # the corners that each camera sees, and its lens
-        for name, source in folders.items():
-            if eyes.get(name) not in EYES:
+        # pictures -> corners -> lens and board before each camera
+        for name, source in cameras.items():
+            place = eyes.get(name)
+            if place not in EYES:
                 raise OptionError(
-                    f"eye {eyes.get(name)!r} of {name}: expected one of {', '.join(EYES)}"
+                    f"eye {place!r} of {name}: expected one of {', '.join(EYES)}"
                 )
-            shots = source
-            if not isinstance(shots, BoardPictures):
-                shots = find_board(
-                    shots,
-                    joints if table is None else table.joints,
-                    board,
-                    arm,
-                    camera,
-                    degrees=bool(degrees),
+            corners = source
+            if not isinstance(corners, BoardPictures):
+                corners = find_board(
+                    corners, joints, board, arm, camera, degrees=bool(degrees)
                 )
-            views.append(
-                view_of(name, shots, eyes[name] == "hand", lenses.get(name))
-            )
+            view = view_of(name, corners, place == "hand", lenses.get(name))
+            views.append(view)
 
-        # one fit of all cameras
-        if table is not None:
-            problem = of_poses(table, views, unit, rotation, degrees)
+        # corners and motions -> start -> bundle -> answer
+        if flange is not None:
+            problem = of_poses(flange, views, unit, rotation, degrees)
             return answer(problem, ("base", "flange"))
         assert arm is not None  # noqa: S101 - refused above
-        return answer(
-            of_joints(arm, views), (parse_robot(arm.urdf).root, arm.tip)
-        )
+        frames = (parse_robot(arm.urdf).root, arm.tip)
+        return answer(of_joints(arm, views), frames)
 
 
-def _folders(
+def _cameras(
     pictures: Pictures | Mapping[str, Pictures],
 ) -> Mapping[str, Pictures]:
     """The pictures of each camera, by its name."""
@@ -141,6 +139,7 @@ def _folders(
 
 
 def _flange_table(poses: Path_ | FlangeTable | Array) -> FlangeTable:
+    """The table of flange poses that a file, or matrices (n, 4, 4) [m], are."""
     if isinstance(poses, (str, os.PathLike)):
         return read_flange_poses(poses)
     if isinstance(poses, FlangeTable):
@@ -152,6 +151,7 @@ def _flange_table(poses: Path_ | FlangeTable | Array) -> FlangeTable:
 
 
 def _matrices(name: str, values: Array) -> Array:
+    """Poses (n, 4, 4) of an option.  Raises OptionError where they have another shape."""
     matrices = np.asarray(values, float)
     if matrices.ndim != 3 or matrices.shape[1:] != (4, 4):
         raise OptionError(
@@ -161,7 +161,10 @@ def _matrices(name: str, values: Array) -> Array:
 
 
 def pictures_of_boards(boards: Array) -> tuple[BoardPictures, Lens]:
-    """Corners that a camera without errors sees of boards (n, 4, 4), and its lens."""
+    """Corners that a camera without errors sees of boards (n, 4, 4) [m], and its lens.
+
+    The board is a square of four tags, as large as a usual one in a picture.
+    """
     boards = _matrices("boards", boards)
     if not (boards[:, 2, 3] > 0.0).all():
         raise OptionError("boards: expected each before the camera (z > 0)")
@@ -175,5 +178,7 @@ def pictures_of_boards(boards: Array) -> tuple[BoardPictures, Lens]:
     names = tuple(f"pose {k + 1}" for k in range(count))
     corners = tuple(dict(enumerate(picture)) for picture in pixels)
     q = np.zeros((count, 0))
-    shots = BoardPictures(pattern, (), names, q, corners, lens.size, count, ())
-    return shots, lens
+    pictures = BoardPictures(
+        pattern, (), names, q, corners, lens.size, count, ()
+    )
+    return pictures, lens

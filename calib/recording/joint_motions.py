@@ -42,15 +42,15 @@ class JointMotions(Motions):
     def poses(self, arm: Array) -> Array:
         """The tip in the base (n, 4, 4) [m] at parameters (k,); the last is the log of its size."""
         beta = self.beta(arm)
-        places, turns = self._base.pose(self.rows, beta)
+        places, turns = self._base.pose(self.values, beta)
         places = np.exp(arm[-1]) * places
         return rigid(turns, places)
 
     def slopes(self, arm: Array) -> Array:
         """Turn in the tip's axes and shift in the base's, (n, 6, k), by the parameters."""
         beta = self.beta(arm)
-        places, turns = self._base.pose(self.rows, beta)
-        _, in_base = self._base.linearise(self.rows, beta, self.active)
+        places, turns = self._base.pose(self.values, beta)
+        _, in_base = self._base.linearise(self.values, beta, self.active)
         shift, turn = np.split(in_base, 2, axis=1)
         scale = np.exp(arm[-1])
         turn_in_tip = np.swapaxes(turns, 1, 2) @ turn
@@ -101,44 +101,27 @@ class JointMotions(Motions):
 
         hand_number, base_number : frames of what is in the hand and of what stands still
         """
-        structure = self.structure
-        groups = structure.groups
         hand = fit.unknowns.frames[hand_number]
         base = fit.unknowns.frames[base_number]
-        view = inverse(base)
-
-        # mean
         beta = self.beta(fit.unknowns.values[layout.arm])
-        turns = turn_of(np.stack([hand, view]))
-        hand_turn, view_turn = logarithm(turns)
-        beta[groups["tool"]] = shift_of(hand)
-        beta[groups["view.shift"]] = shift_of(view)
-        beta[groups["tool.rotation"]] = hand_turn
-        beta[groups["view.rotation"]] = view_turn
+        self._set_sensor(beta, hand, inverse(base))
 
-        # covariance; the view is the inverse of the frame that is fitted
-        view_slope = scene_slopes(np.eye(4), base, inverted=True)
-        view_slope[3:] -= cross_matrix(shift_of(view)) @ view_slope[:3]
-        view_places = [*groups["view.rotation"], *groups["view.shift"]]
-        tool_places = [*groups["tool.rotation"], *groups["tool"]]
-        slope = np.zeros((structure.size, layout.size))
-        slope[np.ix_(view_places, layout.frames[base_number])] = view_slope
-        slope[np.ix_(tool_places, layout.frames[hand_number])] = np.eye(6)
+        # slope (d, s) of the structure's parameters by the unknowns
+        groups = self.structure.groups
+        tool = [*groups["tool.rotation"], *groups["tool"]]
+        view = [*groups["view.rotation"], *groups["view.shift"]]
+        slope = np.zeros((self.structure.size, layout.size))
         slope[self.active, layout.arm[:-1]] = 1.0
-        covariance = slope @ fit.covariance @ slope.T
+        slope[np.ix_(tool, layout.frames[hand_number])] = np.eye(6)
+        slope[np.ix_(view, layout.frames[base_number])] = _view_slope(base)
 
-        # its root, of the parameters that are uncertain
-        variances = np.diag(covariance)
-        active = np.flatnonzero(variances > 0.0)
-        uncertain = covariance[np.ix_(active, active)]
-        values, vectors = np.linalg.eigh(uncertain)
-        sds = np.sqrt(np.maximum(values, 0.0))
+        active, root = _root_of(slope @ fit.covariance @ slope.T)
         zeros = np.zeros(6)
         return Body(
-            structure,
+            self.structure,
             beta,
             active,
-            root=vectors * sds,
+            root=root,
             noise=np.ones(6),
             kappa=1.0,
             tau=zeros,
@@ -146,11 +129,37 @@ class JointMotions(Motions):
             nu=np.inf,
             autocorrelation=0.0,
             scales={},
-            rows=len(self.rows),
+            rows=self.count,
             simulated=False,
             member="chain",
         )
 
+    def _set_sensor(self, beta: Array, tool: Array, view: Array) -> None:
+        """Write the tool in the tip and the base in the view (4, 4) [m] into parameters (d,)."""
+        groups = self.structure.groups
+        turns = turn_of(np.stack([tool, view]))
+        tool_turn, view_turn = logarithm(turns)
+        beta[groups["tool"]] = shift_of(tool)
+        beta[groups["tool.rotation"]] = tool_turn
+        beta[groups["view.shift"]] = shift_of(view)
+        beta[groups["view.rotation"]] = view_turn
+
     @cached_property
     def _base(self) -> SpatialStructure:
         return self.structure.with_sensor(view="base pose")
+
+
+def _view_slope(base: Array) -> Array:
+    """Slope (6, 6) of turn and shift of the view, the inverse of a frame (4, 4), by that frame."""
+    slope = scene_slopes(np.eye(4), base, inverted=True)
+    slope[3:] -= cross_matrix(shift_of(inverse(base))) @ slope[:3]
+    return slope
+
+
+def _root_of(covariance: Array) -> tuple[Index, Array]:
+    """Which parameters of a covariance (d, d) are uncertain (a,), and the root (a, a) of theirs."""
+    active = np.flatnonzero(np.diag(covariance) > 0.0)
+    uncertain = covariance[np.ix_(active, active)]
+    values, vectors = np.linalg.eigh(uncertain)
+    sds = np.sqrt(np.maximum(values, 0.0))
+    return active, vectors * sds

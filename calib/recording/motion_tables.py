@@ -16,7 +16,7 @@ from ..common.wording import listing
 from ..errors import LogError
 from ..samples.header import name_and_unit
 from ..samples.tables import Source, open_source
-from .pictures import Frame, list_pictures, read_series
+from .pictures import Shot, list_pictures, read_series
 
 TURNS = {
     "xyzw": ("qx", "qy", "qz", "qw"),
@@ -147,10 +147,10 @@ def picture_column(source: Source) -> str | None:
 
 def read_shots(
     table: JointTable, source: str | os.PathLike[str] | Sequence[str]
-) -> tuple[list[int], Iterator[Frame], list[str]]:
-    """Rows of the joints (p), in their order, the picture of each, and what is left out.
+) -> tuple[list[int], Iterator[Shot], list[str]]:
+    """Rows of the joints (p), in their order, the shot of each, and notes of what is left out.
 
-    Notes of damaged pictures come as these are read.
+    Notes of damaged pictures come as the shots are read.
     Raises LogError if names of pictures do not fit, or without names their counts.
     """
     paths = list_pictures(source)

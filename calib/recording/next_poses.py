@@ -1,4 +1,8 @@
-"""Next poses: flange poses with the board in view that tell most of what a rig left open."""
+"""Next poses: flange poses with the board in view that tell most of what a rig left open.
+
+Random poses near those of the pictures (`_candidates`) are each credited with the information that
+the board's corners would bring there (`_gains`); of them the best is taken, again and again.
+"""
 
 from __future__ import annotations
 
@@ -49,6 +53,8 @@ def next_poses(
             f"in view: expected {count}"
         )
     gain[~is_in_view] = 0.0
+
+    # add the pose after which what is in the hand is best known, one by one
     covariance = rig.covariance + 1e-14 * np.eye(2 * POSE)
     precision = np.linalg.inv(covariance)
     # variance of the place where what is in the hand is used
@@ -72,12 +78,13 @@ def _gains(rig: HandEye, flange: Array) -> tuple[Mask, Array]:
 
     It is of turn and shift of what is in the hand, and of what stands still.
     """
-    bundle, unknowns = _ahead(rig, flange)
+    # normal equations of corners that are where the rig expects them
+    bundle = _expected_bundle(rig, flange)
     layout = bundle.layout
-    sight = bundle.look(unknowns)
+    sight = bundle.look(_unknowns(rig, bundle))
     noise = _noise(rig, layout.size)
-    exact_bundle = replace(bundle, pixels=sight.pixels)
-    products, _ = information(exact_bundle, noise, sight)
+    bundle = replace(bundle, pixels=sight.pixels)
+    products, _ = information(bundle, noise, sight)
 
     # of the two frames, less what errors of the motion take away
     places = layout.frames if rig.eye == "hand" else layout.frames[::-1]
@@ -89,6 +96,7 @@ def _gains(rig: HandEye, flange: Array) -> tuple[Mask, Array]:
     gain = products[:, frames[:, None], frames]
     gain = gain - across @ spread @ np.swapaxes(across, 1, 2)
 
+    # poses with all corners within the picture
     size = np.array(rig.lens["size"])
     margin = SETTINGS.edge * size
     is_inside = (sight.pixels > margin) & (sight.pixels < size - margin)
@@ -97,7 +105,7 @@ def _gains(rig: HandEye, flange: Array) -> tuple[Mask, Array]:
 
 
 def _noise(rig: HandEye, size: int) -> Noise:
-    """Noise of pictures to come, where all unknowns (so many) are free."""
+    """Noise of pictures to come; all `size` unknowns are free."""
     turn = max(rig.repeatability["rotation"], 1e-5)
     shift = max(rig.repeatability["position"], 1e-5)
     corner = max(rig.reprojection["mean"], 0.1)
@@ -108,11 +116,11 @@ def _noise(rig: HandEye, size: int) -> Noise:
     )
 
 
-def _ahead(rig: HandEye, flange: Array) -> tuple[Bundle, Unknowns]:
-    """The board's corners at poses (n, 4, 4), with no pixels yet, and the rig as unknowns."""
+def _expected_bundle(rig: HandEye, flange: Array) -> Bundle:
+    """The board's corners at flange poses (n, 4, 4) [m], with no pixels yet."""
     points = np.array(rig.board["points"])
     corners = np.tile(points, (len(flange), 1))
-    bundle = Bundle(
+    return Bundle(
         Motions(flange),
         in_hand=[rig.eye == "hand"],
         points=corners,
@@ -121,6 +129,10 @@ def _ahead(rig: HandEye, flange: Array) -> tuple[Bundle, Unknowns]:
         camera=np.zeros(len(corners), int),
         motion=np.repeat(np.arange(len(flange)), len(points)),
     )
+
+
+def _unknowns(rig: HandEye, bundle: Bundle) -> Unknowns:
+    """The rig as values of a bundle's unknowns, its motions without errors."""
     layout = bundle.layout
     values = np.zeros(layout.size)
     lens = rig.lens
@@ -130,8 +142,8 @@ def _ahead(rig: HandEye, flange: Array) -> tuple[Bundle, Unknowns]:
     frames = np.stack([frame_of(rig.hand), frame_of(rig.base)])
     if rig.eye == "base":
         frames = frames[::-1]
-    errors = np.zeros((len(flange), layout.errors))
-    return bundle, Unknowns(frames, values, errors)
+    errors = np.zeros((bundle.motions.count, layout.errors))
+    return Unknowns(frames, values, errors)
 
 
 def frame_of(place: Place) -> Array:
@@ -145,10 +157,12 @@ def _candidates(rig: HandEye, rng: np.random.Generator) -> Array:
     hand = frame_of(rig.hand)
     base = frame_of(rig.base)
     pictures = rng.integers(len(rig.flange), size=draws)
+
+    # the board before the camera in a picture
     hand_poses = inverse(base) @ rig.flange[pictures] @ hand
     boards = inverse(hand_poses) if rig.eye == "hand" else hand_poses
 
-    # turns about the board's middle
+    # turned about its middle, nearer or farther
     points = np.array(rig.board["points"])
     middle = points.mean(axis=0)
     vectors = SETTINGS.tilt * rng.uniform(-1.0, 1.0, (draws, 3))
@@ -157,6 +171,7 @@ def _candidates(rig: HandEye, rng: np.random.Generator) -> Array:
     boards = boards @ rigid(turns, shifts)
     boards[:, :3, 3] *= rng.uniform(*SETTINGS.nearer, (draws, 1))
 
+    # the flange that brings it there
     hand_poses = inverse(boards) if rig.eye == "hand" else boards
     flange: Array = base @ hand_poses @ inverse(hand)
     return flange

@@ -67,7 +67,7 @@ def notes_of(
     """All that has to be known."""
     notes: list[str] = []
     for view in problem.views:
-        notes += view.shots.notes
+        notes += view.pictures.notes
     choice = problem.choice
     if choice is not None:
         convention = choice.convention

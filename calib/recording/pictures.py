@@ -24,8 +24,8 @@ from ..model.about import Photo
 Picture = NDArray[np.uint8]
 """Grey (height, width), or with three colours (height, width, 3)."""
 
-Frame = tuple[int, str, Picture]
-"""Number and name of a grey picture, and the picture."""
+Shot = tuple[int, str, Picture]
+"""A grey picture of a recording: its number, its name, and the picture."""
 
 
 WIDEST = 1000
@@ -126,7 +126,7 @@ def read_picture(
         raise LogError(f"{Path(path).name} {what}") from None
 
 
-def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[Frame]:
+def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[Shot]:
     """Yield the grey pictures of one camera; say of others why they are left out.
 
     Raises LogError if they have several sizes: intrinsics hold for one setting of a camera.

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..common.choices import DICTIONARY
 from ..common.wording import fill_template
-from .board import Mark, Pattern
+from .board import BlackSquare, Pattern
 from .tags import tag_cells
 
 MARGIN = 8e-3
@@ -22,22 +22,27 @@ def print_tag(number: int, size: float, dictionary: str = DICTIONARY) -> str:
         MARGIN, size / len(cells)
     )  # a tag needs a cell of white around it
     words = f"{dictionary} {number}, black square {1e3 * size:g} mm"
-    return _page([Mark(0.0, 0.0, size, cells)], (size, size), border, words)
+    return _page(
+        [BlackSquare(0.0, 0.0, size, cells)], (size, size), border, words
+    )
 
 
 def print_board(board: Pattern) -> str:
     """Return a board as SVG at its true size."""
     words = f"{board.text}, side {1e3 * board.side:g} mm"
-    return _page(board.marks(), board.size, MARGIN, words)
+    return _page(board.black_squares(), board.size, MARGIN, words)
 
 
 def _page(
-    marks: Iterable[Mark], size: tuple[float, float], border: float, words: str
+    squares: Iterable[BlackSquare],
+    size: tuple[float, float],
+    border: float,
+    words: str,
 ) -> str:
-    """A page, below its marks a line of 100 mm, and words."""
+    """A page, below its squares a line of 100 mm, and words."""
     body = []
-    for mark in marks:
-        body += _squares(mark, border)
+    for square in squares:
+        body += _rectangles(square, border)
     width, height = (1e3 * (side + 2 * border) for side in size)
     return fill_template(
         __package__,
@@ -51,20 +56,20 @@ def _page(
     )
 
 
-def _squares(mark: Mark, border: float) -> list[str]:
-    """A black square, and its white cells upon it."""
-    cell = mark.side / len(mark.white)
-    left = mark.x + border
-    top = mark.y + border
-    squares = [_square(left, top, mark.side)]
-    for row, column in np.argwhere(mark.white).tolist():
+def _rectangles(square: BlackSquare, border: float) -> list[str]:
+    """SVG of a black square and of the white cells upon it."""
+    cell = square.side / len(square.white)
+    left = square.x + border
+    top = square.y + border
+    rectangles = [_rectangle(left, top, square.side)]
+    for row, column in np.argwhere(square.white).tolist():
         x = left + column * cell
         y = top + row * cell
-        squares.append(_square(x, y, cell, ' fill="#fff"'))
-    return squares
+        rectangles.append(_rectangle(x, y, cell, ' fill="#fff"'))
+    return rectangles
 
 
-def _square(x: float, y: float, side: float, fill: str = "") -> str:
-    """A square, its corner and its side [m]."""
+def _rectangle(x: float, y: float, side: float, fill: str = "") -> str:
+    """SVG of a square by its upper left corner and its side [m]."""
     x, y, side = (1e3 * length for length in (x, y, side))
     return f'<rect x="{x:.6g}" y="{y:.6g}" width="{side:.6g}" height="{side:.6g}"{fill}/>'

@@ -66,7 +66,7 @@ class Problem:
         """What the motions' pictures are called."""
         names: dict[int, str] = {}
         for view in reversed(self.views):
-            names |= zip(view.rows.tolist(), view.shots.names, strict=True)
+            names |= zip(view.rows.tolist(), view.pictures.names, strict=True)
         return tuple(names[row] for row in self.rows.tolist())
 
     def motions_of(self, view: View) -> Index:
@@ -78,7 +78,7 @@ class Problem:
         names: dict[str, None] = {}
         for view in self.views:
             chosen = np.flatnonzero(motions[self.motions_of(view)])
-            names |= dict.fromkeys(view.shots.names[k] for k in chosen)
+            names |= dict.fromkeys(view.pictures.names[k] for k in chosen)
         return tuple(names)
 
     def solve(self, motions: Index, start: Fit, *, learn: bool = True) -> Fit:
@@ -98,20 +98,21 @@ def of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
     Raises LogError where the pictures are of other joints, or say that the joints are not these.
     """
     for view in views:
-        names = view.shots.joint_names
+        names = view.pictures.joint_names
         if names != arm.joint_names:
             raise LogError(
                 f"the pictures of {view.name} are of the joints {listing(names)}, expected "
                 f"{listing(arm.joint_names)}, those of {arm.name} up to {arm.tip}"
             )
+
+    # joints at each row that has a picture
     rows = _rows(views)
     q = np.zeros((len(rows), arm.dof))
     for view in views:
-        q[np.searchsorted(rows, view.rows)] = view.shots.q
+        q[np.searchsorted(rows, view.rows)] = view.pictures.q
     views, first = _by_pose(views, rows, q)
     rows = rows[first]
-    q = q[first]
-    motions = JointMotions(q, structure_of(arm, "pose"))
+    motions = JointMotions(q[first], structure_of(arm, "pose"))
     refuse_readings(motions.structure, views[0])
     return replace(_problem(views, rows, motions), arm=arm)
 
@@ -127,10 +128,32 @@ def of_poses(
 
     Raises LogError where they turn about one axis alone, or are not of the pictures.
     """
-    most = max(views, key=lambda view: len(view.rows))
-    choice = choose(table, most, unit, rotation, degrees)
+    # the convention under which the camera with most pictures agrees with the poses
+    fullest = max(views, key=lambda view: len(view.rows))
+    choice = choose(table, fullest, unit, rotation, degrees)
     flange = choice.reading.flange.copy()
-    sizes = np.degrees(turning(flange[most.rows])[0])
+    _refuse_one_axis(flange[fullest.rows])
+    _refuse_mirrored(fullest, choice.start)
+    _refuse_late(flange[fullest.rows], fullest, choice.start)
+    if choice.start.misfit > PRIORS.misfit:
+        raise LogError(
+            "no convention explains the pictures: the rows of poses are not those of the "
+            "pictures, perhaps a row late or early, or camera or board moved (misfit "
+            f"{np.degrees(choice.start.misfit):.2g} deg)"
+        )
+
+    # poses in metres, at each row that has a picture
+    flange[:, :3, 3] /= METRES[choice.convention["unit"]]
+    rows = _rows(views)
+    views, first = _by_pose(views, rows, flange[rows, :3].reshape(-1, 12))
+    rows = rows[first]
+    problem = _problem(views, rows, Motions(flange[rows]))
+    return replace(problem, choice=choice)
+
+
+def _refuse_one_axis(flange: Array) -> None:
+    """Refuse poses (n, 4, 4) that turn about no second axis."""
+    sizes = np.degrees(turning(flange)[0])
     if sizes[1] < PRIORS.turn:
         words = "does not turn"
         if sizes[0] > PRIORS.turn:
@@ -140,23 +163,10 @@ def of_poses(
             "where camera and board are is open",
             hint="add two pictures with the hand turned by 30 deg about each of two other axes",
         )
-    _refuse_mirrored(most, choice.start)
-    _refuse_late(flange[most.rows], most, choice.start)
-    if choice.start.misfit > PRIORS.misfit:
-        raise LogError(
-            "no convention explains the pictures: the rows of poses are not those of the "
-            "pictures, perhaps a row late or early, or camera or board moved (misfit "
-            f"{np.degrees(choice.start.misfit):.2g} deg)"
-        )
-    flange[:, :3, 3] /= METRES[choice.convention["unit"]]
-    rows = _rows(views)
-    views, first = _by_pose(views, rows, flange[rows, :3].reshape(-1, 12))
-    rows = rows[first]
-    problem = _problem(views, rows, Motions(flange[rows]))
-    return replace(problem, choice=choice)
 
 
 def _refuse_mirrored(view: View, start: Start) -> None:
+    """Refuse a board that the closed form puts behind the camera."""
     if start.size == -np.inf:
         raise LogError(
             f"the pictures of {view.name} are mirrored, or the poses' axes left-handed: turn that "
@@ -177,6 +187,7 @@ def _refuse_late(flange: Array, view: View, start: Start) -> None:
 
 
 def _rows(views: Sequence[View]) -> Index:
+    """The rows (n,) of joints or poses that some camera has a picture of, ascending."""
     return np.unique(np.concatenate([view.rows for view in views]))
 
 
@@ -198,7 +209,9 @@ def _by_pose(
     merged = []
     for view in views:
         of_pose = rows[first[pose[np.searchsorted(rows, view.rows)]]]
-        merged.append(replace(view, shots=replace(view.shots, rows=of_pose)))
+        merged.append(
+            replace(view, pictures=replace(view.pictures, rows=of_pose))
+        )
     return merged, np.sort(first)
 
 
@@ -216,8 +229,8 @@ def _problem(views: Sequence[View], rows: Index, motions: Motions) -> Problem:
     starts = _starts(views, rows, motions)
     numbered: list[View] = []
     for view, start in zip(views, starts, strict=True):
-        shots = view.shots.turned(start.turned)
-        numbered.append(replace(view, shots=shots))
+        pictures = view.pictures.turned(start.turned)
+        numbered.append(replace(view, pictures=pictures))
     bundle = _bundle(numbered, rows, motions)
     layout = bundle.layout
     # of each board the first camera that sees it
@@ -298,7 +311,7 @@ def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
         bent = shape_slopes(outline, outline)
         motion = np.searchsorted(rows, view.rows)
         for k in np.argsort(motion, kind="stable"):
-            corners = view.shots.corners[k]
+            corners = view.pictures.corners[k]
             shown = list(corners)
             points.append(outline[shown])
             bends.append(bent[shown])
@@ -331,7 +344,7 @@ def _lens_scales(view: View, places: Index) -> Iterator[Scale]:
     """Priors of a lens; the pictures alone tell focal length and centre of one that is fitted."""
     focal = float(view.lens.focal.mean())
     # tangent of the angle at which the corners of the picture appear
-    edge = float(np.hypot(*view.shots.size)) / 2 / focal
+    edge = float(np.hypot(*view.pictures.size)) / 2 / focal
     groups = (
         (slice(0, 2), 0.3 * focal),
         (slice(2, 4), 0.1 * edge * focal),

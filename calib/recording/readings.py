@@ -194,7 +194,7 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     """
     base = structure.with_sensor(view="base")
     neutral = structure.neutral()
-    q = view.shots.q
+    q = view.pictures.q
 
     def start(values: Array, seen: View) -> Start:
         places, turns = base.pose(values, neutral)
@@ -205,7 +205,7 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     if usual.misfit < _FAR and is_board:
         return
     some = spread_rows(len(q), _TRIED)
-    few = replace(view, poses=view.poses[some])
+    few = replace(view, boards=view.boards[some])
     other_eye = replace(few, in_hand=not view.in_hand)
     best = usual.misfit
     words = ""
@@ -239,7 +239,7 @@ def _others(
     structure: SpatialStructure, view: View
 ) -> Iterator[tuple[Array, Finding]]:
     """Other readings of the joints, the simplest first."""
-    q = view.shots.q
+    q = view.pictures.q
     names = structure.joint_names
     eye = "hand"
     where = "is in the hand"

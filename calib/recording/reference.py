@@ -1,4 +1,8 @@
-"""What positions are told in: metres in a frame on the desk, whose pose a recording tells anew."""
+"""Reference: marks at known places of a desk, and the frame in metres that they make of pixels.
+
+Each recording tells anew where the frame is before the camera (`find_reference`); rays of pixels
+are then cut with a plane of it (`PlaneReference`).
+"""
 
 from __future__ import annotations
 
@@ -33,7 +37,7 @@ class Settings:
 SETTINGS = Settings()
 
 Marks = Mapping[int, Array]
-"""Places (2,) by number: of corners, or of tags' centres."""
+"""Places (2,) by number, in a picture [px] or a layout [m]: of corners, or of tags' centres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +98,7 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
 
 @dataclass(frozen=True, eq=False)
 class PlaneReference:
-    """A flat frame seen by a calibrated camera: rays are cut with the tag's plane."""
+    """A flat frame before a calibrated camera: rays are cut with the plane of the tip's tag."""
 
     lens: Lens
     pose: Pose
@@ -106,27 +110,42 @@ class PlaneReference:
         camera = self.pose.camera
         rays = np.c_[flat, np.ones(len(flat))] @ self.pose.rotation
         with np.errstate(divide="ignore", invalid="ignore"):
-            far = (self.height - camera[2]) / rays[:, 2:]
-            places = camera[:2] + far * rays[:, :2]
-        return np.asarray(np.where(far > 0.0, places, np.nan))
+            lengths = (self.height - camera[2]) / rays[:, 2:]
+            places = camera[:2] + lengths * rays[:, :2]
+        is_ahead = lengths > 0.0
+        return np.asarray(np.where(is_ahead, places, np.nan))
 
     def noise(self, pixels: Array) -> tuple[Array, Array]:
-        """Return the scale of a pixel (n,), and the sd (n,) that pose and lens make for all [m]."""
-        base = self.positions(pixels)
+        """Noise of positions at pixels (n, 2), along one axis of the plane.
+
+        Returns the size of a pixel (n,) [m/px], and the sd (n,) [m] that the errors of pose and
+        lens, which all rows share, make there.
+        """
+        places = self.positions(pixels)
+
+        # a pixel: half a step along each axis of the picture
+        half_steps = np.eye(2) / 2
+        moves = [self.positions(pixels + step) - places for step in half_steps]
+        scale = np.sqrt(2.0 * np.square(moves).sum(axis=(0, 2)))
+
+        # pose and lens: a step of one sd along each axis of their covariance
         variance = np.zeros(len(pixels))
-        half = [self.positions(pixels + step) - base for step in np.eye(2) / 2]
         values, vectors = np.linalg.eigh(self.pose.covariance)
-        for d in (vectors * np.sqrt(np.maximum(values, 0.0))).T:
-            pose = replace(
-                self.pose,
-                rotation=exponential(d[:3]) @ self.pose.rotation,
-                shift=self.pose.shift + d[3:6],
-            )
-            other = replace(self, lens=self.lens.plus(d[6:]), pose=pose)
-            moved = other.positions(pixels) - base
-            variance += (moved**2).sum(axis=1) / 2.0
-        scale = np.sqrt(2.0 * np.square(half).sum(axis=(0, 2)))
+        sds = np.sqrt(np.maximum(values, 0.0))
+        for step in (vectors * sds).T:
+            move = self._after(step).positions(pixels) - places
+            variance += (move**2).sum(axis=1) / 2.0
         return scale, np.sqrt(variance)
+
+    def _after(self, step: Array) -> PlaneReference:
+        """The reference after a step (15,) of the pose's turn and shift, and of the lens."""
+        turn, shift, parameters = np.split(step, [3, 6])
+        pose = replace(
+            self.pose,
+            rotation=exponential(turn) @ self.pose.rotation,
+            shift=self.pose.shift + shift,
+        )
+        return replace(self, lens=self.lens.plus(parameters), pose=pose)
 
     def to_json(self) -> dict[str, object]:
         """Return the camera's pose over the frame, as plain values."""
@@ -175,49 +194,53 @@ class MarkLayout:
         return MarkLayout("the frame of tags", points, 4)
 
 
-def watch(
+def find_reference(
     layout: MarkLayout,
     sightings: Mapping[int, Marks],
     lens: Lens,
     height: float = 0.0,
 ) -> tuple[PlaneReference, frozenset[int]]:
-    """Find the reference in a recording, and the pictures in which it is elsewhere.
+    """The reference of a recording, and the numbers of pictures in which it is elsewhere.
 
-    seen : what pictures show, by their number
+    sightings : the marks [px] that pictures show, by the pictures' numbers
     height : of the tag's plane over the layout's [m]
     Raises LogError if the reference is not there, or elsewhere in many pictures.
     """
     # a hand in the picture hides some marks
-    looked = {
+    complete = {
         number: marks
         for number, marks in sightings.items()
         if len(marks) >= layout.least
     }
-    if not looked:
+    if not complete:
         most = max(map(len, sightings.values()), default=0)
         raise LogError(
             f"{layout.what} is too small, hidden or not there: at most {most} found in a picture, "
             f"{layout.least} expected"
         )
-    middle = _middle([*looked.values()])
-    off = frozenset(
+    usual = _median_marks([*complete.values()])
+    elsewhere = frozenset(
         number
-        for number, marks in looked.items()
-        if _is_elsewhere(middle, marks)
+        for number, marks in complete.items()
+        if _is_elsewhere(usual, marks)
     )
-    if len(off) > SETTINGS.elsewhere * len(looked):
+    if len(elsewhere) > SETTINGS.elsewhere * len(complete):
         raise LogError(
-            f"{layout.what} is elsewhere, or of another size, in {len(off)} of {len(looked)} "
-            "pictures: was the camera bumped, is it loose, or does it refocus? fix it and switch "
-            "its autofocus off, or make a log of each part"
+            f"{layout.what} is elsewhere, or of another size, in {len(elsewhere)} of "
+            f"{len(complete)} pictures: was the camera bumped, is it loose, or does it refocus? "
+            "fix it and switch its autofocus off, or make a log of each part"
         )
-    settled = _middle([looked[number] for number in looked.keys() - off])
-    points = np.array([[*layout.points[number], 0.0] for number in settled])
-    pose = find_pose(lens, points, np.array([*settled.values()]))
-    return PlaneReference(lens, pose, height), off
+
+    # the pose of the frame, by the median of each mark
+    steady = complete.keys() - elsewhere
+    marks = _median_marks([complete[number] for number in steady])
+    points = np.array([[*layout.points[number], 0.0] for number in marks])
+    pixels = np.array([*marks.values()])
+    pose = find_pose(lens, points, pixels)
+    return PlaneReference(lens, pose, height), elsewhere
 
 
-def _middle(group: Sequence[Marks]) -> dict[int, Array]:
+def _median_marks(group: Sequence[Marks]) -> dict[int, Array]:
     """The median place of each mark."""
     numbers = sorted({number for marks in group for number in marks})
     return {
@@ -226,12 +249,12 @@ def _middle(group: Sequence[Marks]) -> dict[int, Array]:
     }
 
 
-def _is_elsewhere(middle: Marks, marks: Marks) -> bool:
-    """Whether marks moved, by the median of them, or grew by a new focus, as a pose cannot tell."""
-    usual = np.array([middle[number] for number in marks])
+def _is_elsewhere(usual: Marks, marks: Marks) -> bool:
+    """Whether marks moved, by their median, or grew by a new focus, which no pose tells."""
+    usual_places = np.array([usual[number] for number in marks])
     places = np.array([*marks.values()])
-    moved = np.linalg.norm(places - usual, axis=1)
-    growth = similarity(usual, places)[2] - 1.0
+    moved = np.linalg.norm(places - usual_places, axis=1)
+    growth = similarity(usual_places, places)[2] - 1.0
     is_refocused = (
         abs(growth) > SETTINGS.stretch and moved.max() > SETTINGS.moved
     )

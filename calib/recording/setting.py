@@ -17,8 +17,8 @@ from ..common.wording import listing
 from ..errors import LogError, OptionError
 from .board import Board
 from .lens import UNSTATED, Lens
-from .pictures import Frame, Picture, opencv
-from .reference import MarkLayout, Marks, PlaneReference, watch
+from .pictures import Picture, Shot, opencv
+from .reference import MarkLayout, Marks, PlaneReference, find_reference
 from .tags import Tag, TagFinder
 
 LOOKS = 12
@@ -145,13 +145,13 @@ class Sightings:
         lens = self.setting.lens
         if layout is None or lens is None:
             return None, frozenset()
-        return watch(layout, self.marks, lens, self.setting.tag_height)
+        return find_reference(layout, self.marks, lens, self.setting.tag_height)
 
 
-def sight(
-    frames: Iterable[Frame], setting: Setup, what: str, every: int = 1
+def find_sightings(
+    shots: Iterable[Shot], setting: Setup, what: str, every: int = 1
 ) -> Sightings:
-    """Find the tag of a setting, and the reference, in pictures.
+    """Find the tag of the tip, and the marks of the reference, in pictures.
 
     what : what messages call the pictures
     every : the reference is looked for in one of so many; some of these are kept, to tell which
@@ -166,7 +166,7 @@ def sight(
     twice: list[str] = []
     size = (0, 0)
     count = 0
-    for number, name, grey in frames:
+    for number, name, grey in shots:
         count += 1
         size = (grey.shape[1], grey.shape[0])
         _refuse_size(name, size, setting.lens)

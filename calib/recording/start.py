@@ -1,4 +1,6 @@
-"""Start: camera and board in closed form (Shah 2013) from the board's poses in each picture.
+"""Start: camera X and board Y in closed form (Shah 2013) from the board B in each picture.
+
+X B = M Y, in the symbols of :mod:`.bundle`.
 
 Half turns of a chessboard that looks the same from both ends follow from the motions.
 """
@@ -63,20 +65,23 @@ def find_start(flange: Array, view: View, unit: str | None = None) -> Start:
     unit : of the flange's lengths; by default, of those in which it is no nearer to its base than
         flanges are, the one in which the board is nearest to its stated size
     """
+    # units in which the flange is far enough from its base
     distances = np.linalg.norm(shift_of(flange), axis=1)
     distance = float(np.median(distances))
     far = [name for name in UNITS if distance / METRES[name] > NEAREST]
     units = far or [*UNITS]
     if unit:
         units = [unit]
+
+    # a metre as the motions tell it, or as the board's stated size does
     by_motions = _solve(flange, view, units, None)
     metre = max(distance, 1e-9) / USUAL
     usual_unit = _nearest(metre, units)
     by_board = _solve(flange, view, [usual_unit], METRES[usual_unit])
-    most = max(1.3 * by_motions.misfit, np.radians(0.2))
+    limit = max(1.3 * by_motions.misfit, np.radians(0.2))
     if by_motions.is_sized:  # by chance, where a length of noise fits badly
-        most = 0.5 * by_motions.misfit
-    return by_board if by_board.misfit < most else by_motions
+        limit = 0.5 * by_motions.misfit
+    return by_board if by_board.misfit < limit else by_motions
 
 
 def _usual(misses: Array) -> float:
@@ -94,31 +99,31 @@ def _nearest(length: float, units: Sequence[str]) -> str:
 def _solve(
     flange: Array, view: View, units: Sequence[str], length: float | None
 ) -> Start:
-    """Camera and board of flange poses (n, 4, 4).
+    """Camera X and board Y of flange poses (n, 4, 4), in closed form.
 
     units : of which the flange's lengths may be
     length : of a metre in the flange's unit; None where the boards tell it
     """
     motions = inverse(flange) if view.in_hand else flange
-    poses = view.poses
+    boards = view.boards
     half_turn = view.board.half_turn
     turned = np.zeros(len(motions), bool)
     if half_turn is not None:
-        turned = _half_turned(motions, poses, half_turn)
-        other_ends = poses @ half_turn
-        poses = np.where(turned[:, None, None], other_ends, poses)
+        turned = _half_turned(motions, boards, half_turn)
+        other_ends = boards @ half_turn
+        boards = np.where(turned[:, None, None], other_ends, boards)
     points = view.board.points()
     every = max(len(points) // 8, 1)
     points = points[::every]
 
-    # camera, board and a metre's length; pictures that contradict are weighed down
+    # X, Y and a metre's length; pictures that contradict are weighed down
     weights = np.ones(len(motions))
     for _ in range(ROUNDS):
-        camera, board, scale = _closed_form(motions, poses, weights, length)
+        camera, board, scale = _closed_form(motions, boards, weights, length)
         predicted = inverse(camera) @ motions @ board
         shifts = shift_of(predicted)
         shifts /= scale if abs(scale) > 1e-12 else 1e-12
-        misses = _gaps(predicted, poses, points)
+        misses = _gaps(predicted, boards, points)
         misfit = _usual(misses)
         far = misses / (3.0 * misfit + 1e-9)
         growth = 1.0 + far**2
@@ -144,16 +149,16 @@ def _solve(
 
 
 def _closed_form(
-    motions: Array, poses: Array, weights: Array, size: float | None
+    motions: Array, boards: Array, weights: Array, size: float | None
 ) -> tuple[Array, Array, float]:
     """X, Y (4, 4) of X B = M Y, and the length of the boards' unit in the motions' unit.
 
-    motions M, poses B : (n, 4, 4);  weights : (n,)
+    motions M, boards B : (n, 4, 4) [m];  weights : (n,)
     size : that length where it is known
     """
     # turns: M' X B = Y, the pair of the largest singular value, which is 1 without noise
     turns = turn_of(motions)
-    board_turns = turn_of(poses)
+    board_turns = turn_of(boards)
     pairs = np.einsum("i,iba,idc->acbd", weights, turns, board_turns)
     left, _, right = np.linalg.svd(pairs.reshape(9, 9))
     x_scaled = right[0].reshape(3, 3)
@@ -163,7 +168,7 @@ def _closed_form(
     y_turn = nearest_rotation(sign * y_scaled)
 
     # shifts of X and Y, and the length: linear least squares
-    places = shift_of(poses) @ x_turn.T
+    places = shift_of(boards) @ x_turn.T
     same = np.broadcast_to(np.eye(3), turns.shape)
     columns = [same, -turns, places[:, :, None]]
     root = np.sqrt(weights)[:, None]
@@ -182,15 +187,15 @@ def _closed_form(
     return rigid(x_turn, x_shift), rigid(y_turn, y_shift), float(length)
 
 
-def _half_turned(motions: Array, poses: Array, half_turn: Array) -> Mask:
+def _half_turned(motions: Array, boards: Array, half_turn: Array) -> Mask:
     """Which boards (n,) are numbered from their other end.
 
     A board turns between two pictures by as much as the flange, wherever camera and board are.
     The signs of the leading eigenvector of how much better pairs of pictures fit unturned.
     """
     flange_turns = _flat_turns(motions)
-    plain = _flat_turns(poses)
-    turned = _flat_turns(poses @ half_turn)
+    plain = _flat_turns(boards)
+    turned = _flat_turns(boards @ half_turn)
     # traces of the turns between each two pictures
     traces = flange_turns @ flange_turns.T
     miss_plain = np.abs(traces - plain @ plain.T)
@@ -207,10 +212,10 @@ def _flat_turns(poses: Array) -> Array:
     return turn_of(poses).reshape(-1, 9)
 
 
-def _gaps(predicted: Array, poses: Array, points: Array) -> Array:
-    """Rms angle (n,) [rad] between a board's points (k, 3) at predicted and at real poses."""
+def _gaps(predicted: Array, boards: Array, points: Array) -> Array:
+    """Rms angle (n,) [rad] between a board's points (k, 3) as predicted and as seen."""
     expected = place_points(predicted, points)
-    places = place_points(poses, points)
+    places = place_points(boards, points)
     depth = places[:, :, 2:]
     # a board that is predicted behind the camera is far off, in no direction
     ahead = np.maximum(expected[:, :, 2:], 0.05 * depth)

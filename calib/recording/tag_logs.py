@@ -23,11 +23,12 @@ from ..samples.motion import (
 )
 from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
+from .lens import Lens
 from .motion_tables import JointTable, read_shots
-from .pictures import Frame, Video
+from .pictures import Shot, Video
 from .reference import find_pose, matrices
 from .rigid import shift_of, turn_of
-from .setting import LOOKS, Setup, Sightings, sight
+from .setting import LOOKS, Setup, Sightings, find_sightings
 from .tags import LEAST_NOISE, Tag
 from .track import jumps, row_shift
 
@@ -36,13 +37,13 @@ from .track import jumps, row_shift
 class RestSettings:
     """When an arm and its tag rest."""
 
-    # [px]; a tag that moves less over a recording does not move
+    # a tag that moves less over a recording does not move [px]
     still: float = 2.0
     # a joint that moves slower rests [rad/s or m/s]
     rest: float = 0.01
-    # frames that a rest must have
+    # frames that a rest has at least
     least: int = 3
-    # without the tag, that a rest may have [s]
+    # longest time without the tag within a rest [s]
     pause: float = 0.25
     # a tag that moves more has not come to rest [px]
     shake: float = 0.5
@@ -62,8 +63,8 @@ def log_pictures(
     joints : one row for each picture, by their column of names or in natural order
     Raises LogError in one line, if no log can be made.
     """
-    rows, frames, notes = read_shots(joints, source)
-    sightings = sight(frames, setting, "pictures")
+    rows, shots, notes = read_shots(joints, source)
+    sightings = find_sightings(shots, setting, "pictures")
     sightings.reasons["cut off or damaged"] = len(rows) - sightings.count
     q = joints.q[[rows[number] for number in sightings.numbers]]
     if len(q) > 1:
@@ -116,44 +117,32 @@ def log_video(
     Raises LogError in one line, if no log can be made.
     """
     check_limits(max_gap, still)
-    # a stamp that is there twice has no speed: the first row counts
-    stamps = np.empty(0) if joints.time is None else joints.time
-    joint_time, first = np.unique(stamps, return_index=True)
-    if len(first) < 2:
-        raise LogError(
-            f"{joints.label} has {len(first)} times: expected a column 'time' [s]"
-        )
-    q = joints.q[first]
+    joint_time, q = _motion_of(joints)
+
+    # the tag's track (n, 2) [px] at the video's times (n,); NaN where it is not seen
     video = Video(path)
-    times = list[float]()
+    sightings, time = _video_sightings(video, setting)
+    _check_motion(q, sightings, video.name)
+    track = np.full((len(time), 2), np.nan)
+    track[sightings.numbers] = sightings.pixels
     notes = list[str]()
-
-    def frames() -> Iterator[Frame]:
-        for number, (stamp, grey) in enumerate(video.frames()):
-            times.append(stamp)
-            yield number, f"{video.name} at {stamp:.1f} s", grey
-
-    every = max(1, video.claimed // LOOKS) if 0 < video.claimed < 10**7 else 100
-    sightings = sight(frames(), setting, "frames", every)
-    time = np.array(times)
-    reasons = sightings.reasons
     if video.claimed > 1.05 * len(time) + 2:
         notes.append(
             f"{len(time)} of {video.claimed} frames can be read: it is cut off"
         )
-    _check_motion(q, sightings, video.name)
-    pixels = np.full((len(time), 2), np.nan)
-    pixels[sightings.numbers] = sightings.pixels
+
+    # the frames' times (n,) by the joints' clock
     clocks = Clocks(time_offset or 0.0)
     if time_offset is None:
-        clocks = align_clocks(time, pixels, joint_time, q, revolute)
+        clocks = align_clocks(time, track, joint_time, q, revolute)
         notes.append(clocks.words())
     when = clocks.joints_time(time)
-    usable = np.isfinite(pixels[:, 0])
-    doubts = {"a jump of the track": jumps(pixels)} | gaps_between(
-        when, joint_time, max_gap
-    )
-    for why, wrong in doubts.items():
+
+    # frames whose joints are known
+    usable = np.isfinite(track[:, 0])
+    reasons = sightings.reasons
+    gaps = gaps_between(when, joint_time, max_gap)
+    for why, wrong in [("a jump of the track", jumps(track)), *gaps.items()]:
         reasons[why] = int((usable & wrong).sum())
         usable &= ~wrong
     if not usable.any():
@@ -161,18 +150,18 @@ def log_video(
             f"the clocks are apart: the video runs from {when[0]:.2f} to {when[-1]:.2f} s of the "
             f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s"
         )
-    slow = usable & (
-        joint_speed(when, joint_time, q)
-        < (REST.rest if still is None else still)
-    )
+
+    # the frames of each row of the log: a rest, or one in which the arm is slow
+    speed = joint_speed(when, joint_time, q)
     if still is None:
-        groups = _rests(when, pixels, slow)
+        groups = _rests(when, track, usable & (speed < REST.rest))
         kind = "the arm moves"
         notes.append(
             f"{len(groups)} rests of {np.mean([0, *map(len, groups)]):.0f} frames"
         )
     else:
-        groups = list(np.flatnonzero(slow)[:, None])
+        is_slow = usable & (speed < still)
+        groups = list(np.flatnonzero(is_slow)[:, None])
         kind = f"a joint moves faster than {still:g}"
     reasons[kind] = int(usable.sum() - sum(map(len, groups)))
     if not groups:
@@ -180,53 +169,84 @@ def log_video(
             f"the arm never rests for {REST.least} frames of {video.name}, or moves as slowly as "
             "`still`: record it with stops"
         )
+
+    # tag, joints and time of each row
     tag_of = dict(zip(sightings.numbers, sightings.tags, strict=True))
-    there = joints_at(when, joint_time, q)
-    rows = np.array([np.median(when[group]) for group in groups])
+    tags = [_median_tag([tag_of[k] for k in group]) for group in groups]
+    frame_joints = joints_at(when, joint_time, q)
+    row_time = np.array([np.median(when[group]) for group in groups])
     return _samples_of(
         sightings,
-        [_middle([tag_of[k] for k in group]) for group in groups],
+        tags,
         notes,
         {"source": "video", "time_offset": clocks.offset, "rate": clocks.rate},
         joint_names=joints.names,
-        q=np.array([there[g].mean(axis=0) for g in groups]),
-        time=rows - rows[0],
+        q=np.array([frame_joints[group].mean(axis=0) for group in groups]),
+        time=row_time - row_time[0],
     )
 
 
-def _rests(when: Array, pixels: Array, still: Mask) -> list[Index]:
-    """Return the frames of each rest: joints and tag stand still for a few frames."""
+def _motion_of(joints: JointTable) -> tuple[Array, Array]:
+    """Times (m,) [s] in rising order and the joints (m, dof) at them.
+
+    A time that is there twice has no speed: its first row counts.
+    """
+    stamps = np.empty(0) if joints.time is None else joints.time
+    time, first = np.unique(stamps, return_index=True)
+    if len(first) < 2:
+        raise LogError(
+            f"{joints.label} has {len(first)} times: expected a column 'time' [s]"
+        )
+    return time, joints.q[first]
+
+
+def _video_sightings(video: Video, setting: Setup) -> tuple[Sightings, Array]:
+    """What a video's frames show, and the times (n,) [s] of all n frames."""
+    times: list[float] = []
+
+    def frames() -> Iterator[Shot]:
+        for number, (stamp, grey) in enumerate(video.frames()):
+            times.append(stamp)
+            yield number, f"{video.name} at {stamp:.1f} s", grey
+
+    every = 100
+    if 0 < video.claimed < 10**7:
+        every = max(1, video.claimed // LOOKS)
+    sightings = find_sightings(frames(), setting, "frames", every)
+    return sightings, np.array(times)
+
+
+def _rests(when: Array, track: Array, still: Mask) -> list[Index]:
+    """Return the frames of each rest: joints and tag stand still for a few frames.
+
+    when, track, still : (n,) [s], (n, 2) [px], and in which of the n frames no joint moves
+    """
     frames = np.flatnonzero(still)
-    moved = np.linalg.norm(np.diff(pixels[frames], axis=0), axis=1) > REST.shake
+    steps = np.linalg.norm(np.diff(track[frames], axis=0), axis=1)
+    is_end = (steps > REST.shake) | (np.diff(when[frames]) > REST.pause)
     rests = []
-    for run in np.split(
-        frames, np.flatnonzero(moved | (np.diff(when[frames]) > REST.pause)) + 1
-    ):
+    for run in np.split(frames, np.flatnonzero(is_end) + 1):
         first = when[run[:1]] + SETTLE
         last = when[run[-1:]] - SETTLE
         settled = run[(when[run] >= first) & (when[run] <= last)]
         if len(settled) >= REST.least:
             # the arm may still swing where its joints stand: only frames near the median count
-            away = np.linalg.norm(
-                pixels[settled] - np.median(pixels[settled], axis=0), axis=1
-            )
+            middle = np.median(track[settled], axis=0)
+            away = np.linalg.norm(track[settled] - middle, axis=1)
             rests.append(settled[away < REST.shake])
     return [rest for rest in rests if len(rest) >= REST.least]
 
 
-def _middle(tags: Sequence[Tag]) -> Tag:
+def _median_tag(tags: Sequence[Tag]) -> Tag:
+    """The tag of a rest, by the median of each corner, with the noise of that median."""
     if len(tags) == 1:
         return tags[0]
-    scatter = float(
-        np.sqrt(np.mean(np.var([tag.centre for tag in tags], axis=0, ddof=1)))
-    )
+    variances = np.var([tag.centre for tag in tags], axis=0, ddof=1)
+    scatter = float(np.sqrt(np.mean(variances)))
     # a median scatters by 1.25 times what a mean does (normal noise)
-    noise = max(LEAST_NOISE, 1.25 * scatter / float(np.sqrt(len(tags))))
-    return replace(
-        tags[0],
-        corners=np.median([tag.corners for tag in tags], axis=0),
-        noise=noise,
-    )
+    noise = 1.25 * scatter / float(np.sqrt(len(tags)))
+    corners = np.median([tag.corners for tag in tags], axis=0)
+    return replace(tags[0], corners=corners, noise=max(LEAST_NOISE, noise))
 
 
 def _check_motion(q: Array, sightings: Sightings, what: str) -> None:
@@ -249,37 +269,41 @@ def _samples_of(
     about: dict[str, object],
     **more: Any,
 ) -> Samples:
-    """Put a log together from the tags of some pictures, and why others have none."""
+    """Put a log together from the tags of some pictures, and why others have none.
+
+    tags : of the log's rows;  about : how they were recorded;  more : fields of `Samples`
+    Positions are pixels; with a reference metres in its frame; with the tag's size those of the
+    tag's pose, in the reference's frame or else the camera's.
+    """
     setting = sightings.setting
     reference = sightings.reference[0]
-    pixels = np.array([tag.centre for tag in tags])
-    x = pixels
-    unit = "px"
-    quaternion = None
-    scale = np.ones(1)
-    common = np.zeros(1)
+    lens = setting.lens
+    size = setting.tag_size
     about |= {
         "size": list(sightings.size),
         "tag": setting.tag,
         "dictionary": setting.dictionary,
         "reference": {"kind": "pixels"},
     }
+    if lens is not None:
+        about["lens"] = lens.to_json()
+
+    # positions, the size of a pixel there [unit], and the sd [unit] that all rows share
+    pixels = np.array([tag.centre for tag in tags])
+    x = pixels
+    unit = "px"
+    quaternion = None
+    scale = np.ones(1)
+    common = np.zeros(1)
     if reference is not None:
         x = reference.positions(pixels)
         unit = "m"
         scale, common = reference.noise(pixels)
         about["reference"] = reference.to_json()
-    lens = setting.lens
-    size = setting.tag_size
-    if lens is not None:
-        about["lens"] = lens.to_json()
     if lens is not None and size is not None:
-        # the tag's frame: origin in the middle, x to the right, y up, z out of the paper
-        corners = [[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]
-        square = 0.5 * size * np.array(corners)
-        places = matrices([find_pose(lens, square, t.corners) for t in tags])
-        turns = turn_of(places)
-        x = shift_of(places)
+        poses = _tag_poses(tags, lens, size)
+        turns = turn_of(poses)
+        x = shift_of(poses)
         if reference is None:
             scale = x[:, 2] / lens.focal.mean()
         else:
@@ -288,6 +312,8 @@ def _samples_of(
             x = (x - reference.pose.shift) @ frame
         quaternion = quaternion_of(turns)
         unit = "m"
+
+    # noise of a row by the tag's, and the notes
     shared = float(np.sqrt(np.mean(common**2)))
     noise = np.array([tag.noise for tag in tags]) * scale
     dropped = {why: count for why, count in sightings.reasons.items() if count}
@@ -308,3 +334,13 @@ def _samples_of(
         notes=tuple(notes),
         **more,
     )
+
+
+def _tag_poses(tags: Sequence[Tag], lens: Lens, side: float) -> Array:
+    """Poses (n, 4, 4) [m] of tags of a side [m] before the camera.
+
+    The tag's frame: origin in its middle, x to the right, y up, z out of the paper.
+    """
+    corners = [[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]
+    square = 0.5 * side * np.array(corners)
+    return matrices([find_pose(lens, square, tag.corners) for tag in tags])

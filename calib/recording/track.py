@@ -17,14 +17,15 @@ from ..common.rows import spread_rows
 class TrackSettings:
     """How a track is judged."""
 
-    # rows that a shift is judged by
+    # rows that judge a shift, at most
     searched: int = 120
-    # rows that are tried, and needed, for a shift
+    # largest shift that is tried [rows]
     farthest: int = 3
+    # rows that a recording needs for that
     fewest: int = 18
     # frames whose median says where the tip is
     window: int = 7
-    # of neighbouring rows, held out in turn
+    # blocks of neighbouring rows, held out in turn
     blocks: int = 8
 
 
@@ -78,7 +79,7 @@ class Judge:
 
 
 def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
-    """How many rows further down the joints are that fit far better than a row's own, else 0.
+    """Shift of the joints, in rows further down, that fits far better than none does; else 0.
 
     q : (n, joints) [rad or m];  x : (n, d)
     Then mean held-out errors [unit of x] as the rows are, and with the best shift.

@@ -20,23 +20,23 @@ class View:
     """The pictures of one camera."""
 
     name: str
-    shots: BoardPictures
+    pictures: BoardPictures
     in_hand: bool  # whether the camera is in the hand
     given: Lens | None  # by the user
     lens: Lens  # where the fit begins
-    poses: Array  # (p, 4, 4), of the board before the camera, by each picture alone [m]
+    boards: Array  # (p, 4, 4), the board before the camera, by each picture alone [m]
 
     @property
     def board(self) -> Pattern:
         """What the pictures show."""
-        return self.shots.board
+        return self.pictures.board
 
     @property
     def rows(self) -> Index:
         """The row of joints or poses (p,) that each picture is of."""
-        if self.shots.rows is None:
-            return np.arange(len(self.poses))
-        return self.shots.rows
+        if self.pictures.rows is None:
+            return np.arange(len(self.boards))
+        return self.pictures.rows
 
     @property
     def eye(self) -> Eye:
@@ -45,18 +45,18 @@ class View:
 
 
 def view_of(
-    name: str, shots: BoardPictures, in_hand: bool, given: Lens | None
+    name: str, pictures: BoardPictures, in_hand: bool, given: Lens | None
 ) -> View:
     """The view, its lens calibrated by its own pictures where none is given."""
     if given is not None and given.size == UNSTATED:
-        given = replace(given, size=shots.size)
-    if given is not None and tuple(given.size) != tuple(shots.size):
+        given = replace(given, size=pictures.size)
+    if given is not None and tuple(given.size) != tuple(pictures.size):
         raise LogError(
             "the lens is of pictures of {}x{}, these are {}x{}: expected the lens of this camera "
             "at this size; leave `lens` out to have it fitted".format(
-                *given.size, *shots.size
+                *given.size, *pictures.size
             )
         )
-    lens = given or shots.lens()
-    poses = matrices(shots.poses(lens))
-    return View(name, shots, in_hand, given, lens, poses)
+    lens = given or pictures.lens()
+    boards = matrices(pictures.poses(lens))
+    return View(name, pictures, in_hand, given, lens, boards)

@@ -48,6 +48,8 @@ _LATEST = 1e11  # [s] after 1970: a clock of the year 5138 counts in ms or less
 _HEAD = 1 << 16  # [bytes], of a file, in which its header is
 # LeRobot's, of joints' columns, which are read without
 _POSITION_SUFFIX = ".pos"
+# a model file begins with the length of its header, in 8 bytes, and with this entry of it
+_MODEL = b'{"__metadata__":{"calib":'
 _EXPECTED = (
     "expected the columns' names in the first line, decimals with a point, quotes around text that "
     "holds a comma, and UTF-8"
@@ -171,6 +173,11 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise LogError(f"cannot read {label!r}: {why}") from None
+    if content[8:].startswith(_MODEL):
+        raise LogError(
+            f"{label} is a model, not a log",
+            hint="`log` takes a log (CSV or Parquet), a model is named without an option",
+        )
     try:
         if content.startswith(b"PAR1"):
             table = pl.read_parquet(content)

@@ -53,7 +53,7 @@ class InPlane(SpatialStructure):
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Positions of a tip at joint values."""
+    """Positions of a tip at joint values, which a chain is fitted to."""
 
     q: Array  # (n, dof) [rad or m]
     x: Array  # (n, m) [unit]
@@ -67,25 +67,29 @@ class Points:
 
     @classmethod
     def of(cls, model: Model) -> Points:
-        """Return a model's rows, or its answers at visited nodes.
+        """Return the rows that a model learned, or its answers where it was adapted or has none."""
+        if model.rows is None or model.history:
+            return cls._of_answers(model)
+        every = -(-len(model.rows) // FITTING.rows)
+        some = slice(None, None, every)
+        return cls(model.rows.q[some], model.rows.x[some], model.about.unit)
 
-        The model's error at nodes is that of the rows that it learned, which may be larger than
-        the residual.
+    @classmethod
+    def _of_answers(cls, model: Model) -> Points:
+        """A model's answers at visited nodes.
+
+        Their error is that of the rows that the model learned: its bound of 95 % in a plane is 2.45
+        sd along an axis, and answers of many nodes are no more certain than the rows behind them.
         """
-        rows = model.rows
-        unit = model.about.unit
-        if rows is not None and not model.history:
-            some = slice(None, None, -(-len(rows) // FITTING.rows))
-            return cls(rows.q[some], rows.x[some], unit)
         q = visited_joints(model, FITTING.nodes)
         x = model.forward(q)
-        valid = np.isfinite(x).all(axis=1)
-        noise = float(np.nanmedian(model.bounds)) / 2.45  # sd along an axis
+        noise = float(np.nanmedian(model.bounds)) / 2.45
         independent = max(model.about.samples, 10)
         if model.body is None:
             independent = min(independent, FITTING.patches)
         error = noise * math.sqrt(len(q) / independent)
-        return cls(q[valid], x[valid], unit, error)
+        answered = np.isfinite(x).all(axis=1)
+        return cls(q[answered], x[answered], model.about.unit, error)
 
 
 def fit_geometry(model: Model, *, drawn: bool = False) -> Geometry:
@@ -229,47 +233,20 @@ def _spatial_readings(
 def fit_in_plane(
     arm: PlanarArm, points: Points, free: bool, drawn: bool
 ) -> Geometry:
-    """Fit a planar arm, whose sensor turns about the plane's normal alone."""
-    x = points.x
+    """Fit a planar arm, whose sensor turns about the plane's normal alone.
+
+    free : whether the sensor's frame is fitted, and for other units than m its scale
+    drawn : whether the drawing's lengths are true
+    """
     in_space = structure_of(arm, unit=points.unit, extent=points.extent)
     structure = InPlane(**vars(in_space))
-    groups = structure.groups
     tips = arm.chain.poses(points.q)[0]
-    turn = arm.plane.basis
-    shift = -arm.plane.basis @ arm.plane.origin
-    scale = 1.0
-    scaled = free and points.unit != "m"
-    if free:  # a sensor that sees the plane from behind is turned half round
-        readings = np.column_stack([x, np.zeros(len(x))])
-        turn, shift, scale = similarity(tips, readings)
-        if not scaled:
-            shift = readings.mean(axis=0) - turn @ tips.mean(axis=0)
-            scale = 1.0
-    start = structure.neutral()
-    start[groups["view.rotation"]] = logarithm(turn)
-    start[groups["view.shift"]] = shift
-    start[groups["view.scale"]] = np.log(scale)
-    ends = np.vstack([structure.shifts[1:], groups["tool"]])
-    sd = np.zeros(structure.size)
-    sd[groups["offset"]] = np.where(
-        structure.revolute, FITTING.offset, FITTING.along
-    )
-    hypers = []
-    if not drawn:
-        sd[ends] = SHIFT
-        shape = np.ones(ends.size)
-        hyper = Hyper("link", SHIFT, PRIOR.wider, 0.0, ends.ravel(), shape)
-        hypers.append(hyper)
-    if free:  # the first joint's offset and a turn of the frame are one
-        sd[groups["offset"][0]] = 0.0
-        sd[groups["view.rotation"][2]] = FITTING.flat
-        sd[groups["view.shift"][:2]] = FREE * structure.extent
-    if scaled:
-        sd[groups["view.scale"]] = FITTING.flat
-    fit = _maximum(structure, points, x, start, Prior(start, sd, tuple(hypers)))
+    start = _start_in_plane(arm, structure, tips, points, free)
+    prior = _prior_in_plane(structure, start, free, drawn)
+    fit = _maximum(structure, points, points.x, start, prior)
     nominal = fit.beta.copy()
     for group in ("offset", "placement", "tool"):
-        nominal[groups[group]] = 0.0
+        nominal[structure.groups[group]] = 0.0
     metre = structure.sensor(fit.beta).scale
     return Geometry(
         arm,
@@ -281,6 +258,57 @@ def fit_in_plane(
         before=_misfit(fit, nominal) / metre,
         reach=_reach(tips),
     )
+
+
+def _start_in_plane(
+    arm: PlanarArm,
+    structure: InPlane,
+    tips: Array,
+    points: Points,
+    free: bool,
+) -> Array:
+    """Parameters (d,) of the drawn arm before its sensor.
+
+    tips : (n, 3) [m], where the drawn arm has the tip at the points' joint values
+    """
+    turn = arm.plane.basis
+    shift = -arm.plane.basis @ arm.plane.origin
+    scale = 1.0
+    if free:  # a sensor that sees the plane from behind is turned half round
+        readings = np.column_stack([points.x, np.zeros(len(points.x))])
+        turn, shift, scale = similarity(tips, readings)
+        if points.unit == "m":
+            shift = readings.mean(axis=0) - turn @ tips.mean(axis=0)
+            scale = 1.0
+    beta = structure.neutral()
+    beta[structure.groups["view.rotation"]] = logarithm(turn)
+    beta[structure.groups["view.shift"]] = shift
+    beta[structure.groups["view.scale"]] = np.log(scale)
+    return beta
+
+
+def _prior_in_plane(
+    structure: InPlane, start: Array, free: bool, drawn: bool
+) -> Prior:
+    """The prior around the drawn arm (d,): offsets, then ends of links, then the sensor's frame."""
+    groups = structure.groups
+    sd = np.zeros(structure.size)
+    sd[groups["offset"]] = np.where(
+        structure.revolute, FITTING.offset, FITTING.along
+    )
+    hypers: tuple[Hyper, ...] = ()
+    if not drawn:
+        ends = np.vstack([structure.shifts[1:], groups["tool"]])
+        sd[ends] = SHIFT
+        shape = np.ones(ends.size)
+        hypers = (Hyper("link", SHIFT, PRIOR.wider, 0.0, ends.ravel(), shape),)
+    if free:  # the first joint's offset and a turn of the frame are one
+        sd[groups["offset"][0]] = 0.0
+        sd[groups["view.rotation"][2]] = FITTING.flat
+        sd[groups["view.shift"][:2]] = FREE * structure.extent
+        if structure.unit != "m":
+            sd[groups["view.scale"]] = FITTING.flat
+    return Prior(start, sd, hypers)
 
 
 def _maximum(

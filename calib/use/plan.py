@@ -24,9 +24,10 @@ from ..common.scale import Scale
 from ..errors import OptionError, require
 from ..model.model import Model
 from ..samples.tables import write_table
-from .aimed import at_point, directions, in_sight
+from .aimed import at_point, in_sight
 from .pose_space import PoseSpace, space_of, usable_postures
 from .settings import PLANNING
+from .whitened import whitened_jacobian
 
 if TYPE_CHECKING:
     import os
@@ -231,7 +232,7 @@ def _chosen(
         frame = ("view.rotation", "view.shift", "tool")
         groups = (*frame, "placement", "offset", "elastic", "curve")
         beta = structure.neutral()
-        by_pose = directions(structure, beta, q, groups, PLANNING.noise)
+        by_pose = whitened_jacobian(structure, beta, q, groups, PLANNING.noise)
         return greedy(by_pose, n), "chosen to determine the arm best"
     body = None if isinstance(source, Arm) else source.body
     if body is None or body.simulated:  # exact samples leave nothing to learn

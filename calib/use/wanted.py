@@ -1,15 +1,20 @@
-"""Where the nominal arm would be, which a correction brings the real one to."""
+"""Wanted: where the nominal arm would be, which a correction brings the real one to.
+
+The nominal arm is the one that the URDF draws.  `Wanted.target` and `Wanted.pose` say where it has
+its tip at some joint values; `Wanted.solve` finds joint values at which the real arm has it there.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..body.planar import PlanarStructure
+from ..body.spatial import SpatialStructure
 from ..common.arrays import Array, frozen
 from ..common.scale import TURN
 from ..inverse.task import Poses
@@ -38,25 +43,24 @@ _POSITIONS = (
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """Where the nominal arm would be, in the sensor's frame."""
+    """The nominal arm, as the sensor would see it, beside the model of the real one."""
 
     model: Model
     free: bool  # whether the sensor's frame was fitted
-    predict: Callable[
-        [Array], Array
-    ]  # positions (n, m) of joint values (n, dof)
-    moves: tuple[Alignment, ...] = ()  # of the frame, after `predict`
-    # whether a tool's orientation is kept where the arm can
+    # nominal positions (n, m) [unit] of joint values (n, dof), before the frame moved
+    predict: Callable[[Array], Array]
+    moves: tuple[Alignment, ...] = ()  # of the frame, in their order
+    # whether the user wants the tool's orientation kept
     keeps_turn: bool = True
-    # where more than what the sensor reads has to be met: the tool's pose, or before a camera,
-    # whose pixel does not say how far away the tip is, its place
+    # where a reading is not all that has to be met: the tool's pose of an arm with six joints, or
+    # the tip's place before a camera, whose pixel does not say how far away the tip is
     space: Space | None = None
 
     @classmethod
     def of(cls, model: Model) -> Wanted:
-        """Find it, once for a model: a controller corrects row by row."""
+        """Return that of a model, which keeps it: a controller corrects row by row."""
         if "wanted" not in model.cache:
-            model.cache["wanted"] = _wanted_of(model)
+            model.cache["wanted"] = _find_wanted(model)
         wanted: Wanted = model.cache["wanted"]
         return wanted
 
@@ -69,7 +73,7 @@ class Wanted:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed."""
+        """Sentences on what was assumed."""
         notes: list[str] = []
         if self.free:
             notes.append(assumption(self.model))
@@ -85,7 +89,7 @@ class Wanted:
         return x
 
     def pose(self, q: Array) -> tuple[Array, Array]:
-        """Place (n, 3) and orientation (n, 3, 3) of the nominal tool in the base frame."""
+        """Place (n, 3) [m] and orientation (n, 3, 3) of the nominal tool in the base frame."""
         assert self.space is not None  # noqa: S101
         structure = self.space.structure
         nominal = nominal_behind(structure, self.space.body.beta)
@@ -98,31 +102,45 @@ class Wanted:
         Of six joints or more a row is reached where its orientation is, too: beside a singularity
         the tool is not tilted without a word.  A joint within its limits is not led beyond them.
         """
-        model = self.model
-        about = model.about
-        near = self._in_range(q)
-        target = self.target(q)
-        placed = np.ones(len(near), dtype=bool)
-        if self.space is not None:
-            place, turn = self.pose(near)
-            reach = Reach.of(self.space, posed=self.posed)
-            goal = Poses.target(place, turn) if self.posed else place
-            near, distance = reach.beside(goal, near)
-            placed = distance <= REACHED * self.space.length
-        near = np.clip(near, about.lower, about.upper)
-        if model.default_readout == "local":
-            start = anchor(model, near, len(near))
-            nearest, reachable = joints_and_reach(model, target, start)
-        else:
-            answer = model.solve(target, near)
-            nearest = answer.q
-            reachable = answer.reachable
-        turns = TURN * np.round((q - nearest) / TURN)
-        answers = nearest + np.where(about.revolute, turns, 0.0)
-        within = within_limits(model, answers) | ~within_limits(model, q)
-        lower, upper = joint_limits(model).T
+        start, placed = self._placed_start(q)
+        nearest, reachable = self._meet_reading(self.target(q), start)
+        answers = self._on_turn_of(q, nearest)
+        was_beyond = ~within_limits(self.model, q)
+        within = within_limits(self.model, answers) | was_beyond
+        lower, upper = joint_limits(self.model).T
         allowed = np.where(within, answers, np.clip(answers, lower, upper))
         return allowed, reachable & placed & within.all(axis=1)
+
+    def _placed_start(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Joints (n, dof) in range with the wanted place or pose in `space`, and whether they have.
+
+        They are those of `q` itself where a reading is all that has to be met.
+        """
+        start = self._in_range(q)
+        placed = np.ones(len(start), dtype=bool)
+        if self.space is not None:
+            place, turn = self.pose(start)
+            reach = Reach.of(self.space, posed=self.posed)
+            goal = Poses.target(place, turn) if self.posed else place
+            start, distance = reach.beside(goal, start)
+            placed = distance <= REACHED * self.space.length
+        about = self.model.about
+        return np.clip(start, about.lower, about.upper), placed
+
+    def _meet_reading(
+        self, target: Array, start: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Joints (n, dof) near `start` at which the sensor reads `target`, and whether it does."""
+        if self.model.default_readout == "local":
+            near = anchor(self.model, start, len(start))
+            return joints_and_reach(self.model, target, near)
+        answer = self.model.solve(target, start)
+        return answer.q, answer.reachable
+
+    def _on_turn_of(self, q: Array, nearest: Array) -> Array:
+        """Joints `nearest` (n, dof), those that turn moved by whole turns to beside `q`."""
+        turns = TURN * np.round((q - nearest) / TURN)
+        return nearest + np.where(self.model.about.revolute, turns, 0.0)
 
     def _in_range(self, q: Array) -> Array:
         """Joint values (n, dof) with those that turn moved by whole turns into their range."""
@@ -135,36 +153,57 @@ class Wanted:
         return near
 
 
-def _wanted_of(model: Model) -> Wanted:
-    free = frame_is_free(model)
-    moves = tuple(frames(model))
+def _find_wanted(model: Model) -> Wanted:
+    """Find the nominal arm behind the sensor that the model knows best."""
     body = model.body
     if body is not None and isinstance(body.structure, PlanarStructure):
-        structure, nominal = nominal_in_plane(model, based=not free)
-        predict = partial(structure.predict, beta=frozen(nominal))
-        if (
-            free
-        ):  # the body knows the sensor's frame as it is after all adaptations
-            moves = ()
-        return Wanted(model, free, predict, moves)
-    in_space = moves_in_space(model)
-    if not in_space or is_simulated(model):
-        frame = None
-        if free and not in_space:
-            frame = fit_geometry(model).frame
-        if frame is not None:
-            moves = (frame, *moves)
-        return Wanted(model, free, nominal_arm(model).forward, moves)
+        return _behind_planar_body(model)
+    if is_simulated(model) or not moves_in_space(model):
+        return _behind_maps(model)
     chain = measured_chain(body)
     if body is not None and chain is not None:
-        drawn = frozen(nominal_behind(chain, body.beta))
-        predict = partial(chain.predict, beta=drawn)
-        wanted = Wanted(model, free, predict)
-        if chain.dof >= CORRECTION.posed or chain.camera:
-            wanted = replace(wanted, space=Space.of(model))
-        return wanted
+        return _behind_measured_chain(model, chain, body.beta)
+    return _behind_fitted_chain(model)
+
+
+def _behind_planar_body(model: Model) -> Wanted:
+    """The drawn arm behind the sensor of a planar body."""
+    free = frame_is_free(model)
+    structure, nominal = nominal_in_plane(model, based=not free)
+    predict = partial(structure.predict, beta=frozen(nominal))
+    if free:  # the body knows the frame as it is after all adaptations
+        return Wanted(model, free, predict)
+    return Wanted(model, free, predict, tuple(frames(model)))
+
+
+def _behind_maps(model: Model) -> Wanted:
+    """The drawn arm in its base frame, led to a planar log's frame by a fit to its maps."""
+    free = frame_is_free(model)
+    moves = tuple(frames(model))
+    if free and not moves_in_space(model):
+        to_sensor = fit_geometry(model).frame
+        if to_sensor is not None:
+            moves = (to_sensor, *moves)
+    return Wanted(model, free, nominal_arm(model).forward, moves)
+
+
+def _behind_measured_chain(
+    model: Model, chain: SpatialStructure, beta: Array
+) -> Wanted:
+    """The drawn arm in space behind the sensor of a body with parameters `beta` (d,)."""
+    nominal = frozen(nominal_behind(chain, beta))
+    space = None
+    if chain.dof >= CORRECTION.posed or chain.camera:
+        space = Space.of(model)
+    predict = partial(chain.predict, beta=nominal)
+    return Wanted(model, frame_is_free(model), predict, space=space)
+
+
+def _behind_fitted_chain(model: Model) -> Wanted:
+    """The drawn arm in space behind the sensor that a fit to the model's answers finds."""
     geometry = fit_geometry(model)
-    nominal = frozen(nominal_behind(geometry.structure, geometry.beta))
-    return Wanted(
-        model, free, partial(geometry.structure.predict, beta=nominal), moves
-    )
+    chain = geometry.structure
+    nominal = frozen(nominal_behind(chain, geometry.beta))
+    predict = partial(chain.predict, beta=nominal)
+    moves = tuple(frames(model))
+    return Wanted(model, frame_is_free(model), predict, moves)

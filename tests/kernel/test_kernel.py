@@ -3,6 +3,7 @@
 import pickle
 import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import models
@@ -25,6 +26,7 @@ from refusals import refused
 
 import calib
 from calib import OptionError
+from calib.model.header import Header
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
@@ -167,6 +169,16 @@ def test_one_pose_is_that_of_the_batch(made):
 
 
 @needs_compiler
+def test_c_that_knows_less_than_numpy_does_not_answer(monkeypatch):
+    """A body's parameter that no C was written for left it 1.5 mm off, without a word."""
+    model = cold(in_space())
+    header = Header.of(replace(model, body=replace(model.body, beta=0.99 * model.body.beta)))
+    monkeypatch.setattr(Header, "of", lambda _: header)
+    assert "not say the same" in model.warm_up()
+    assert not model.warm
+
+
+@needs_compiler
 def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond():
     model = cold(six())
     model.warm_up(strict=True)
@@ -185,6 +197,10 @@ def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond():
     np.testing.assert_allclose(model.forward(model.inverse(position)), position, atol=1e-7)
     assert np.isnan(model.inverse(position + 9.0)).all()
     assert "nothing reaches" in model.unanswered
+    # in another process, too
+    again = cold(model)
+    assert np.isnan(again.inverse_pose(position + 9.0, turn, q)).all()
+    assert "bounded search" in again.unanswered
 
 
 @needs_compiler

@@ -94,6 +94,11 @@ BAD = [  # what a file holds, what is asked of it, and what the refusal says
     ("a,b,x,y\n1,2,3,4\n2,3,3,5\n", {}, "x is 3 in every row"),
     (b"a,b,x,y,c\n1,2,3,4,\xb0\n", {}, "UTF-8"),
     (b"PAR1 and nothing else", {}, "cannot be read"),
+    (
+        b"9" * 8 + b'{"__metadata__":{"calib":"{}"}}',
+        {},
+        "is a model, not a log; .log. takes a log .CSV or Parquet.",
+    ),
     (b"a" * (1 << 20), {}, "no positions"),
     ('a,b,x,y\n1,2,3,"4\n' + "5" * 200_000, {}, "cannot be read"),
     (GOOD, {"joints": None}, "choices: 'a', 'b'; name them in .joints"),

@@ -1,7 +1,14 @@
-"""Scene: an arm with what stands around it, its rows, its bound and its maps, in layers."""
+"""Scene: an arm with what stands around it, its rows, its bound and its maps, in layers.
+
+What is to be drawn is a `Subject`, found from a model and a log; `data_of_model` decides where the
+camera stands and has one function after the other draw its layer on a `Canvas`.
+"""
+
+from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -45,63 +52,117 @@ class Motion(NamedTuple):
     predicted: Array  # (frames, m) [unit], where the model expects it
 
 
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What a page shows, each where it is in space [m]."""
+
+    model: Model
+    studies: list[Study]  # of each sensor, the first one's model is `model`
+    placements: list[Placement]  # of each sensor
+    motion: Motion
+    things: list[Thing]  # camera, board, sockets, frames
+    robot: Robot | None  # None where no URDF says what to draw
+    poses: dict[str, Array]  # (frames, 4, 4) of each link of the robot
+
+    @classmethod
+    def of(cls, model: Model, log: Samples | None) -> Subject:
+        """Return what a page of a model shows, with the rows of a log where one is given."""
+        studies = studies_of(model, log)
+        placed = model.body is not None or model.about.unit == "m"
+        robot = Robot.of(model.about) if placed else None
+        motion = _motion(model, studies[0].rows)
+        return cls(
+            model,
+            studies,
+            [place_model(study.model, robot) for study in studies],
+            motion,
+            [thing for study in studies for thing in things_of(study.model)],
+            robot,
+            {} if robot is None else robot.poses(motion.q),
+        )
+
+    @property
+    def placement(self) -> Placement:
+        """That of the first sensor."""
+        return self.placements[0]
+
+    def nodes(self) -> Array:
+        """Places (nodes, 3) of the sensory map."""
+        return self.placement.lift(self.model.sensory.weights)
+
+    def reached(self) -> list[Array]:
+        """Places (n, 3) of the sensory map and of the moving links."""
+        links = [frames[:, :3, 3] for frames in self.poses.values()]
+        return [self.nodes(), *links]
+
+
 def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
     """Plain data for the page: what is drawn, legend, labels, links, camera and notes."""
     about = model.about
-    studies = studies_of(model, log)
-    placed = model.body is not None or about.unit == "m"
-    robot = Robot.of(about) if placed else None
-    placements = [place_model(study.model, robot) for study in studies]
-    placement = placements[0]
-    motion = _motion(model, studies[0].rows)
-    poses = {} if robot is None else robot.poses(motion.q)
-    things = [thing for study in studies for thing in things_of(study.model)]
-    nodes = placement.lift(model.sensory.weights)
-    x, bound = bound_field(model)
-    errors = [*node_errors(model), bound]
-    errors += [study.rows.distance for study in studies if study.rows]
-    scale = ErrorScale.of(np.concatenate(errors), about.unit, extent(model))
-
-    working = [nodes, *(frames[:, :3, 3] for frames in poses.values())]
-    size = float(np.ptp(np.vstack(working), axis=0).max())
-    around = [*working, *standing(things)]
-    frame = frame_of_view(placement, downwards=about.unit == "px")
+    subject = Subject.of(model, log)
+    reached = subject.reached()
+    canvas = Canvas(float(np.ptp(np.vstack(reached), axis=0).max()))
+    frame = frame_of_view(subject.placement, downwards=about.unit == "px")
     # a little way to the eye: at equal depth the one would be drawn, or the other
-    front = 0.006 * size * frame[2]
-    canvas = Canvas(size)
+    front = 0.006 * canvas.size * frame[2]
+
+    around = [*reached, *standing(subject.things)]
     photo = model.photo if len(model.axes) == 2 else None
     if photo is not None:
-        around.append(_draw_photo(canvas, photo, placement, front))
+        around.append(_draw_photo(canvas, photo, subject.placement, front))
     dof = model.motor.units.shape[1]
-    panel = Panel.beside(frame, np.vstack(around), 0.75 * size, dof)
+    panel = Panel.beside(frame, np.vstack(around), 0.75 * canvas.size, dof)
     if not moves_in_space(model):  # with room for words at each side
         around.append(panel.lift([[-0.3, -0.2, 0.0], [1.1, 1.15, 0.0]]))
     camera = camera_onto(np.vstack(around), frame)
 
-    if robot is not None:
-        _draw_robot(canvas, robot.links, poses)
-        draw_things(canvas, things, robot.links[-1])
-    draw_maps(canvas, model, nodes, panel, scale)
-    canvas.layer("Reach", "scale", "bound on the true position", shown=False)
-    tints = scale.colours(bound)
-    canvas.add("Reach/points", "points", tints, placement.lift(x), size=0.005)
-    for study, place in zip(studies, placements, strict=True):
-        _draw_rows(canvas, study, place, front, scale)
-    _draw_motion(canvas, motion, placement, about.unit)
+    points, bound = bound_field(model)
+    scale = _error_scale(subject, bound)
+    if subject.robot is not None:
+        links = subject.robot.links
+        _draw_robot(canvas, links, subject.poses)
+        draw_things(canvas, subject.things, links[-1])
+    draw_maps(canvas, model, subject.nodes(), panel, scale)
+    _draw_bound(canvas, subject.placement.lift(points), bound, scale)
+    for study, placement in zip(
+        subject.studies, subject.placements, strict=True
+    ):
+        _draw_rows(canvas, study, placement, front, scale)
+    _draw_motion(canvas, subject.motion, subject.placement, about.unit)
+
     measure = about.bound_of if about.source == "log" else "true position"
-    middle = motion.measured[len(motion.q) // 2]
+    middle = subject.motion.measured[len(subject.motion.q) // 2]
     return canvas.data(
         scale,
         camera,
         title=about.robot or "learned from a log",
         bound=f"95 % bound on the distance to the {measure}; rows: their error",
         links=links_of(model, int(model.sensory.winners(middle)[0])),
-        notes=[] if robot is not None else [NO_ARM],
+        notes=[] if subject.robot is not None else [NO_ARM],
     )
 
 
+def _error_scale(subject: Subject, bound: Array) -> ErrorScale:
+    """The scale that holds the errors of nodes and of rows, and the bound (n,) [unit]."""
+    model = subject.model
+    errors = [*node_errors(model), bound]
+    errors += [study.rows.distance for study in subject.studies if study.rows]
+    return ErrorScale.of(
+        np.concatenate(errors), model.about.unit, extent(model)
+    )
+
+
+def _draw_bound(
+    canvas: Canvas, points: Array, bound: Array, scale: ErrorScale
+) -> None:
+    """Draw points (n, 3) in the colour of the bound (n,) [unit] there, on demand."""
+    canvas.layer("Reach", "scale", "bound on the true position", shown=False)
+    tints = scale.colours(bound)
+    canvas.add("Reach/points", "points", tints, points, size=0.005)
+
+
 def _motion(model: Model, rows: StudiedRows | None) -> Motion:
-    """Through rows of a log in their order, through others, or through nodes, on a short way."""
+    """The motion through a log's rows in their order; through others, or nodes, on a short way."""
     if rows is None:
         q = visited_joints(model, SETTINGS.played)
         measured = model.forward(q)
