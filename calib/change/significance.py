@@ -251,9 +251,8 @@ class FTests:
 
     products: Products
     noise: float  # s
-    noise_freedom: (
-        float  # degrees of freedom: directions of the rows that tell the noise
-    )
+    # degrees of freedom: directions of the rows that tell the noise
+    noise_freedom: float
     temper: float  # autocorrelation time of the rows
     count: int  # tests, of which one may fire by chance
 
