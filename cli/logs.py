@@ -151,7 +151,7 @@ def _arm_of_log(
 ) -> Arm:
     """Load the arm with its other joints where the log says that they stood."""
     from calib.samples.header import find_column
-    from calib.samples.joint_values import locked_joint_values
+    from calib.samples.locked_joints import locked_joint_values
 
     turns = joints_that_turn(robot)
     header = {name for name in turns if find_column(source.header, name)}

@@ -6,7 +6,8 @@ In the order of `judge`, each file after those that it needs::
     rows          the rows of a log that count, beside the model's predictions
     causes        what may have changed, by how much, in which words
     frame         the old belief in the frame of the log
-    system        the log beside a belief, linear in all that may have changed
+    observations  the rows that do not contradict all others
+    system        these beside a belief, linear in all that may have changed
     significance  the noise, and which group of parameters explains more than chance
     play          a joint that has more play than the model knows
     explanation   a set of causes fitted to the log, and the climb to the best fit

@@ -28,7 +28,7 @@ from .adaptation import (
 )
 from .causes import FRAME, GROUPS
 from .evidence import Evidence
-from .judge import check_choice, judge, plain_numbers
+from .judge import check_choice, guarded_algebra, judge
 from .settings import LEAST_OWN
 from .update import Update
 from .verdict import Verdict
@@ -81,12 +81,12 @@ def adapt(
     report = progress or (lambda *_: None)
     if method == "online":
         verdict = judge(of_sensor, log, cause=cause, learn=False)
-        with plain_numbers():
+        with guarded_algebra():
             adaptation = _online(verdict, report)
     else:
         report(0.0, "causes", float("nan"))
         verdict = judge(of_sensor, log, cause=cause, free=free)
-        with plain_numbers():
+        with guarded_algebra():
             adaptation = _few_shot(verdict, report)
     if not model.others:
         return adaptation

@@ -246,7 +246,7 @@ def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
     return np.concatenate(parts)
 
 
-def freedom(
+def sd_if_changed(
     body: Body,
     groups: Iterable[str],
     forgotten: Indices | None = None,
@@ -258,14 +258,14 @@ def freedom(
     """
     sizes = {name: group.freed for name, group in GROUPS.items()}
     link = _mean_length(body)
-    sd = _deviations(body, groups, sizes, link=link, curve=BUILT_CURVE)
+    sd = _sd_of_groups(body, groups, sizes, link=link, curve=BUILT_CURVE)
     if forgotten is not None:
         frame = indices_of(body.structure, FRAME)
         sd[np.intersect1d(frame, forgotten)] *= ANYWHERE
     return sd
 
 
-def creep(body: Body, waves: float = CREEP) -> Array:
+def sd_of_creep(body: Body, waves: float = CREEP) -> Array:
     """Standard deviation (d,) by which the arm's own parameters may have crept.
 
     waves : that of the joints' curves over their prior's; beyond `CREEP` of those too that the
@@ -273,7 +273,7 @@ def creep(body: Body, waves: float = CREEP) -> Array:
     """
     sizes = {name: group.creep for name, group in GROUPS.items()}
     link = _mean_length(body)
-    sd = _deviations(body, _arms(body), sizes, link=link, curve=waves)
+    sd = _sd_of_groups(body, _arms(body), sizes, link=link, curve=waves)
     sd[frame_twin(body)] = 0.0
     creeping = body.active
     if waves > CREEP:
@@ -292,7 +292,7 @@ def as_built(body: Body) -> Body:
     if not body.simulated:
         return body
     sizes = {name: group.built for name, group in GROUPS.items()}
-    sd = _deviations(body, _arms(body), sizes, link=1.0, curve=BUILT_CURVE)
+    sd = _sd_of_groups(body, _arms(body), sizes, link=1.0, curve=BUILT_CURVE)
     sd[frame_twin(body)] = 0.0
     # the first origin's place is the frame's own
     if isinstance(structure, SpatialStructure):
@@ -329,7 +329,7 @@ def _mean_length(body: Body) -> float:
     return float(links.mean()) if len(links) else 1.0
 
 
-def _deviations(
+def _sd_of_groups(
     body: Body,
     groups: Iterable[str],
     sizes: Mapping[str, float],

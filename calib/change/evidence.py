@@ -1,4 +1,8 @@
-"""Evidence: the workings of a verdict: tests, the bound, causes, orientations."""
+"""Evidence: the tests, the bound and the explanations of a log, weighed together.
+
+`bound_test` counts the rows beyond the model's bound; `Evidence.score` says whether something
+changed, `Evidence.is_attributed` whether a change of the arm or the sensor explains it.
+"""
 
 from __future__ import annotations
 
@@ -11,16 +15,17 @@ import numpy as np
 
 from ..body.belief import Body
 from ..body.covariance import autocorrelation_time
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.rows import median_length
 from ..samples.diagnosis import rows_behind
 from .explain import explain
 from .explanation import Explanation
 from .frame import Reference
+from .observations import Observations
 from .rows import LogRows
 from .settings import BEYOND, FALSE_ALARM, MARGIN
 from .significance import GroupTest, GroupTests
-from .system import Log, System
+from .system import System
 from .tool import ToolTurn, tool_turn
 
 TOOL = "tool"  # the group of where it is
@@ -73,7 +78,7 @@ def bound_test(
     limit : (n,), the bound of each row [unit]
     shared : (n,), variance of what all rows share [unit^2]
     """
-    from scipy.special import bdtrc, chdtri
+    from scipy.special import chdtri
 
     residual = rows.x - rows.predicted
     square = (residual**2).sum(axis=1)
@@ -86,15 +91,23 @@ def bound_test(
         noise = 0.0
     variance = noise + _noise_of_joint(rows, tests)
     by_more_noise = square > limit**2 + radius * (shared + variance)
-    # rows that err together count once
-    time = 1.0
-    if by_more_noise.any():
-        time = autocorrelation_time(by_more_noise[:, None].astype(float))
-    count = int(by_more_noise.sum() / time)
-    independent = math.ceil(len(square) / time)
-    chance = float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
     beyond = float(np.mean(square > limit**2 + radius * shared))
-    return BoundTest(beyond, usual, GroupTest("bound", chance))
+    return BoundTest(beyond, usual, GroupTest("bound", _chance(by_more_noise)))
+
+
+def _chance(beyond: Mask) -> float:
+    """Chance (binomial) of so many rows (n,) beyond a bound that as many as usual may exceed.
+
+    Rows that err together count once.
+    """
+    from scipy.special import bdtrc
+
+    if not beyond.any():
+        return 1.0
+    time = autocorrelation_time(beyond[:, None].astype(float))
+    count = int(beyond.sum() / time)
+    independent = math.ceil(len(beyond) / time)
+    return float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
 
 
 def _noise_of_sensor(square: Array, outputs: int, tests: GroupTests) -> float:
@@ -151,7 +164,7 @@ class Evidence:
     cause: str | None
     prior: Body  # the belief that a changed arm starts from
     reference: Reference  # the same in the frame of the log
-    data: Log
+    observations: Observations
     tests: GroupTests
     bound: BoundTest
     explanations: tuple[Explanation, ...]  # the best first
@@ -186,24 +199,28 @@ class Evidence:
 
     @cached_property
     def is_better_than_none(self) -> bool:
-        """Whether a change explains the rows, and by the margin better than none."""
-        best = self.explanations[0].evidence - MARGIN
-        nothing = [
-            some.evidence for some in self.explanations if some.is_no_change
-        ]
-        changed = self.reference.new or best > max(nothing, default=-np.inf)
-        return self.is_explained and changed
+        """Whether a change explains the rows, and by `MARGIN` nats better than none."""
+        if not self.is_explained:
+            return False
+        none = [e.evidence for e in self.explanations if e.is_no_change]
+        gain = self.explanations[0].evidence - MARGIN
+        is_better = gain > max(none, default=-np.inf)
+        return self.reference.has_discrete_cause or is_better
 
     @cached_property
     def score(self) -> float:
-        """Above 1 the arm or its sensor changed."""
-        fails = self.bound.beyond > BEYOND
+        """Above 1 the arm or its sensor changed: the largest score of what may say so."""
+        bound_fails = self.bound.beyond > BEYOND
         scores = [self.tests.score, self.bound.test.score]
-        if self.reference.new:
+        if self.reference.has_discrete_cause:
             scores.append(2.0)
-        if not self.is_explained and (fails or max(scores) > 1.0):
+        if not self.is_explained and (bound_fails or max(scores) > 1.0):
             scores.append(1.0 + self.misfit)
-        if self.is_better_than_none and fails and self.tests.noisy is None:
+        if (
+            self.is_better_than_none
+            and bound_fails
+            and self.tests.noisy is None
+        ):
             scores.append(1.0 + self.bound.beyond)
         return max(scores)
 
@@ -231,7 +248,7 @@ class Evidence:
         lag = rows_behind(
             lambda q: reference.structure.predict(q, reference.beta),
             self.rows.q,
-            self.data.z,
+            self.observations.z,
         )
         check = "check that joints and positions of a row belong together and are of this arm"
         if lag:

@@ -1,9 +1,14 @@
 """Explaining: which sets of causes account for a log, each with its evidence.
 
-The evidence is Laplace's, with the likelihood raised to the power 1 / temper: rows that resemble
-their neighbours count for less than their number.  Causes are added one by one, each of which pays
-the logarithm of how many there are; the best sets are fitted to convergence, and where that leads
-far the system is set up again there.
+The evidence of a set whose causes free parameters of standard deviations sd is Laplace's::
+
+    log p(y | causes) = log p(y | d) + log p(d) - 1/2 log |A| - cost,    A = I + sd X' C^-1 X sd
+
+at the best d / sd.  The likelihood is raised to the power 1 / temper: rows that resemble their
+neighbours count for less than their number.  Each cause pays the logarithm of how many there are.
+
+`Search.candidates` adds causes one by one in the linear system, `Search.explanation_of` fits the
+best sets to convergence, and where that leads far the system is linearised again there.
 """
 
 from __future__ import annotations
@@ -24,8 +29,8 @@ from .causes import (
     SETS,
     changeable,
     frame_twin,
-    freedom,
     indices_of,
+    sd_if_changed,
     single_causes,
 )
 from .explanation import Explanation, Place, climb
@@ -63,13 +68,13 @@ SEARCH = SearchSettings()
 
 
 class Candidate(NamedTuple):
-    """A set of causes in the linear system."""
+    """A set of causes in the linear system, p of whose parameters are free."""
 
     causes: tuple[str, ...]
     waves: float  # of `WAVES`
-    indices: Indices  # parameters that are free
+    indices: Indices  # (p,), parameters that are free
     evidence: float  # [nats]
-    step: Array  # of the parameters, in the standard deviations by which they are free
+    normals: Array  # (p,), their best changes over the standard deviations by which they are free
 
 
 CauseNames = tuple[str, ...]
@@ -80,32 +85,36 @@ _evidence = attrgetter("evidence")
 
 
 class Information(NamedTuple):
-    """What rows tell beside some waves, for s sizes of the noise; alike rows count once."""
+    """What rows tell of k parameters over their standard deviations, for l sizes of the noise.
 
-    likelihood: Array  # (s,) [nats]
-    # (s, k, k), information on the parameters that may be free, each in its standard deviation
-    power: Array
-    pull: Array  # (s, k), its moments
+    All is divided by the temper.
+    """
+
+    likelihood: Array  # (l,), where none of them changed [nats]
+    matrices: Array  # (l, k, k), sd X' C^-1 X sd
+    vectors: Array  # (l, k), sd X' C^-1 y
 
     def evidence(self, places: Indices) -> tuple[Array, Array]:
-        """Evidence (s,) of freeing some parameters (p,) [nats], and their best step (p,)."""
-        prior = np.eye(len(places))
-        power = self.power[:, places[:, None], places] + prior
-        pull = self.pull[:, places]
-        root = np.linalg.cholesky(power)
-        columns = np.linalg.solve(root, pull[..., None])
-        half = columns[..., 0]
-        gain = 0.5 * (half**2).sum(axis=1)
-        sizes = np.diagonal(root, axis1=1, axis2=2)
-        cost = np.log(sizes).sum(axis=1)
-        evidence = self.likelihood + gain - cost
+        """Evidence (l,) of freeing p of the parameters [nats], and their best changes (p,).
+
+        log p(y) = likelihood + b' A^-1 b / 2 - log |A| / 2, with A = I + matrix, b = vector; the
+        changes A^-1 b are those of the best size of the noise.
+        """
+        a = self.matrices[:, places[:, None], places] + np.eye(len(places))
+        b = self.vectors[:, places]
+        root = np.linalg.cholesky(a)
+        white = np.linalg.solve(root, b[..., None])[..., 0]
+        gain = 0.5 * (white**2).sum(axis=1)
+        diagonal = np.diagonal(root, axis1=1, axis2=2)
+        half_determinant = np.log(diagonal).sum(axis=1)
+        evidence = self.likelihood + gain - half_determinant
         best = int(np.argmax(evidence))
-        return evidence, np.linalg.solve(power[best], pull[best])
+        return evidence, np.linalg.solve(a[best], b[best])
 
 
 @dataclass(frozen=True, eq=False)
 class PlaceOfSet(Place):
-    """Where the freed parameters of a set may be: from the reference, in their deviations."""
+    """Changes of the freed parameters of a set, over their standard deviations."""
 
     residual: Array  # (n, m) [unit]
     noise: float  # of the greatest likelihood, in `Reference.sizes`
@@ -114,8 +123,11 @@ class PlaceOfSet(Place):
 class Search:
     """Sets of causes of a log beside a reference.
 
-    always : groups that are free in every set: a frame that no posterior tells of, a turned tool
-    temper : rows that count for one
+    always : groups that are free in every set: a frame that was fitted to the log, a turned tool
+    temper : autocorrelation time of the rows; likelihoods are raised to 1 / temper
+    sd : (d,), by which the parameters may have changed
+    always_free : parameters of `always`
+    free : those that are free in any set
     """
 
     def __init__(
@@ -130,11 +142,11 @@ class Search:
         self.system = system
         self.temper = temper
         groups = changeable(structure)
-        self.sd = freedom(reference.body, groups, reference.forgotten)
-        self.start = np.sort(indices_of(structure, always))
+        self.sd = sd_if_changed(reference.body, groups, reference.forgotten)
+        self.always_free = np.sort(indices_of(structure, always))
         singles = single_causes(structure, cause)
         allowed = np.concatenate([*singles.values()])
-        self.free = np.union1d(self.start, allowed).astype(np.intp)
+        self.free = np.union1d(self.always_free, allowed).astype(np.intp)
         self.sets = self._sets(singles)
         self.singles = [name for name in singles if name in self.sets]
         self.cost = float(np.log(max(len(self.sets), 1)))
@@ -153,61 +165,68 @@ class Search:
         free_sets = {}
         for name, indices in sets.items():
             free = indices[self.sd[indices] > 0.0]
-            all_free = np.union1d(free, self.start)
+            all_free = np.union1d(free, self.always_free)
             if np.isin(frame, all_free).any():
                 free = np.setdiff1d(free, frame_twin(reference.body))
-            if not np.isin(free, self.start).all():
+            if not np.isin(free, self.always_free).all():
                 free_sets[name] = free
         return free_sets
 
     def information(self, waves: float) -> Information:
         """What rows tell, beside some waves, of all that may be free."""
-        if waves in self.informations:
-            return self.informations[waves]
+        if waves not in self.informations:
+            information = self._for_noises(waves)
+            self.informations[waves] = self._with_likely_noises(information)
+        return self.informations[waves]
+
+    def _for_noises(self, waves: float) -> Information:
+        """What rows tell for sizes of the noise all over their range."""
         x = self.system.x[:, self.free] * self.sd[self.free]
-        unknown = self.system.unknown(waves)
-        products = unknown.products(self.system.y, x)
+        products = self.system.nuisance(waves).products(self.system.y, x)
         noises, likelihood = products.noises()
         some = slice(None, None, SEARCH.coarser)
         by_noise = map(products.information, noises[some].tolist())
-        powers, pulls = zip(*by_noise, strict=True)
-        information = Information(
+        matrices, vectors = zip(*by_noise, strict=True)
+        return Information(
             likelihood[some] / self.temper,
-            np.stack(powers) / self.temper,
-            np.stack(pulls) / self.temper,
+            np.stack(matrices) / self.temper,
+            np.stack(vectors) / self.temper,
         )
-        # the noise of any set lies between those of all that may be free and of nothing
-        most = int(np.argmax(information.likelihood))
-        every = np.arange(len(self.free))
-        evidence, _ = information.evidence(every)
-        least = int(np.argmax(evidence))
-        least = min(least, most)
-        between = slice(max(least - 1, 0), most + 2)
-        information = Information(*(part[between] for part in information))
-        self.informations[waves] = information
-        return information
 
-    def by_waves(self, causes: tuple[str, ...]) -> list[Candidate]:
+    def _with_likely_noises(self, information: Information) -> Information:
+        """The same for sizes between the best where all is free and the best where nothing is.
+
+        The noise of any set lies between these.
+        """
+        of_nothing = int(np.argmax(information.likelihood))
+        evidence, _ = information.evidence(np.arange(len(self.free)))
+        of_all = min(int(np.argmax(evidence)), of_nothing)
+        between = slice(max(of_all - 1, 0), of_nothing + 2)
+        return Information(*(part[between] for part in information))
+
+    def candidates_of(self, causes: tuple[str, ...]) -> list[Candidate]:
         """Return a set of causes with each size of waves, the best first."""
         parts = [self.sets[cause] for cause in causes]
-        indices = np.unique(np.concatenate([self.start, *parts]))
+        indices = np.unique(np.concatenate([self.always_free, *parts]))
         places = np.searchsorted(self.free, indices)
         cost = self.cost * len(causes)
         candidates = []
         for waves in WAVES:
-            evidence, step = self.information(waves).evidence(places)
-            value = float(evidence.max()) - cost
-            candidates.append(Candidate(causes, waves, indices, value, step))
+            evidence, normals = self.information(waves).evidence(places)
+            best = float(evidence.max()) - cost
+            candidates.append(Candidate(causes, waves, indices, best, normals))
         return sorted(candidates, key=_evidence, reverse=True)
 
     def candidates(self) -> list[Candidate]:
         """Nothing, sets that belong together, and causes added one by one, best first."""
-        nothing = self.by_waves(())
-        tried: Tried = {(name,): self.by_waves((name,)) for name in self.sets}
+        nothing = self.candidates_of(())
+        tried: Tried = {
+            (name,): self.candidates_of((name,)) for name in self.sets
+        }
         least = nothing[0].evidence
         beam: list[CauseNames] = [()]
         for _ in range(SEARCH.causes):
-            longer = self._longer(beam, tried)
+            longer = self._extended(beam, tried)
             tried |= longer
             if not longer:
                 break
@@ -224,7 +243,7 @@ class Search:
         every = chain(nothing, *tried.values())
         return sorted(every, key=_evidence, reverse=True)
 
-    def _longer(self, beam: Sequence[CauseNames], tried: Tried) -> Tried:
+    def _extended(self, beam: Sequence[CauseNames], tried: Tried) -> Tried:
         """Sets of a beam with one more cause each, with each size of waves."""
         longer: Tried = {}
         for causes in beam:
@@ -233,21 +252,24 @@ class Search:
                     continue
                 key = tuple(sorted((*causes, name)))
                 if key not in longer:
-                    longer[key] = tried.get(key) or self.by_waves(key)
+                    longer[key] = tried.get(key) or self.candidates_of(key)
         return longer
 
     def explanation_of(self, candidate: Candidate) -> Explanation:
-        """Fit a set by damped Gauss-Newton steps: its noise by likelihood, its evidence."""
+        """Fit a set by damped Gauss-Newton steps, its noise by likelihood."""
         best = climb(
             lambda normals: self._place(candidate, normals),
-            candidate.step,
+            candidate.normals,
             most=SEARCH.steps,
             enough=SEARCH.enough,
         )
         return self._explanation(candidate, best)
 
     def _place(self, candidate: Candidate, normals: Array) -> PlaceOfSet | None:
-        """Compare the rows with a set at its parameters (p,), None without a prediction."""
+        """Compare the rows with changes (p,) of a set's parameters, None without a prediction.
+
+        The posterior is log p(y | d) / temper - normals' normals / 2, with d = sd * normals.
+        """
         reference = self.system.reference
         free = candidate.indices
         sd = self.sd[free]
@@ -257,18 +279,18 @@ class Search:
         residual, columns = self.system.residual(beta, free)
         if not np.isfinite(residual).all():
             return None
-        unknown = self.system.unknown(candidate.waves)
         y = self.system.whiten(residual)
-        products = unknown.products(y, columns * sd)
+        nuisance = self.system.nuisance(candidate.waves)
+        products = nuisance.products(y, columns * sd)
         noise = products.most_likely_noise()
         likelihood = float(products.likelihood(noise)[0])
-        power, pull = products.information(noise)
+        matrix, vector = products.information(noise)
         return PlaceOfSet(
             normals=normals,
             beta=beta,
             fit=likelihood / self.temper - 0.5 * float(normals @ normals),
-            gradient=pull / self.temper - normals,
-            precision=power / self.temper + np.eye(len(normals)),
+            gradient=vector / self.temper - normals,
+            precision=matrix / self.temper + np.eye(len(normals)),
             residual=residual,
             noise=noise,
         )
@@ -276,14 +298,14 @@ class Search:
     def _explanation(
         self, candidate: Candidate, place: PlaceOfSet
     ) -> Explanation:
-        """The set of causes at the place of its best fit, with its evidence by Laplace."""
+        """A set at the place of its best fit, with its evidence by Laplace."""
         free = candidate.indices
         sd = np.zeros(len(place.beta))
         sd[free] = self.sd[free]
         precision = Factor(place.precision)
         deviation = np.zeros(len(place.beta))
         deviation[free] = sd[free] * np.sqrt(np.diag(precision.inverse()))
-        volume = 0.5 * precision.log_determinant()
+        half_determinant = 0.5 * precision.log_determinant()
         cost = self.cost * len(candidate.causes)
         return Explanation(
             causes=candidate.causes,
@@ -292,7 +314,7 @@ class Search:
             indices=free,
             beta=place.beta,
             sd=sd,
-            evidence=place.fit - volume - cost,
+            evidence=place.fit - half_determinant - cost,
             temper=self.temper,
             deviation=deviation,
             noise=place.noise,
@@ -300,12 +322,13 @@ class Search:
         )
 
     def explanations(self, *, calm: bool) -> list[Explanation]:
-        """Fit the best sets; set the system up again where that leads far.
+        """Fit the best sets; linearise again at the best of them until its evidence is as promised.
 
-        calm : whether only the sizes of the log's own residual are compared
+        calm : whether only nothing is fitted, with each size of waves
         """
         fits = [
-            self.explanation_of(candidate) for candidate in self.by_waves(())
+            self.explanation_of(candidate)
+            for candidate in self.candidates_of(())
         ]
         causes: tuple[str, ...] | None = None
         for _ in range(0 if calm else SEARCH.rounds):
@@ -319,7 +342,7 @@ class Search:
             if near or causes == fits[0].causes:
                 break
             causes = fits[0].causes
-            self.system = self.system.again(fits[0].beta)
+            self.system = self.system.relinearised(fits[0].beta)
             self.informations = {}
         alone = {(fit.causes, fit.waves): fit for fit in reversed(fits)}
         return list(alone.values())
@@ -337,8 +360,8 @@ def explain(
 
     systems : the log beside the belief as it was, and in the frame that fits the log best where
         that is far
-    temper : rows that count for one
-    calm : whether nothing changed
+    temper : autocorrelation time of the rows
+    calm : whether no test fired: the causes are not searched then
     turned : groups that changed for sure, as orientations show: the tool that is turned has moved
     """
     explanations: list[Explanation] = []

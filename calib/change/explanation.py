@@ -24,13 +24,13 @@ BOLDER = 1.0 / 8.0
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where standard normals may be, and the posterior there."""
+    """Changes of parameters over their standard deviations, and the posterior there."""
 
     normals: Array  # (k,)
-    beta: Array  # (d,), the parameters that they say
-    fit: float  # logarithm of the posterior [nats]
-    gradient: Array  # (k,), of that
-    precision: Array  # (k, k), of the posterior
+    beta: Array  # (d,), parameters that have changed so
+    fit: float  # log posterior [nats]
+    gradient: Array  # (k,), of the log posterior
+    precision: Array  # (k, k), Gauss and Newton's
 
 
 P = TypeVar("P", bound=Place)
@@ -44,6 +44,8 @@ def climb(
     enough: float,
 ) -> P:
     """The place of the greatest posterior, by damped steps (Levenberg 1944, Marquardt 1963).
+
+    (precision + damping diag(precision)) step = gradient
 
     place_at : the place at normals (k,), None where no prediction is a number
     start : (k,)
@@ -83,7 +85,7 @@ class Explanation:
     beta: Array  # (d,), parameters of the greatest evidence
     sd: Array  # (d,), standard deviations by which they were free to change
     evidence: float  # logarithm of the tempered evidence [nats]
-    temper: float  # rows that count for one
+    temper: float  # autocorrelation time of the rows
     # (d,), posterior standard deviations of those that are free, zero elsewhere
     deviation: Array
     noise: float  # noise of the log, in `Reference.sizes`

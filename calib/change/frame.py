@@ -68,8 +68,8 @@ class Reference:
     )
 
     @property
-    def new(self) -> bool:
-        """Whether the frame is one that no posterior tells of."""
+    def has_discrete_cause(self) -> bool:
+        """Whether something changed that is no matter of degree: the frame has no posterior."""
         return bool(self.causes)
 
     @property
@@ -121,11 +121,7 @@ def _is_near(structure: Structure, beta: Array, q: Array, z: Array) -> bool:
 def _by_best_sense(body: Body, q: Array, z: Array, unit: str) -> Reference:
     """The belief with the axes, the joints and the unit that come nearest to a log."""
     old = body.structure
-    extent = float(old.extents[0])
-    positions = z[:, : old.blocks[0]]
-    senses = [*_senses(old, body.beta), *_stuck(old, body.beta)]
-    placements = [_Placement.of(sense, q, positions) for sense in senses]
-    best = min(placements, key=lambda placement: placement.cost(extent))
+    best = _best_placement(body, q, z)
     structure = best.sense.structure
     causes = list(best.sense.causes)
     fitted: tuple[str, ...] = FRAME
@@ -135,15 +131,8 @@ def _by_best_sense(body: Body, q: Array, z: Array, unit: str) -> Reference:
         structure = _in_unit(structure, factor, z, unit)
         causes.append(_other_unit(factor, old.unit))
         fitted = (*FRAME, "view.scale")
-
-    # the frame fitted to the rows, from where that sense stands
-    start = _start(structure, best, factor)
-    shift = structure.groups["view.shift"]
-    residual = structure.residual(z, structure.predict(q, start))
-    middle = np.median(residual, axis=0)
-    start[shift] += middle[: len(shift)]
+    start = _start(structure, best, factor, q, z)
     beta = _frame_fit(structure, q, z, start, fitted)
-
     if causes and causes[0].cause == "mirror":
         before = old.predict(q, body.beta)
         after = structure.predict(q, beta)
@@ -160,6 +149,19 @@ def _by_best_sense(body: Body, q: Array, z: Array, unit: str) -> Reference:
         scale=factor,
         forgotten=indices_of(structure, forgotten),
     )
+
+
+def _best_placement(body: Body, q: Array, z: Array) -> _Placement:
+    """The sense of axes and joints that comes nearest to a log, and how it is placed."""
+    structure = body.structure
+    extent = float(structure.extents[0])
+    positions = z[:, : structure.blocks[0]]
+    senses = [
+        *_senses(structure, body.beta),
+        *_stuck(structure, body.beta),
+    ]
+    placements = [_Placement.of(sense, q, positions) for sense in senses]
+    return min(placements, key=lambda placement: placement.cost(extent))
 
 
 def _in_unit(
@@ -308,8 +310,10 @@ def _camera_anew(
     return beta
 
 
-def _start(structure: Structure, best: _Placement, factor: float) -> Array:
-    """Parameters (d,) with the frame turned and scaled as it fits best."""
+def _start(
+    structure: Structure, best: _Placement, factor: float, q: Array, z: Array
+) -> Array:
+    """Parameters (d,) with the frame turned, scaled and shifted as it fits best."""
     step = np.zeros(structure.size)
     scale = indices_of(structure, ("view.scale",))
     step[scale] = np.log(factor)
@@ -319,7 +323,12 @@ def _start(structure: Structure, best: _Placement, factor: float) -> Array:
     else:
         cosine, sine = best.turn[:, 0]
         step[rotation] = np.arctan2(sine, cosine)
-    return structure.retract(best.sense.beta, step)
+    start = structure.retract(best.sense.beta, step)
+    shift = structure.groups["view.shift"]
+    residual = structure.residual(z, structure.predict(q, start))
+    middle = np.median(residual, axis=0)
+    start[shift] += middle[: len(shift)]
+    return start
 
 
 def _frame_fit(

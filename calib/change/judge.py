@@ -1,14 +1,19 @@
-"""Judge: what happened to an arm between a model and a log, in the order of its equations.
+"""Judge: what happened to an arm between a model and a log.
 
-The residuals of a log, whitened, are linear in all that may have changed and Gaussian in all that
-is not known::
+The residuals of a log are linear in what may have changed, and Gaussian in all else::
 
-    y = X d + e,    e ~ N(0, K + s^2),    d ~ N(0, diag(sd^2)) of a cause that is freed, else 0
+    y = X d + e,    e ~ N(0, K + s^2 I),    d ~ N(0, diag(sd^2))
 
-X has a column for each parameter of the arm and its sensor; K is the model's own posterior, a
-creep, and a smooth residual of this log alone.  Tests (p), evidences (log p(y | causes)) and
-estimates (d) are sub-blocks of the same equations; `_of_body` takes them in turn.  `check`,
-`adapt`, `recognise` and the command line show the verdict.
+    y   (N,)    measured less predicted positions, over the sensor's noise  (`rows`, `frame`)
+    X   (N, d)  derivatives of the predictions by all parameters            (`system`)
+    sd  (d,)    by which parameters change; zero where no cause frees them  (`causes`)
+    K   (N, N)  what an unchanged arm may show: the model's own posterior, a creep, and a smooth
+                residual of this log alone                                  (`system`)
+    s           size of the noise, 1 as usual                               (`significance`)
+
+From these follow in turn the p-values of the tests (`significance`), the evidence p(y | causes)
+of each set of causes (`explain`) and the posterior of d (`update`); `_verdict_on_body` reads in
+that order.
 """
 
 from __future__ import annotations
@@ -19,6 +24,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..body.belief import Body
 from ..common.choices import CAUSES, FREED
 from ..common.parallel import one_blas_thread
 from ..errors import ModelError, OptionError, require
@@ -28,11 +34,12 @@ from .causes import as_built, as_drawn
 from .evidence import Evidence, bound_test, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
-from .play import find_play
+from .observations import Observations, sound_observations
+from .play import Play, find_play
 from .rows import LogRows, rows_of
 from .settings import BEYOND
 from .significance import FreeNoise, group_tests
-from .system import System, frame_variance, sound_data
+from .system import System, frame_variance
 from .update import update
 from .verdict import Verdict, notes_of, verdict_on_maps
 from .words import causes_of
@@ -81,7 +88,7 @@ def judge(
     check_choice("free", free, FREED)
     if free == "offsets":
         cause = free
-    with plain_numbers():
+    with guarded_algebra():
         model = model.by(log.sensor)
         if "board" in model.about.options:
             from ..recording.board_pictures import with_lens_of
@@ -90,64 +97,61 @@ def judge(
         rows = rows_of(model, log)
         if model.body is None:
             return verdict_on_maps(rows)
-        return _of_body(rows, cause or rows.cause, learn)
+        return _verdict_on_body(rows, cause or rows.cause, learn)
 
 
-def _of_body(logged: LogRows, cause: str | None, learn: bool) -> Verdict:
+def _verdict_on_body(
+    logged: LogRows, cause: str | None, learn: bool
+) -> Verdict:
     """The verdict on a model with a body."""
-    body = logged.body
-
-    # 1. y: the log beside the belief that a changed arm starts from, in the frame of the log.
-    prior = as_drawn(body) if cause == "offsets" else as_built(body)
+    # 1. y: the rows beside the belief that a changed arm starts from, in the frame of the log
+    prior = as_built(logged.body)
+    if cause == "offsets":
+        prior = as_drawn(logged.body)
     positions = logged.x - logged.map_offset
     reference = reference_of(prior, logged.q, positions, logged.unit)
-    rows, readings = sound_data(logged, reference)
+    rows, observations = sound_observations(logged, reference)
 
-    # 2. s: the noise where everything may have changed; a joint's play is found beside it, and
-    # taken up.  A frame that no posterior tells of leaves no old one to compare with.
-    old = reference if reference.new else Reference(body, body.beta)
-    nearest = reference if reference.is_fitted else old
-    noise_of_readings = FreeNoise(System(nearest, readings))
-    play = find_play(noise_of_readings, rows)
-    if play is None:
-        data = readings
-        noise = noise_of_readings
-    else:
-        data = replace(readings, q=readings.q - play.half * rows.side)
-        noise = FreeNoise(System(nearest, data))
-    temper = max(body.kappa**2, 1.0, noise.temper)
+    # 2. s: the noise where everything may have changed, and a joint's play, which is taken up
+    unchanged = Reference(rows.body, rows.body.beta)
+    if reference.has_discrete_cause:
+        unchanged = reference
+    nearest = reference if reference.is_fitted else unchanged
+    observations, noise, play = _without_play(nearest, observations, rows)
 
-    # 3. p: the chance of such rows where nothing changed, by groups of parameters and by the bound.
-    old_noise = noise if old is nearest else FreeNoise(System(old, data))
-    tests = group_tests(old_noise, rows.probes)
+    # 3. p: the chance of such rows where nothing changed, by groups of parameters and by the bound
+    noise_beside_unchanged = noise
+    if unchanged is not nearest:
+        noise_beside_unchanged = FreeNoise(System(unchanged, observations))
+    tests = group_tests(noise_beside_unchanged, rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
-    bound = bound_test(rows, limit, frame_variance(reference, data), tests)
-
-    # 4. log p(y | causes): which sets of causes explain the rows?
+    shared = frame_variance(reference, observations)
+    bound = bound_test(rows, limit, shared, tests)
     fired = max(tests.score, bound.test.score) > 1.0
-    calm = not (fired or bound.beyond > BEYOND or reference.new)
-    systems = [System(reference, data)]
-    if reference.is_fitted and not reference.new:  # it may be where it was
-        there = Reference(prior, body.beta)
-        systems.insert(0, System(there, data))
+    fired = fired or bound.beyond > BEYOND or reference.has_discrete_cause
+
+    # 4. p(y | causes): which sets of causes explain the rows?
+    systems = _systems(prior, reference, observations)
+    temper = max(rows.body.kappa**2, 1.0, noise.temper)
+    explanations = explain(systems, cause, temper=temper, calm=not fired)
     by_positions = Evidence(
         rows=rows,
         cause=cause,
         prior=prior,
         reference=reference,
-        data=data,
+        observations=observations,
         tests=tests,
         bound=bound,
-        explanations=explain(systems, cause, temper=temper, calm=calm),
+        explanations=explanations,
     )
     evidence = with_orientations(by_positions, systems, temper)
 
-    # 5. d: the best explanation fitted to the rows, judged by rows that are held out.
+    # 5. d: the best explanation fitted to the rows, judged by rows that are held out
     better = None
     if learn or evidence.score > 1.0:
         better = update(evidence, learn=learn)
 
-    # 6. Words.
+    # 6. the verdict in words
     causes, notes = causes_of(evidence, play)
     score = max(evidence.score, evidence.tool.score)
     if play is not None and evidence.is_explained:
@@ -166,6 +170,31 @@ def _of_body(logged: LogRows, cause: str | None, learn: bool) -> Verdict:
     )
 
 
+def _without_play(
+    nearest: Reference, observations: Observations, rows: LogRows
+) -> tuple[Observations, FreeNoise, Play | None]:
+    """The observations with a joint's play taken up, their noise, and that play if there is one."""
+    noise = FreeNoise(System(nearest, observations))
+    play = find_play(noise, rows)
+    if play is None:
+        return observations, noise, None
+    q = observations.q - play.half * rows.side
+    observations = replace(observations, q=q)
+    noise = FreeNoise(System(nearest, observations))
+    return observations, noise, play
+
+
+def _systems(
+    prior: Body, reference: Reference, observations: Observations
+) -> list[System]:
+    """The observations in the frame of the log, and in that of the belief if it may be the same."""
+    systems = [System(reference, observations)]
+    if reference.is_fitted and not reference.has_discrete_cause:
+        old_frame = Reference(prior, prior.beta)
+        systems.insert(0, System(old_frame, observations))
+    return systems
+
+
 def check_choice(name: str, value: str | None, choices: Sequence[str]) -> None:
     """Refuse what cannot be chosen."""
     if value is not None and value not in choices:
@@ -178,8 +207,8 @@ def check_choice(name: str, value: str | None, choices: Sequence[str]) -> None:
 
 
 @contextmanager
-def plain_numbers() -> Iterator[None]:
-    """One BLAS thread; a forged file, whose numbers no equation holds, is told."""
+def guarded_algebra() -> Iterator[None]:
+    """One BLAS thread; where a model's numbers solve no equation, as of a forged file, an error."""
     try:
         with one_blas_thread():
             yield

@@ -43,46 +43,50 @@ def find_play(noise: FreeNoise, rows: LogRows) -> Play | None:
     """Find the joint whose play explains most beside all that may have changed; None for chance.
 
     A joint stands by half its play from where it stands coming from the other side: one more
-    column, the slope of the readings times the side. The model learned its own from rows, too,
-    with an error that the number of these tells.
+    column a joint, x = -slope * side, and half = x' C^-1 y / x' C^-1 x.  The model learned its own
+    from rows, too, with an error that the number of these tells.
     """
     system = noise.system
-    side = rows.side[spread_rows(len(rows), len(system.log.q))]
+    side = rows.side[spread_rows(len(rows), len(system.observations.q))]
     columns = system.whiten(-system.slope * side[:, None])
-    products = noise.unknown.products(system.y, columns)
-    power, pull = products.information(noise.size)
-    tests = noise.tests(products, side.shape[1])
-    precision = np.maximum(np.diag(power), 1e-300)
-    half = pull / precision
-    moved = noise.unknown.rest(columns, noise.size)
+    products = noise.nuisance.products(system.y, columns)
+    matrix, vector = products.information(noise.size)
+    precision = np.maximum(np.diag(matrix), 1e-300)
+    half = vector / precision
+
+    # the share of the squared residuals that each joint explains
+    moved = noise.nuisance.rest(columns, noise.size)
     by_row = np.einsum("nmd,nm->nd", moved, noise.rest)
     square = by_row.sum(axis=0) ** 2
     squared_residual = (noise.rest**2).sum()
     squared_moves = (moved**2).sum(axis=(0, 1))
     explained = square / np.maximum(squared_residual * squared_moves, 1e-300)
+
     # an encoder that is noisy moves the tip along the same slope, to either side
     variance_of_rows = len(by_row) * by_row.var(axis=0)
     by_chance = square / (variance_of_rows + 1e-300)
-    statistic = half * pull / noise.temper
+    statistic = half * vector / noise.temper
     statistic = np.minimum(statistic, by_chance)
     statistic /= 1.0 + _rows_beside_training(system)
     may_play = _from_both_sides(side)
     may_play &= half > 0.0
     may_play &= explained > PLAY.least_explained
     statistic[~may_play] = 0.0
-    best = int(np.argmax(statistic))
-    test = GroupTest("backlash", tests.chance(float(statistic[best]), 1.0))
+
+    joint = int(np.argmax(statistic))
+    tests = noise.tests(products, side.shape[1])
+    test = GroupTest("backlash", tests.chance(float(statistic[joint]), 1.0))
     if test.score <= 1.0:
         return None
     play = np.zeros_like(half)
-    play[best] = half[best]
+    play[joint] = half[joint]
     approach = rows.model.approach
-    learned = 0.0 if approach is None else approach.play[best]
-    is_error = play[best] <= PLAY.play_share * learned
+    learned = 0.0 if approach is None else approach.play[joint]
+    is_error = play[joint] <= PLAY.play_share * learned
     return Play(
-        joint=best,
+        joint=joint,
         half=play,
-        deviation=math.sqrt(noise.temper / float(precision[best])),
+        deviation=math.sqrt(noise.temper / float(precision[joint])),
         score=0.0 if is_error else test.score,
     )
 
@@ -100,4 +104,4 @@ def _rows_beside_training(system: System) -> float:
     body = system.reference.body
     if body.simulated or not body.rows:
         return 0.0
-    return len(system.log.q) / body.rows
+    return len(system.observations.q) / body.rows

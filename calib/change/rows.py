@@ -16,11 +16,13 @@ from ..errors import LogError, ModelError
 from ..maps.map import Map, search_tree
 from ..model.model import Model
 from ..model.prediction import predict
-from ..samples.diagnosis import diagnose, readings, refuse_mistakes
+from ..samples.diagnosis import diagnose
+from ..samples.findings import refuse_mistakes
 from ..samples.motion import OfRows
+from ..samples.other_readings import readings
 from ..samples.samples import Samples
 from ..training.preparation import sound_log
-from ..training.touched import as_positions
+from ..training.touch_positions import as_positions
 
 # fewest different rows that a judgement or a correction can rest on
 LEAST_ROWS = 10

@@ -1,7 +1,12 @@
-"""Tests: which freed group of parameters explains more of a log than chance does.
+"""Significance: F tests of groups of parameters, each beside what an unchanged arm may show.
 
-The noise is that of a fit in which every group may have changed: it is unknown, and it may be that
-of one joint's encoder.  So what a group explains has the chance of an F test.
+For the columns X of a group and C = K + s^2 I::
+
+    d = (X' C^-1 X)^-1 X' C^-1 y,    y' C^-1 X d / k ~ F(k, f)    where nothing changed
+
+k are the directions that the rows tell apart, f the degrees of freedom that they leave to the noise
+(`Products.noise_freedom`).  The noise s is the most likely one where all groups may have changed,
+or where the encoder of one joint is noisy: as it is estimated, a group has the chance of an F test.
 """
 
 from __future__ import annotations
@@ -21,8 +26,8 @@ from .causes import (
     FRAME,
     changeable,
     frame_twin,
-    freedom,
     indices_of,
+    sd_if_changed,
     single_causes,
 )
 from .frame import Reference
@@ -30,9 +35,9 @@ from .settings import CREEP, CREPT, FALSE_ALARM, NOISIER
 from .system import (
     SYSTEM,
     NoisyJoint,
+    Nuisance,
     Products,
     System,
-    Unknown,
 )
 
 
@@ -72,7 +77,7 @@ class GroupTest:
     # chance of such rows where nothing changed, after Bonferroni
     p_value: float
     statistic: float = 0.0  # twice the gain in log likelihood
-    freedom: int = 1  # directions that the rows tell apart
+    freedom: int = 1  # degrees of freedom: directions that the rows tell apart
     change: Change | None = None
     # [unit], root mean square displacement, over the learned range, of the smallest change of the
     # parameter that these rows show best which they would show nine times in ten
@@ -140,24 +145,28 @@ def groups_of(structure: Structure) -> dict[str, Indices]:
 
 
 class FreeNoise:
-    """The noise that is most likely where everything may have changed."""
+    """The noise s of the greatest likelihood where all parameters may have changed.
+
+    size : s, in `Reference.sizes`
+    rest : (n, m), residuals less all that changes and K follow, s C^-1 y
+    temper : autocorrelation time of these [rows]: rows that err together count once
+    """
 
     def __init__(self, system: System) -> None:
         reference = system.reference
-        self.system = system
-        self.unknown = Unknown(system, CREEP, CREPT, everything(reference))
+        freed = sd_of_changes(reference)
         nothing = system.x[:, :0]
-        self.products = self.unknown.products(system.y, nothing)
+        self.system = system
         self.usual = usual_noise(reference)
-        # in `Reference.sizes`
+        self.nuisance = Nuisance(system, CREEP, CREPT, freed)
+        self.products = self.nuisance.products(system.y, nothing)
         self.size = self.products.most_likely_noise(self.usual)
         self.likelihood = float(self.products.likelihood(self.size)[0])
-        self.rest = self.unknown.rest(system.y, self.size)
-        # rows that err together count once
+        self.rest = self.nuisance.rest(system.y, self.size)
         self.temper = autocorrelation_time(self.rest)
 
     def chance_beside(self, likelihood: float) -> float:
-        """The chance of so much more likelihood by one more number."""
+        """Chance (chi-square, 1) of so much more likelihood by one more parameter."""
         from scipy.special import chdtrc
 
         gain = 2.0 * (self.likelihood - likelihood) / self.temper
@@ -171,59 +180,60 @@ class FreeNoise:
         return self.size > NOISIER * self.usual and chance < FALSE_ALARM
 
     def of_one_joint(self) -> FreeNoise:
-        """The same where the encoder of one joint alone makes it larger."""
+        """The noise with that of one joint's encoder, where this is more likely than chance."""
         system = self.system
+        # of a joint at the tip, in the sensor's noise: its slope by row, and what is typical
         slope = system.slope / system.reference.sizes[:, None]
-        lengths = (slope**2).sum(axis=1)
-        # so that at the tip all are alike
-        mean = lengths.mean(axis=0)
-        typical = np.sqrt(np.maximum(mean, 1e-300))
-        joint = self._noisiest_joint(slope, lengths, typical)
+        squares = (slope**2).sum(axis=1)
+        typical = np.sqrt(np.maximum(squares.mean(axis=0), 1e-300))
+        joint = self._noisiest_joint(slope, squares, typical)
         noises = []
         for times in SIGNIFICANCE.joint_noises:
             noisy = joint, times / float(typical[joint])
-            other = System(system.reference, system.log, noisy)
-            noises.append(FreeNoise(other))
+            noisy_system = System(system.reference, system.observations, noisy)
+            noises.append(FreeNoise(noisy_system))
         best = max(noises, key=lambda noise: noise.likelihood)
         chance = best.chance_beside(self.likelihood)
         chance *= 1 + len(typical)
         return best if chance < FALSE_ALARM else self
 
     def _noisiest_joint(
-        self, slope: Array, lengths: Array, typical: Array
+        self, slope: Array, squares: Array, typical: Array
     ) -> int:
-        """The joint whose noise makes the residuals most likely, by one step.
+        """The joint j whose noise makes the residuals r of `rest` most likely, by one step.
 
-        slope, lengths, typical : (n, m, dof), (n, dof), (dof,), how a joint moves the tip, the
-            squares of that, and its usual size, in the sensor's noise
+        A row has the covariance I + ratio^2 g g' (g the slope), and so the likelihood
+        -2 log p = log(1 + ratio^2 g'g) + r'r - ratio^2 (g'r)^2 / (1 + ratio^2 g'g).
+
+        slope, squares, typical : (n, m, dof), (n, dof), (dof,), g of each joint, g'g and its root
+            mean, in the sensor's noise
         """
-        residual = (self.rest**2).sum(axis=1)
-        square = residual[:, None]
+        rest = self.rest[:, :, None]
+        square = (rest**2).sum(axis=1)
         along = np.einsum("nmd,nm->nd", slope, self.rest) ** 2
         gains = []
         for times in SIGNIFICANCE.joint_noises:
             ratio = (times / typical) ** 2
-            value = 1.0 + ratio * lengths
-            rest = square - ratio * along / value
-            variance = rest.mean(axis=0)
-            gain = self.rest.size * np.log(square.mean() / variance)
-            gains.append(gain - np.log(value).sum(axis=0))
+            variance = 1.0 + ratio * squares
+            left_over = square - ratio * along / variance
+            ratio_of_means = square.mean() / left_over.mean(axis=0)
+            gain = self.rest.size * np.log(ratio_of_means)
+            gains.append(gain - np.log(variance).sum(axis=0))
         best = np.max(gains, axis=0)
         return int(np.argmax(best))
 
     def tests(self, products: Products, count: int) -> FTests:
         """F tests of columns by their products, beside this noise; `count` of them."""
-        freedom = self.products.freedom(self.size)
-        freedom /= self.temper
-        return FTests(products, self.size, freedom, self.temper, count)
+        noise_freedom = self.products.noise_freedom(self.size) / self.temper
+        return FTests(products, self.size, noise_freedom, self.temper, count)
 
 
-def everything(reference: Reference) -> Array:
+def sd_of_changes(reference: Reference) -> Array:
     """Standard deviation (d,) by which the parameters may have changed, all together."""
     # what bends the joints, and couplings, would leave few rows no freedom
     groups = set(changeable(reference.structure))
     groups -= {"elastic", "payload", "coupling"}
-    sd = freedom(reference.body, groups, forgotten=reference.forgotten)
+    sd = sd_if_changed(reference.body, groups, reference.forgotten)
     # the frame turns about the first joint's axis as its offset does: it is free once
     sd[frame_twin(reference.body)] = 0.0
     return sd
@@ -237,83 +247,100 @@ def usual_noise(reference: Reference) -> float:
 
 @dataclass(frozen=True)
 class FTests:
-    """F tests of columns, each beside what an unchanged arm may show."""
+    """F tests of columns beside the noise s and K."""
 
     products: Products
-    noise: float
-    left: float  # directions of the rows that tell the noise
-    temper: float  # rows that count for one
+    noise: float  # s
+    # degrees of freedom: directions of the rows that tell the noise
+    noise_freedom: float
+    temper: float  # autocorrelation time of the rows
     count: int  # tests, of which one may fire by chance
 
     def of_groups(
         self, groups: dict[str, Indices], moves: Array
     ) -> list[GroupTest]:
-        """Test groups of columns (k,), whose displacements (rms) are those by one of each [unit].
+        """Test groups of the columns; what the rows tell nothing of is left out.
 
-        What the rows tell nothing of is left out.
+        moves : (k,), root mean square displacement by one of each parameter [unit]
         """
-        power, pull = self.products.information(self.noise)
-        precision = np.diag(power)
+        matrix, vector = self.products.information(self.noise)
+        precision = np.diag(matrix)
         tests = []
-        for name, at in groups.items():
-            if precision[at].max() > 0.0:  # a tracker has no lens
-                block = power[np.ix_(at, at)]
-                test = self.of_change(name, at, block, pull[at], moves[at])
+        for name, indices in groups.items():
+            if precision[indices].max() > 0.0:  # a tracker has no lens
+                block = matrix[np.ix_(indices, indices)]
+                test = self.of_group(
+                    name, indices, block, vector[indices], moves[indices]
+                )
                 tests.append(test)
         return tests
 
     def chance(self, statistic: float, freedom: float) -> float:
-        """Return the chance of a statistic, after Bonferroni."""
+        """Chance of a statistic of k degrees of freedom where nothing changed, after Bonferroni."""
         from scipy.special import fdtrc
 
-        left = max(self.left, 1e-3)
-        chance = float(fdtrc(freedom, left, statistic / freedom))
+        noise_freedom = max(self.noise_freedom, 1e-3)
+        ratio = statistic / freedom
+        chance = float(fdtrc(freedom, noise_freedom, ratio))
         return min(1.0, self.count * chance)
 
-    def of_change(
+    def of_group(
         self,
         name: str,
         indices: Indices,
-        power: Array,
-        pull: Array,
+        matrix: Array,
+        vector: Array,
         moves: Array,
     ) -> GroupTest:
-        """Test parameters (k,) by their information.
+        """Test parameters (k,) by their information matrix (k, k) and vector (k,).
 
         moves : (k,), root mean square displacement by one of each [unit]
         """
-        from scipy.special import chndtrinc, fdtri
-
-        precision = np.diag(power)
-        size = np.sqrt(np.maximum(precision, 1e-300))
-        values, vectors = np.linalg.eigh(power / size[:, None] / size)
+        # directions S^-1 V that the rows tell apart, of the matrix S V diag(values) V' S
+        precision = np.diag(matrix)
+        scale = np.sqrt(np.maximum(precision, 1e-300))
+        values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
         clear = values > 1e-9 * values[-1]
         values = values[clear]
-        vectors = vectors[:, clear] / size[:, None]
-        along = vectors.T @ pull
+        directions = vectors[:, clear] / scale[:, None]
+        along = directions.T @ vector
+        variance = (directions**2 / values).sum(axis=1)
+        change = Change(
+            indices=indices,
+            sizes=directions @ (along / values),
+            deviations=np.sqrt(variance * self.temper),
+        )
+        statistic = float((along**2 / values).sum()) / self.temper
         freedom = len(values)
-        gain = float((along**2 / values).sum())
-        statistic = gain / self.temper
-        variance = (vectors**2 / values).sum(axis=1)
-        deviation = np.sqrt(variance * self.temper)
-        threshold = 1.0 - FALSE_ALARM / self.count
-        needed = freedom * float(fdtri(freedom, self.left, threshold))
-        # with hardly a row left for the noise no change is large enough
-        smallest = math.inf
-        if needed < SIGNIFICANCE.largest:
-            square = chndtrinc(needed, freedom, 1.0 - SIGNIFICANCE.power)
-            distance = np.sqrt(square * self.temper)
-            some = precision > 0.0
-            least = (moves[some] / size[some]).min()
-            smallest = float(distance * least)
+        # the least displacement by one parameter, by its standard deviation 1 / scale
+        some = precision > 0.0
+        move = float((moves[some] / scale[some]).min())
         return GroupTest(
             name=SHOWN.get(name, name),
             p_value=self.chance(statistic, freedom),
             statistic=statistic,
             freedom=freedom,
-            change=Change(indices, vectors @ (along / values), deviation),
-            smallest=smallest,
+            change=change,
+            smallest=self._smallest(freedom, move),
         )
+
+    def _smallest(self, freedom: int, move: float) -> float:
+        """Displacement [unit] by the least change that fires nine times in ten.
+
+        The square of that, in standard deviations, is the noncentrality of a chi-square.
+
+        freedom : degrees of freedom of the test
+        move : displacement by one standard deviation [unit]
+        """
+        from scipy.special import chndtrinc, fdtri
+
+        threshold = 1.0 - FALSE_ALARM / self.count
+        needed = freedom * float(fdtri(freedom, self.noise_freedom, threshold))
+        # with hardly a row left for the noise no change is large enough
+        if needed >= SIGNIFICANCE.largest:
+            return math.inf
+        square = chndtrinc(needed, freedom, 1.0 - SIGNIFICANCE.power)
+        return float(np.sqrt(square * self.temper)) * move
 
 
 def moves_of(structure: Structure, beta: Array, probes: Array) -> Array:
@@ -328,26 +355,28 @@ def moves_of(structure: Structure, beta: Array, probes: Array) -> Array:
 def group_tests(noise: FreeNoise, probes: Array) -> GroupTests:
     """Test every group against the belief as the model knows it.
 
-    noise : of the log beside this
+    noise : of the observations beside that belief
     probes : (p, dof), joints all over the learned range
     """
     reference = noise.system.reference
-    structure = reference.structure
-    groups = groups_of(structure)
     noisier = not reference.is_fitted and noise.larger
     if noisier:
         noise = noise.of_one_joint()
         noisier = noise.larger
+    noisy_joint = None
+    if noise.system.noisy is not None:
+        joint, ratio = noise.system.noisy
+        noisy_joint = joint, ratio * noise.size
+
     system = noise.system
-    noisy = system.noisy
-    unknown = Unknown(system, CREEP, CREPT)
-    tests = noise.tests(unknown.products(system.y, system.x), len(groups))
-    moves = moves_of(structure, reference.beta, probes)
-    results = tests.of_groups(groups, moves)
+    groups = groups_of(reference.structure)
+    nuisance = Nuisance(system, CREEP, CREPT)
+    tests = noise.tests(nuisance.products(system.y, system.x), len(groups))
+    moves = moves_of(reference.structure, reference.beta, probes)
     return GroupTests(
-        groups=tuple(results),
+        groups=tuple(tests.of_groups(groups, moves)),
         noise=noise.size * float(reference.sizes[0]),
         usual=float(reference.body.noise[0]),
-        noisy=None if noisy is None else (noisy[0], noisy[1] * noise.size),
+        noisy=noisy_joint,
         noisier=noisier,
     )

@@ -1,32 +1,31 @@
-"""System: a log beside a belief, linear in all that may have changed.
+"""System: the observations of a log, linear in all that may have changed.
 
-    y = X d + e,    e ~ N(0, K + noise^2)
+    y = X d + e,    e ~ N(0, K + s^2 I),    K = U diag(v) U'
 
-K is what the belief does not know of an unchanged arm: its posterior, a creep, a smooth residual
-of this log, what all rows share.  Tests and evidences are sub-blocks of the normal equations.
+A `System` has y and X, whitened by the sensor's usual noise.  A `Nuisance` has the axes U and the
+variances v of what a log shows of an arm that has not changed: the posterior of the belief, a
+creep, a smooth residual of this log, and what all rows share.  `Products` are the sufficient
+statistics of both: X'X, X'y, U'X and so on, from which likelihood and information follow.
 """
 
 from __future__ import annotations
 
 import math
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from ..body.covariance import root_of
-from ..body.fit import Fit
 from ..body.information import lengths_of, matern
-from ..body.parameters import Indices, Prior
-from ..body.rows import Rows
-from ..body.settings import STUDENT
-from ..common.arrays import Array, Mask
+from ..body.parameters import Indices
+from ..common.arrays import Array
 from ..common.rows import spread_rows
-from .causes import changeable, creep, freedom
-from .frame import Reference, offset_after
-from .rows import LogRows
-from .settings import OUTLIER, PSEUDO
+from .causes import sd_of_creep
+from .frame import Reference
+from .observations import Observations
+from .settings import PSEUDO
 
 
 @dataclass(frozen=True)
@@ -43,10 +42,6 @@ class SystemSettings:
     exact: float = 1e-3
     # variance of an axis, of that of the noise, which no test tells
     nothing: float = 1e-10
-    # 12 took exact rows of a longer link for outliers
-    robust_steps: int = 60
-    # of the fit that finds outliers: enough for every parameter
-    robust_rows: int = 400
 
 
 SYSTEM = SystemSettings()
@@ -56,109 +51,65 @@ NoisyJoint = tuple[int, float]
 """A joint whose encoder is noisy, and how much."""
 
 
-@dataclass(frozen=True)
-class Log:
-    """Rows of a log that do not contradict all others."""
-
-    # (n, dof), (n, m), joints [rad or m] and outputs, without what maps add to the body [unit]
-    q: Array
-    z: Array
-    # [unit], standard deviation that all rows share, such as that of a board that was found again
-    shared: float = 0.0
-
-    def some(self, most: int) -> Log:
-        """Return at most so many rows, evenly spread."""
-        rows = spread_rows(len(self.q), most)
-        return replace(self, q=self.q[rows], z=self.z[rows])
-
-
-def sound_rows(reference: Reference, q: Array, z: Array) -> Mask:
-    """Return which rows (n, dof), (n, m) are near a robust fit of all that may have changed."""
-    structure = reference.structure
-    body = reference.body
-    start = reference.beta
-    size = reference.sizes
-    sd = freedom(body, changeable(structure))
-    prior = Prior(start, np.hypot(sd, creep(body)))
-    rows = spread_rows(len(q), SYSTEM.robust_rows)
-    measured = [Rows(q[rows], z[rows], floor=size)]
-    fit = Fit(structure, measured, start, prior, nu=STUDENT)
-    fit.maximise(steps=SYSTEM.robust_steps)
-    predicted = structure.predict(q, fit.beta)
-    residual = structure.residual(z, predicted) / size
-    square = (residual**2).sum(axis=1)
-    outputs = residual.shape[1]
-    median = float(np.median(square[rows]))
-    noise = max(median / (outputs - 2 / 3), 1.0)
-    return np.asarray(square <= OUTLIER**2 * outputs * noise)
-
-
-def sound_data(rows: LogRows, reference: Reference) -> tuple[LogRows, Log]:
-    """Return the rows that do not contradict all others, and what a body has to say of them."""
-    added = rows.map_offset
-    if reference.new:
-        body = reference.body
-        added = offset_after(rows.body, body, reference.beta, rows.q, added)
-    z = rows.x - added
-    sound = sound_rows(reference, rows.q, z)
-    rows = rows.sound(sound)
-    # that of the model's own log and of this one
-    shared = math.sqrt(2.0) * rows.shared
-    return rows, Log(rows.q, z[sound], shared)
-
-
 class System:
-    """Rows of a log beside a reference, in noises: N numbers, of n rows and m outputs.
+    """Observations beside a reference, in noises: N numbers, of n rows and m outputs.
 
+    y : (N,), residuals
+    x : (N, d), columns of all parameters
     noisy : a joint whose encoder is noisy, and its noise over that of the sensor [rad or m / size]
     """
 
     def __init__(
-        self, reference: Reference, log: Log, noisy: NoisyJoint | None = None
+        self,
+        reference: Reference,
+        observations: Observations,
+        noisy: NoisyJoint | None = None,
     ) -> None:
         structure = reference.structure
         self.reference = reference
-        self.log = log.some(SYSTEM.rows)
+        self.observations = observations.some(SYSTEM.rows)
         self.noisy = noisy
-        q = self.log.q
+        q = self.observations.q
         self.slope = structure.slope(q, reference.beta)
         self.predicted, columns = structure.linearise(q, reference.beta)
-        rest = structure.residual(self.log.z, self.predicted)
-        # (N, d), columns of all parameters; those of the reference stay where the system is set
-        # up again elsewhere, and with them what is unknown
-        self.first = self.whiten(columns)
-        self.x = self.first
-        self.y = self.whiten(rest)
-        self._unknown: dict[float, Unknown] = {}
+        residual = structure.residual(self.observations.z, self.predicted)
+        self.y = self.whiten(residual)
+        self.x = self.whiten(columns)
+        # nuisances are those at the reference, wherever the system is linearised
+        self.x_at_reference = self.x
+        self._nuisance: dict[float, Nuisance] = {}
 
     @cached_property
-    def _white(self) -> tuple[Array, float]:
-        """Roots (n, m, m) of the precision of each row, and the logarithm of their covariance."""
+    def _whitening(self) -> tuple[Array, float]:
+        """Roots (n, m, m) of the precision of each row, and log |C| of their covariances C.
+
+        The noise of a joint adds r^2 g g' to the covariance I of a row, g = slope / size: along g
+        the variance is 1 + r^2 g'g, and the root of the precision 1 / sqrt of that.
+        """
         sizes = self.reference.sizes
-        rows = len(self.log.q)
+        rows = len(self.observations.q)
         white = np.tile(np.diag(1.0 / sizes), (rows, 1, 1))
         if self.noisy is None:
             return white, 0.0
-        # noise of a joint, too: I + ratio^2 g g' of a row has one eigenvalue beside 1
         joint, ratio = self.noisy
         g = self.slope[..., joint] / sizes
         square = (g**2).sum(axis=1)
         length = np.sqrt(np.maximum(square, 1e-300))
         g /= length[:, None]
-        value = 1.0 + ratio**2 * square
-        less = 1.0 - 1.0 / np.sqrt(value)
+        variance = 1.0 + ratio**2 * square
+        less = 1.0 - 1.0 / np.sqrt(variance)
         along = g[:, None] @ white
         white -= less[:, None, None] * g[:, :, None] * along
-        return white, float(np.log(value).sum())
+        return white, float(np.log(variance).sum())
 
     @property
     def log_determinant(self) -> float:
-        """That of the rows' noise, over the usual one."""
-        return self._white[1]
+        """Log |C| of the rows' noise, over the usual one."""
+        return self._whitening[1]
 
     def whiten(self, x: Array) -> Array:
         """Return residuals (n, m) or columns (n, m, k) [unit] in noises: (N,) or (N, k)."""
-        roots, _ = self._white
+        roots, _ = self._whitening
         n, m, *columns = x.shape
         flat: Array = roots @ x.reshape(n, m, -1)
         return flat.reshape(n * m, *columns)
@@ -167,87 +118,101 @@ class System:
         """Residuals (n, m) [unit] at parameters (d,), and columns (N, k) of some of these."""
         structure = self.reference.structure
         with np.errstate(all="ignore"):
-            predicted, columns = structure.linearise(self.log.q, beta, free)
-            residual = structure.residual(self.log.z, predicted)
+            predicted, columns = structure.linearise(
+                self.observations.q, beta, free
+            )
+            residual = structure.residual(self.observations.z, predicted)
         return residual, self.whiten(columns)
 
-    def again(self, at: Array) -> System:
-        """Return the same rows, linearised elsewhere; changes count from the reference."""
-        every = np.arange(len(at))
-        change = at - self.reference.beta
+    def relinearised(self, beta: Array) -> System:
+        """The same rows linearised at parameters (d,), y + X (beta - reference).
+
+        Changes count from the reference as before.
+        """
+        every = np.arange(len(beta))
+        change = beta - self.reference.beta
         system = copy(self)
-        residual, system.x = self.residual(at, every)
+        residual, system.x = self.residual(beta, every)
         system.y = self.whiten(residual) + system.x @ change
         return system
 
-    def unknown(self, waves: float) -> Unknown:
-        """What is not known of an arm whose joints may have such waves."""
-        if waves not in self._unknown:
-            self._unknown[waves] = Unknown(self, waves)
-        return self._unknown[waves]
+    def nuisance(self, waves: float) -> Nuisance:
+        """What an unchanged arm may show whose joints may have waves of a size of `WAVES`."""
+        if waves not in self._nuisance:
+            self._nuisance[waves] = Nuisance(self, waves)
+        return self._nuisance[waves]
 
 
 @dataclass(frozen=True)
 class Products:
-    """What tests ask of rows in noises: products of residuals y (N,) and columns x (N, k).
+    """Sufficient statistics of residuals y (N,), columns X (N, k) and K = U diag(v) U'.
 
     So much is the same whether rows are at hand or were forgotten one by one.
     """
 
     count: float  # N
-    square: float  # y'y
-    pull: Array  # (k,), x'y
-    power: Array  # (k, k), x'x
-    values: Array  # (r,), variances of what is unknown
-    axes_y: Array  # (r,), the residuals along its axes
-    axes_x: Array  # (r, k), the columns along them
+    yy: float  # y'y
+    xy: Array  # (k,), X'y
+    xx: Array  # (k, k), X'X
+    variances: Array  # (r,), v
+    uy: Array  # (r,), U'y
+    ux: Array  # (r, k), U'X
     log_determinant: float = 0.0  # of the rows' noise, over the usual one
 
     @staticmethod
-    def of_gram(count: float, gram: Array, unknown: int) -> Products:
-        """Products of the gram (r + k + 1)^2 of unknown columns (r), columns and residuals."""
-        values, turns = np.linalg.eigh(gram[:unknown, :unknown])
-        some = values > SYSTEM.nothing
-        values = values[some]
-        along = turns[:, some].T @ gram[:unknown, unknown:]
-        along /= np.sqrt(values)[:, None]
-        rest = gram[unknown:, unknown:]
+    def of_gram(count: float, gram: Array, nuisances: int) -> Products:
+        """Products of the gram (r + k + 1)^2 of nuisance columns (r), columns and residuals.
+
+        Nuisance columns B, of K = B B', have the principal axes of B'B.
+        """
+        variances, turns = np.linalg.eigh(gram[:nuisances, :nuisances])
+        some = variances > SYSTEM.nothing
+        variances = variances[some]
+        along = turns[:, some].T @ gram[:nuisances, nuisances:]
+        along /= np.sqrt(variances)[:, None]
+        rest = gram[nuisances:, nuisances:]
         return Products(
-            count,
-            float(rest[-1, -1]),
-            rest[:-1, -1],
-            rest[:-1, :-1],
-            values,
-            along[:, -1],
-            along[:, :-1],
+            count=count,
+            yy=float(rest[-1, -1]),
+            xy=rest[:-1, -1],
+            xx=rest[:-1, :-1],
+            variances=variances,
+            uy=along[:, -1],
+            ux=along[:, :-1],
         )
 
     def likelihood(self, noise: Array | float) -> Array:
-        """Log likelihood (s,) [nats] of the residuals under sizes (s,) of the noise."""
+        """Log likelihood (l,) [nats] of y ~ N(0, K + s^2 I), without columns, for sizes s (l,).
+
+        -2 log p = sum log(1 + v / s^2) + N log s^2 + (y'y - sum v / (s^2 + v) (U'y)^2) / s^2
+        """
         variance = np.atleast_1d(noise) ** 2
         column = variance[:, None]
-        size = np.log1p(self.values / column).sum(axis=1)
+        size = np.log1p(self.variances / column).sum(axis=1)
         size += self.count * np.log(variance)
-        share = self.values / (column + self.values)
-        square = self.square - share @ self.axes_y**2
+        share = self.variances / (column + self.variances)
+        square = self.yy - share @ self.uy**2
         rest = square / variance
         likelihood: Array = -0.5 * (size + rest + self.log_determinant)
         return likelihood
 
     def information(self, noise: float) -> tuple[Array, Array]:
-        """Information (k, k) on the columns, whatever else is unknown, and its moments (k,)."""
-        share = self.values / (noise**2 + self.values)
-        less = self.axes_x.T * share
-        power = self.power - less @ self.axes_x
-        pull = self.pull - less @ self.axes_y
-        return power / noise**2, pull / noise**2
+        """Information matrix X' C^-1 X (k, k) and vector X' C^-1 y (k,), C = K + s^2 I.
+
+        C^-1 = (I - U diag(v / (s^2 + v)) U') / s^2
+        """
+        share = self.variances / (noise**2 + self.variances)
+        along = self.ux.T * share
+        matrix = self.xx - along @ self.ux
+        vector = self.xy - along @ self.uy
+        return matrix / noise**2, vector / noise**2
 
     def noises(self, least: float | None = None) -> tuple[Array, Array]:
-        """Sizes (s,) of the noise, and their log likelihood.
+        """Sizes (l,) of the noise, and the log likelihood of each.
 
-        They are `least` at least; where that is not given the old noise counts for some rows.
+        least : of the sizes; where that is not given the usual noise counts for some rows
         """
-        usual = math.sqrt(self.square / self.count)
+        usual = math.sqrt(self.yy / self.count)
         high = 2.0 * max(usual, least or 1.0)
         low = least or SYSTEM.least
         sizes = np.geomspace(low, high, SYSTEM.noises)
@@ -262,15 +227,15 @@ class Products:
         best = np.argmax(likelihood)
         return float(sizes[best])
 
-    def freedom(self, noise: float) -> float:
-        """Directions of the rows that tell the noise, whatever else is unknown."""
-        share = self.values / (noise**2 + self.values)
+    def noise_freedom(self, noise: float) -> float:
+        """Degrees of freedom that the rows leave to the noise, tr (s^2 C^-1)^2."""
+        share = self.variances / (noise**2 + self.variances)
         lost = share * (2.0 - share)
         return self.count - float(lost.sum())
 
 
-class Unknown:
-    """What no change tells of a log: principal axes (N, r) and variances (r,) in noises.
+class Nuisance:
+    """K = U diag(v) U' of a system: `axes` U (N, r) and `variances` v (r,), in noises.
 
     waves : of `WAVES`
     crept : times the usual creep of the parameters
@@ -286,35 +251,39 @@ class Unknown:
     ) -> None:
         reference = system.reference
         active, root = prior_columns(reference, waves, crept, freed)
-        smooth = residual_columns(reference, system.log)
-        shared = frame_columns(reference, system.log, system.predicted)
+        smooth = residual_columns(reference, system.observations)
+        shared = frame_columns(reference, system.observations, system.predicted)
         parts = [
             system.whiten(smooth),
-            system.first[:, active] @ root,
+            system.x_at_reference[:, active] @ root,
             system.whiten(shared),
         ]
+        columns = np.concatenate(parts, axis=1)
         self.system = system
-        self.axes, self.values = principal_axes(np.concatenate(parts, axis=1))
+        self.axes, self.variances = principal_axes(columns)
 
     def products(self, y: Array, x: Array) -> Products:
         """Products of residuals (N,) and columns (N, k)."""
         return Products(
             count=len(y),
-            square=float(y @ y),
-            pull=x.T @ y,
-            power=x.T @ x,
-            values=self.values,
-            axes_y=self.axes.T @ y,
-            axes_x=self.axes.T @ x,
+            yy=float(y @ y),
+            xy=x.T @ y,
+            xx=x.T @ x,
+            variances=self.variances,
+            uy=self.axes.T @ y,
+            ux=self.axes.T @ x,
             log_determinant=self.system.log_determinant,
         )
 
     def rest(self, x: Array, noise: float) -> Array:
-        """Return what the unknown does not follow of residuals or columns, by rows, in noises."""
-        share = self.values / (noise**2 + self.values)
+        """Residuals (N,) or columns (N, k) less what K follows of them, s C^-1 x, by rows.
+
+        Returns (n, m) or (n, m, k), in the noise s.
+        """
+        share = self.variances / (noise**2 + self.variances)
         along = (self.axes.T @ x).T * share
         rest: Array = (x - self.axes @ along.T) / noise
-        rows = len(self.system.log.q)
+        rows = len(self.system.observations.q)
         return rest.reshape(rows, -1, *x.shape[1:])
 
 
@@ -323,8 +292,8 @@ def principal_axes(columns: Array) -> tuple[Array, Array]:
 
     The smaller of the two products is taken apart.
     """
-    rows, unknown = columns.shape
-    if rows <= unknown:
+    rows, nuisance = columns.shape
+    if rows <= nuisance:
         values, axes = np.linalg.eigh(columns @ columns.T)
         return axes, np.maximum(values, 0.0)
     values, turns = np.linalg.eigh(columns.T @ columns)
@@ -334,10 +303,10 @@ def principal_axes(columns: Array) -> tuple[Array, Array]:
     return axes / np.sqrt(values), values
 
 
-def residual_columns(reference: Reference, log: Log) -> Array:
+def residual_columns(reference: Reference, observations: Observations) -> Array:
     """Outputs (n, m, p m) by a smooth residual of one log, by its values at p of its rows."""
-    nodes = log.q[spread_rows(len(log.q), SYSTEM.nodes)]
-    return smooth_columns(reference, log.q, nodes)
+    nodes = observations.q[spread_rows(len(observations.q), SYSTEM.nodes)]
+    return smooth_columns(reference, observations.q, nodes)
 
 
 def smooth_columns(reference: Reference, q: Array, nodes: Array) -> Array:
@@ -361,10 +330,10 @@ def prior_columns(
     """What is unknown of the arm's parameters: which (k,), by standard normals (k, r).
 
     waves : of `WAVES`
-    crept, freed : as of `Unknown`
+    crept, freed : as of `Nuisance`
     """
     body = reference.body
-    sd = crept * creep(body, waves)
+    sd = crept * sd_of_creep(body, waves)
     lost = reference.forgotten
     if freed is not None:  # of a frame that is held the old knowledge stays
         sd = np.hypot(sd, freed)
@@ -379,20 +348,22 @@ def prior_columns(
     return active, root_of(covariance)
 
 
-def frame_columns(reference: Reference, log: Log, predicted: Array) -> Array:
+def frame_columns(
+    reference: Reference, observations: Observations, predicted: Array
+) -> Array:
     """Outputs (n, m, r) by what all rows share: a frame that is shifted, turned and bent."""
-    if not log.shared:
-        return np.zeros((*log.z.shape, 0))
+    if not observations.shared:
+        return np.zeros((*observations.z.shape, 0))
     structure = reference.structure
-    outputs = log.z.shape[1]
+    outputs = observations.z.shape[1]
     places = predicted[:, : structure.blocks[0]]
     columns = affine_columns(places / structure.extents[0], outputs)
-    return log.shared * columns
+    return observations.shared * columns
 
 
-def frame_variance(reference: Reference, log: Log) -> Array:
+def frame_variance(reference: Reference, observations: Observations) -> Array:
     """Variance (n,) of an axis [unit^2] of what all rows share: two frames, bent and shifted."""
-    columns = frame_columns(reference, log, log.z)
+    columns = frame_columns(reference, observations, observations.z)
     variances = (columns**2).mean(axis=1)
     variance: Array = variances.sum(axis=1)
     return variance

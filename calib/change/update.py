@@ -1,7 +1,10 @@
-"""Updating: a belief under the change that explains a log best, judged by rows that were held out.
+"""Updating: the belief after a log, under the change that explains it best.
 
-The prior is the old posterior, inflated as its bound is, with the freed parameters loosened.  A
-residual of this log alone is a part of the fit; its size stays in the new bound.
+    z = h(beta) + W w + e,    beta = beta_0 + R u,    u, w ~ N(0, I),    e ~ N(0, scale^2)
+
+R is the root of the old posterior, inflated as its bound is and loosened where the explanation
+frees parameters; W w is a smooth residual of this log alone, whose size stays in the new bound.
+The belief is judged by contiguous blocks of rows, each predicted from the others.
 """
 
 from __future__ import annotations
@@ -26,8 +29,9 @@ from ..common.rows import row_lengths, spread_rows
 from .evidence import Evidence
 from .explain import SEARCH
 from .explanation import Explanation, Place, climb, with_least_waves
+from .observations import Observations
 from .settings import BEYOND, CREEP, UPDATING
-from .system import Log, frame_columns, prior_columns, residual_columns
+from .system import frame_columns, prior_columns, residual_columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +59,11 @@ class _Belief(NamedTuple):
     rows: Indices  # (k,), of the log
     residual: Array  # (k, m), of these rows where they were held out [unit]
 
+    @property
+    def missed(self) -> Array:
+        """Distances (k,) of these rows [unit]."""
+        return row_lengths(self.residual)
+
 
 def update(evidence: Evidence, *, learn: bool) -> Update:
     """Update a belief by the rows of a log.
@@ -62,21 +71,11 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
     learn : whether the best belief is wanted, or whether there is a better one than before
     """
     explanation = _basis(evidence)
-    rows = spread_rows(len(evidence.rows), UPDATING.rows)
-    log = evidence.data.some(UPDATING.rows)
-    body, residual = _posterior_belief(explanation, log)
-    # of play that was taken up no model knows
-    logged = evidence.rows.q[rows]
-    residual += body.predict(log.q) - body.predict(logged)
-    if evidence.is_attributed:
-        body = _as_uncertain(body, explanation, evidence.explanations)
-    body = _with_sound_bound(body, logged, row_lengths(residual))
-    belief = _Belief(body, rows, residual)
+    belief = _posterior_belief(evidence, explanation)
     improved = _is_better(evidence, belief)
     if (learn or not improved) and _is_trainable(evidence, explanation):
-        trained = _belief_of_training(explanation, evidence.data)
-        missed = row_lengths(trained.residual)
-        if missed.mean() < row_lengths(residual).mean():
+        trained = _belief_of_training(explanation, evidence.observations)
+        if trained.missed.mean() < belief.missed.mean():
             belief = trained
             improved = _is_better(evidence, belief)
     if evidence.tool.score > 1.0:
@@ -95,6 +94,34 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
     )
 
 
+def _basis(evidence: Evidence) -> Explanation:
+    """The best explanation; where nothing is blamed that of no change, which widens the bound."""
+    explanations = evidence.explanations
+    if evidence.is_attributed:
+        return with_least_waves(explanations)
+    explanations = tuple(some for some in explanations if not some.causes)
+    if evidence.score > 1.0 or evidence.prior.simulated:
+        return with_least_waves(explanations)
+    # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere
+    return next(some for some in explanations if some.waves <= CREEP)
+
+
+def _posterior_belief(evidence: Evidence, explanation: Explanation) -> _Belief:
+    """The posterior of the parameters under an explanation, with a bound that the rows confirm."""
+    rows = spread_rows(len(evidence.rows), UPDATING.rows)
+    observations = evidence.observations.some(UPDATING.rows)
+    posterior = _Posterior(explanation, observations)
+    body = posterior.body
+    # of play that was taken up no model knows
+    logged = evidence.rows.q[rows]
+    residual = posterior.cross_residual()
+    residual += body.predict(observations.q) - body.predict(logged)
+    if evidence.is_attributed:
+        body = _as_uncertain(body, explanation, evidence.explanations)
+    body = _with_sound_bound(body, logged, row_lengths(residual))
+    return _Belief(body, rows, residual)
+
+
 def _as_it_was(evidence: Evidence) -> _Belief:
     """The belief before the log, judged by the rows as the model predicts them."""
     rows = spread_rows(len(evidence.rows), UPDATING.rows)
@@ -106,7 +133,7 @@ def _is_better(evidence: Evidence, belief: _Belief) -> bool:
     """Whether held-out rows gain by more than chance, and by the share that is needed."""
     changed = evidence.score > 1.0
     before = evidence.rows.distance[belief.rows]
-    gain = before - row_lengths(belief.residual)
+    gain = before - belief.missed
     share = UPDATING.changed if changed else UPDATING.refined
     needed = max(_chance(gain), (1.0 - share) * float(before.mean()))
     gains = evidence.is_explained and float(gain.mean()) > needed
@@ -136,13 +163,15 @@ def _is_trainable(evidence: Evidence, explanation: Explanation) -> bool:
         and explanation.waves > CREEP
         and evidence.rows.widespread
         and isinstance(evidence.reference.structure, PlanarStructure)
-        and not evidence.reference.new
+        and not evidence.reference.has_discrete_cause
         and evidence.cause is None
-        and not evidence.data.shared
+        and not evidence.observations.shared
     )
 
 
-def _belief_of_training(explanation: Explanation, log: Log) -> _Belief:
+def _belief_of_training(
+    explanation: Explanation, observations: Observations
+) -> _Belief:
     """The belief of training: its members by held-out rows, noise and scales by evidence.
 
     The old belief is its drawing.  A simulation tells neither how noisy the sensor is nor how
@@ -162,22 +191,10 @@ def _belief_of_training(explanation: Explanation, log: Log) -> _Belief:
         signs=structure.signs,
     )
     structure = structure.with_fields(nominal=drawing, simulated=False)
-    rows = spread_rows(len(log.q), UPDATING.rows_of_training)
-    measured = [Rows(log.q[rows], log.z[rows])]
+    rows = spread_rows(len(observations.q), UPDATING.rows_of_training)
+    measured = [Rows(observations.q[rows], observations.z[rows])]
     fitted = fit(structure, measured, begin=explanation.beta)
     return _Belief(fitted.body, rows, fitted.held_out)
-
-
-def _basis(evidence: Evidence) -> Explanation:
-    """The best explanation; where nothing is blamed that of no change, which widens the bound."""
-    explanations = evidence.explanations
-    if evidence.is_attributed:
-        return with_least_waves(explanations)
-    explanations = tuple(some for some in explanations if not some.causes)
-    if evidence.score > 1.0 or evidence.prior.simulated:
-        return with_least_waves(explanations)
-    # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere
-    return next(some for some in explanations if some.waves <= CREEP)
 
 
 def _as_uncertain(
@@ -228,85 +245,76 @@ def _is_surer(evidence: Evidence, body: Body) -> bool:
     return variances[0] < UPDATING.refined**2 * variances[1]
 
 
-def _posterior_belief(explanation: Explanation, log: Log) -> tuple[Body, Array]:
-    """The posterior as a body, and held-out residuals (n, m) [unit]."""
-    reference = explanation.reference
-    old = reference.body
-    posterior = _Posterior(explanation, log)
-    kappa = old.kappa
-    if old.simulated:
-        kappa = max(kappa, UPDATING.simulated_kappa)
-    body = replace(
-        old,
-        beta=posterior.place.beta,
-        active=posterior.active,
-        # the bound inflates by kappa what is kept here without it
-        root=posterior.root / old.kappa,
-        kappa=kappa,
-        noise=explanation.noise * reference.sizes,
-        residual=np.maximum(old.residual, reference.residual_sd),
-        second=None,
-    )
-    return body, posterior.cross_residual()
-
-
 @dataclass(frozen=True, eq=False)
 class _PlaceOfRows(Place):
-    """Where all parameters may be; about it the rows are linear, rest = A du + e.
+    """Normals (u, w), and the rows as they are linear about them: y = A (u, w) + e."""
 
-    The first normals u say what the belief does not know, the others what the log has of its own.
-    """
-
-    columns: Array  # (n m, k), A
-    rest: Array  # (n m,), residuals less what the log has of its own
+    columns: Array  # (n m, k), A = (dh/dbeta R, W) over the scale of e
+    rest: Array  # (n m,), (z - h(beta) - W w) over the scale of e
 
 
 class _Posterior:
-    """All parameters after a log, beside a smooth residual of the log's own."""
+    """The posterior of u and w after a log.
 
-    def __init__(self, explanation: Explanation, log: Log) -> None:
+    scale : (m,), standard deviation of e, of rows that err together [unit]
+    active : (p,), parameters that u changes
+    r : (p, number of u), R
+    w_columns : (n, m, number of w), W [unit]
+    place : where the posterior is greatest
+    """
+
+    def __init__(
+        self, explanation: Explanation, observations: Observations
+    ) -> None:
         reference = explanation.reference
-        structure = reference.structure
+        q = observations.q
+        self.explanation = explanation
         self.reference = reference
-        self.log = log
-        # [unit], of one number of each output
-        self.scale = (
-            math.sqrt(explanation.temper) * explanation.noise * reference.sizes
-        )
-        self.active, self.prior = prior_columns(
+        self.observations = observations
+        noise = math.sqrt(explanation.temper) * explanation.noise
+        self.scale = noise * reference.sizes
+        self.active, self.r = prior_columns(
             reference, explanation.waves, freed=explanation.sd
         )
-        self.size = self.prior.shape[1]
-        # which the bound inflates, too
-        smooth = residual_columns(reference, log) / reference.body.kappa
-        predicted = structure.predict(log.q, explanation.beta)
-        shared = frame_columns(reference, log, predicted)
-        self.own = np.concatenate([smooth, shared], axis=2)
-        start = np.zeros(self.size + self.own.shape[2])
+        # without kappa, by which the bound inflates the residual as well
+        smooth = residual_columns(reference, observations)
+        smooth /= reference.body.kappa
+        predicted = reference.structure.predict(q, explanation.beta)
+        shared = frame_columns(reference, observations, predicted)
+        self.w_columns = np.concatenate([smooth, shared], axis=2)
+
+        # from the explanation: R u = its change
+        self.size = self.r.shape[1]
+        start = np.zeros(self.size + self.w_columns.shape[2])
         change = (explanation.beta - reference.beta)[self.active]
-        start[: self.size] = np.linalg.pinv(self.prior, rcond=1e-12) @ change
+        start[: self.size] = np.linalg.pinv(self.r, rcond=1e-12) @ change
         self.place = climb(
             self._place, start, most=UPDATING.steps, enough=UPDATING.enough
         )
 
     def _place(self, normals: Array) -> _PlaceOfRows | None:
-        """Compare the rows with normals (k,), None without a prediction."""
+        """Compare the rows with (u, w), None without a prediction.
+
+        log p(u, w | z) = -(|rest|^2 + |u|^2 + |w|^2) / 2
+        """
         structure = self.reference.structure
+        u = normals[: self.size]
+        w = normals[self.size :]
         step = np.zeros(structure.size)
-        step[self.active] = self.prior @ normals[: self.size]
+        step[self.active] = self.r @ u
         beta = structure.retract(self.reference.beta, step)
         with np.errstate(all="ignore"):
             predicted, moves = structure.linearise(
-                self.log.q, beta, self.active
+                self.observations.q, beta, self.active
             )
-            residual = structure.residual(self.log.z, predicted)
+            residual = structure.residual(self.observations.z, predicted)
         if not np.isfinite(residual).all():
             return None
-        columns = np.concatenate([moves @ self.prior, self.own], axis=2)
+        columns = np.concatenate([moves @ self.r, self.w_columns], axis=2)
         columns /= self.scale[:, None]
         columns = columns.reshape(residual.size, -1)
         rest = (residual / self.scale).ravel()
-        rest -= columns[:, self.size :] @ normals[self.size :]
+        rest -= columns[:, self.size :] @ w
         return _PlaceOfRows(
             normals=normals,
             beta=beta,
@@ -318,28 +326,46 @@ class _Posterior:
         )
 
     @property
-    def root(self) -> Array:
-        """Root (p, r) of the posterior covariance of the active parameters."""
+    def body(self) -> Body:
+        """The belief: parameters, their covariance R cov(u) R', noise and residual of the log."""
+        old = self.reference.body
         inverse = Factor(self.place.precision).inverse()
-        of_parameters = inverse[: self.size, : self.size]
-        return root_of(self.prior @ of_parameters @ self.prior.T)
+        of_u = inverse[: self.size, : self.size]
+        root = root_of(self.r @ of_u @ self.r.T)
+        kappa = old.kappa
+        if old.simulated:
+            kappa = max(kappa, UPDATING.simulated_kappa)
+        return replace(
+            old,
+            beta=self.place.beta,
+            active=self.active,
+            # the bound inflates by kappa what is kept here without it
+            root=root / old.kappa,
+            kappa=kappa,
+            noise=self.explanation.noise * self.reference.sizes,
+            residual=np.maximum(old.residual, self.reference.residual_sd),
+            second=None,
+        )
 
     def cross_residual(self) -> Array:
         """Residuals (n, m) of blocks of rows that are left out in turn [unit].
 
-        Without the rows of a block the information is a difference: no fit is needed.
+        Without a block A_b, y_b the solution needs no fit::
+
+            (u, w) = (A'A + I - A_b'A_b)^-1 (A'y - A_b'y_b),    residual = y_b - A_b (u, 0)
         """
         place = self.place
-        values = place.rest + place.columns @ place.normals
-        moments = place.columns.T @ values
-        residual = np.empty_like(self.log.z)
+        y = place.rest + place.columns @ place.normals
+        vector = place.columns.T @ y
+        residual = np.empty_like(self.observations.z)
+        outputs = residual.shape[1]
         for block in np.array_split(np.arange(len(residual)), UPDATING.blocks):
-            outputs = residual.shape[1]
             rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
-            x = place.columns[rows]
-            y = values[rows]
-            others = Factor(place.precision - x.T @ x)
-            normals = others.solve(moments - x.T @ y)
-            rest = y - x[:, : self.size] @ normals[: self.size]
+            a_block = place.columns[rows]
+            y_block = y[rows]
+            others = Factor(place.precision - a_block.T @ a_block)
+            normals = others.solve(vector - a_block.T @ y_block)
+            u = normals[: self.size]
+            rest = y_block - a_block[:, : self.size] @ u
             residual[block] = rest.reshape(-1, outputs)
         return residual * self.scale

@@ -7,7 +7,9 @@ the first joint's axis and that joint's offset; a sensor that shows all larger a
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,9 +57,11 @@ def causes_of(
     if play is not None and play.score > 1.0:
         causes.append(_play(evidence, play))
     if drifted:
-        changes = [*evidence.reference.causes, *_of_change(evidence)]
+        changes = [*evidence.reference.causes, *_changes(evidence)]
         if evidence.cause is None:
-            notes = _twins(evidence, changes)
+            turns, notes = _turn_like_offset(evidence, changes)
+            notes += _scale_like_lengths(evidence, changes)
+            changes += turns
         if not changes:
             words = (
                 "no single change of the sensor, a joint or a link explains it"
@@ -139,8 +143,16 @@ def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
     return [once, *(cause for cause in causes if cause not in moved)]
 
 
-def _of_change(evidence: Evidence) -> list[Cause]:
-    """Return each parameter that is clearly away from where it was, the largest effect first."""
+class _Effect(NamedTuple):
+    """A cause, and the displacement that it makes over the learned range."""
+
+    # root mean square [unit]; infinite of a frame with other axes or in another unit
+    size: float
+    cause: Cause
+
+
+def _changes(evidence: Evidence) -> list[Cause]:
+    """Causes of the parameters that are clearly away from where they were, largest effect first."""
     best = evidence.explanations[0]
     if not evidence.is_attributed:
         best = _by_test(evidence)
@@ -152,52 +164,49 @@ def _of_change(evidence: Evidence) -> list[Cause]:
     clear = change > WORDS.clear * best.deviation
     clear &= best.deviation > 0.0
     moves = moves_of(best.reference.structure, best.beta, evidence.rows.probes)
-    effects = moves * change
-    loud = {cause.cause for cause in evidence.reference.causes}
-    effects_and_causes: list[tuple[float, Cause]] = []
+    sizes = moves * change
+    discrete = {cause.cause for cause in evidence.reference.causes}
+    effects: list[_Effect] = []
     for group in best.groups:
-        if group in FRAME or (group == "view.scale" and "scale" in loud):
+        if group in FRAME or (group == "view.scale" and "scale" in discrete):
             continue
-        effects_and_causes += _of_group(evidence, best, group, clear, effects)
+        effects += _effects_of_group(evidence, best, group, clear, sizes)
     if FRAME[0] in best.groups:
         frame = indices_of(best.reference.structure, FRAME)
-        effect = float(np.linalg.norm(effects[frame]))
-        if loud & {"mirror", "scale"}:
-            effect = math.inf
-        if math.isinf(effect) or clear[frame].any():
-            effects_and_causes.append((effect, _move_of_sensor(evidence, best)))
-    effects_and_causes.sort(key=lambda pair: -pair[0])
-    finite = [e for e, _ in effects_and_causes if math.isfinite(e)]
+        size = float(np.linalg.norm(sizes[frame]))
+        if discrete & {"mirror", "scale"}:
+            size = math.inf
+        if math.isinf(size) or clear[frame].any():
+            effects.append(_Effect(size, _move_of_sensor(evidence, best)))
+    effects.sort(key=lambda effect: -effect.size)
+    finite = [e.size for e in effects if math.isfinite(e.size)]
     least = WORDS.matters * max(finite, default=0.0)
-    return [cause for effect, cause in effects_and_causes if effect >= least]
+    return [effect.cause for effect in effects if effect.size >= least]
 
 
-def _of_group(
+def _effects_of_group(
     evidence: Evidence,
     best: Explanation,
     group: str,
     clear: Mask,
-    effects: Array,
-) -> list[tuple[float, Cause]]:
-    """Causes of the clear changes of a group, each with its effect [unit].
+    sizes: Array,
+) -> list[_Effect]:
+    """Effects of the clear changes of a group; one that is one cause is told by its largest.
 
-    A group that is one cause is told by its largest change.
-
-    clear, effects : (d,), whether a parameter clearly changed, and its displacement [unit]
+    clear, sizes : (d,), whether a parameter clearly changed, and its displacement [unit]
     """
     indices = indices_of(best.reference.structure, (group,))
     telling = indices[clear[indices]]
     if GROUPS[group].whole and len(telling):
-        largest = telling[np.argmax(effects[telling])]
-        effect = float(np.linalg.norm(effects[indices]))
-        return [(effect, _of_parameter(evidence, best, largest, indices))]
-    return [
-        (
-            float(effects[k]),
-            _of_parameter(evidence, best, k, np.array([k])),
-        )
-        for k in telling
-    ]
+        largest = telling[np.argmax(sizes[telling])]
+        size = float(np.linalg.norm(sizes[indices]))
+        cause = _of_parameter(evidence, best, largest, indices)
+        return [_Effect(size, cause)]
+    effects = []
+    for k in telling:
+        cause = _of_parameter(evidence, best, k, np.array([k]))
+        effects.append(_Effect(float(sizes[k]), cause))
+    return effects
 
 
 def _by_test(evidence: Evidence) -> Explanation:
@@ -299,34 +308,44 @@ def frame_between(evidence: Evidence, beta: Array) -> Alignment:
     return Alignment.between(before[:, places], after[:, places])
 
 
-def _twins(evidence: Evidence, causes: list[Cause]) -> list[str]:
-    """Add what says the same as a cause that is named; return the directions that are one."""
+def _turn_like_offset(
+    evidence: Evidence, causes: Sequence[Cause]
+) -> tuple[list[Cause], list[str]]:
+    """The turn of the sensor that would look like an offset of the first joint, and a note."""
     about = evidence.rows.model.about
     first = about.joint_names[0]
     by_name = {cause.cause: cause for cause in causes}
-    notes: list[str] = []
     offset = by_name.get(f"offset:{first}")
-    if offset is not None and about.revolute[0] and "mirror" not in by_name:
-        turned = "an offset of the first joint and a turn of the sensor about its axis"
-        notes.append(f"{turned} {_WHICH}")
-        if "sensor" not in by_name:
-            low, high = offset.interval or (0.0, 0.0)
-            turn = quantity((low + high) / 2, "rad", (high - low) / 2, "+")
-            words = (
-                f"the sensor turned by {turn} about {first} would look the same"
-            )
-            twin = replace(
-                offset, cause="sensor", group="view.rotation", words=words
-            )
-            causes.append(twin)
+    if offset is None or not about.revolute[0] or "mirror" in by_name:
+        return [], []
+    turned = (
+        "an offset of the first joint and a turn of the sensor about its axis"
+    )
+    notes = [f"{turned} {_WHICH}"]
+    if "sensor" in by_name:
+        return [], notes
+    low, high = offset.interval or (0.0, 0.0)
+    turn = quantity((low + high) / 2, "rad", (high - low) / 2, "+")
+    words = f"the sensor turned by {turn} about {first} would look the same"
+    twin = replace(offset, cause="sensor", group="view.rotation", words=words)
+    return [twin], notes
+
+
+def _scale_like_lengths(
+    evidence: Evidence, causes: Sequence[Cause]
+) -> list[str]:
+    """A note where a scale of the sensor and links that are all longer are the same."""
+    about = evidence.rows.model.about
+    names = {cause.cause for cause in causes}
     lengths = {f"length:{name}" for name in about.joint_names}
-    scale = by_name.get("scale")
-    scaled = scale is not None and scale.interval is not None
-    links = evidence.rows.body.structure.groups.get("length", ())
-    if all(about.revolute) and (
-        (scaled and len(links)) or lengths <= set(by_name)
-    ):
-        notes.append(
-            f"a sensor that shows all larger and links that are all longer {_WHICH}"
-        )
-    return notes
+    has_links = len(evidence.rows.body.structure.groups.get("length", ())) > 0
+    is_scaled = any(
+        cause.cause == "scale" and cause.interval is not None
+        for cause in causes
+    )
+    is_same = (is_scaled and has_links) or lengths <= names
+    if not (all(about.revolute) and is_same):
+        return []
+    return [
+        f"a sensor that shows all larger and links that are all longer {_WHICH}"
+    ]

@@ -19,8 +19,8 @@ from ..common.arrays import Array
 from ..common.choices import ROTATIONS
 from ..common.rows import spread_rows
 from ..errors import LogError, OptionError
-from ..samples.diagnosis import Finding
-from ..samples.diagnosis import readings as joint_readings
+from ..samples.findings import Finding
+from ..samples.other_readings import readings as joint_readings
 from ..samples.settings import DIAGNOSIS
 from .motion_tables import FlangeTable
 from .rigid import inverse, rigid

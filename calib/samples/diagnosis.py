@@ -6,19 +6,18 @@ as it stands is a finding; where the predictor's frame stands does not matter.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..arm.rotations import logarithm, matrix_of, nearest_rotation, similarity
 from ..common.arrays import Array, Mask
-from ..common.least_squares import solve_least_squares
-from ..common.rows import finite_rows, median_length, row_lengths, spread_rows
+from ..common.rows import finite_rows, median_length, spread_rows
 from ..common.scale import METRES
-from ..common.wording import listing
-from ..errors import LogError
+from .findings import Finding
+from .misfit import align, misfit, spread
+from .other_readings import OtherReading, readings, units
 from .samples import Samples
 from .settings import DIAGNOSIS
 
@@ -27,24 +26,6 @@ Predict = Callable[[Array], Array]
 
 PosePredict = Callable[[Array], tuple[Array, Array]]
 """Positions (n, 3) and quaternions (n, 4) at joint values (n, dof)."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Something that is wrong with a log, or looks so."""
-
-    # still, unit, turns, degrees, exchanged, reversed, mirrored
-    kind: str
-    words: str
-    hint: str = ""  # the remedy, with Python's names of options
-    parameter: str | None = None
-    value: object = None
-    # whether it can be nothing else; otherwise it may be intended
-    mistake: bool = True
-
-
-_Reading = tuple[Array, Finding]
-"""Joint values (n, dof) read otherwise, and what that would mean, "... only if" its words hold."""
 
 
 def diagnose(
@@ -67,9 +48,8 @@ def diagnose(
     exchanged ['shoulder', 'elbow']
     """
     rows = samples.take(spread_rows(len(samples), DIAGNOSIS.rows))
-    q = rows.q
     x = rows.x
-    predicted = predict(q)
+    predicted = predict(rows.q)
     answered = finite_rows(predicted)
     # few places, such as those of touches, fit any prediction
     few = len(np.unique(x, axis=0)) < DIAGNOSIS.fewest_rows
@@ -77,34 +57,18 @@ def diagnose(
     if few or unknown or not np.ptp(predicted[answered], axis=0).any():
         return []
     affine = rows.unit == "px" or predicted.shape[1] != x.shape[1]
+    fit = _PositionFit(x, predict, pose, affine)
 
-    def distance_left(q: Array, *, tool: bool = True) -> float:
-        """Median distance of rows with joints `q` from the predictor, in the best frame.
-
-        tool : whether a tool of unknown size may explain some of it
-        """
-        predicted = predict(q)
-        answered = finite_rows(predicted)
-        if answered.mean() < 0.6:
-            return float("inf")
-        if not tool or pose is None or len(q) < DIAGNOSIS.tool_rows:
-            return misfit(predicted[answered], x[answered], affine=affine)
-        place, turn = pose(q)
-        # positions are linear in the tool
-        features = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
-        return misfit(features[answered], x[answered], affine=True)
-
+    wrong = None
     if rows.unit in METRES:
-        wrong = _wrong_unit(distance_left, rows, spread(predicted))
-        if wrong:
-            return [wrong]
-    if rows.orientation is not None and pose is not None:
-        wrong = _wrong_turns(*pose(q), x, rows.orientation)
-        if wrong:
-            return [wrong]
+        wrong = _wrong_unit(fit, rows, spread(predicted))
+    if wrong is None and rows.orientation is not None and pose is not None:
+        wrong = _wrong_turns(*pose(rows.q), x, rows.orientation)
+    if wrong is not None:
+        return [wrong]
 
     findings = []
-    wrong = _other_reading(distance_left, rows)
+    wrong = _wrong_joints(fit, rows)
     if wrong:
         if wrong.kind == "reversed" and x.shape[1] == 2:
             wrong = replace(wrong, hint="", mistake=False)  # it may be learned
@@ -120,6 +84,33 @@ def diagnose(
     return findings
 
 
+@dataclass(frozen=True, eq=False)
+class _PositionFit:
+    """A log's positions, and the predictor that readings of its joints are judged by."""
+
+    x: Array  # (n, m) [unit]
+    predict: Predict
+    pose: PosePredict | None
+    affine: bool  # whether any affine map is a frame, as before a camera
+
+    def misfit(self, q: Array, *, tool: bool = True) -> float:
+        """Median distance of rows with joints `q` (n, dof) from the predictor, in the best frame.
+
+        tool : whether a tool of unknown size may explain some of it
+        """
+        predicted = self.predict(q)
+        answered = finite_rows(predicted)
+        if answered.mean() < 0.6:
+            return float("inf")
+        x = self.x[answered]
+        if not tool or self.pose is None or len(q) < DIAGNOSIS.tool_rows:
+            return misfit(predicted[answered], x, affine=self.affine)
+        place, turn = self.pose(q)
+        # positions are linear in the tool
+        features = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
+        return misfit(features[answered], x, affine=True)
+
+
 def _is_mirrored(predicted: Array, x: Array) -> bool:
     """Whether positions (n, m) fit predicted ones (n, m) far better with one axis reversed."""
     reflected = x.copy()
@@ -129,7 +120,7 @@ def _is_mirrored(predicted: Array, x: Array) -> bool:
 
 
 def _wrong_unit(
-    distance_left: Callable[..., float], rows: Samples, nominal: float
+    fit: _PositionFit, rows: Samples, nominal: float
 ) -> Finding | None:
     """The finding that positions extend otherwise than the nominal ones [unit], with the remedy."""
     ratio = spread(rows.x) / max(nominal, 1e-300)
@@ -137,11 +128,11 @@ def _wrong_unit(
     hint = unit_hint(ratio, rows.unit).removeprefix("; ")
     if not hint or low < ratio < high:
         return None
-    as_it_is = distance_left(rows.q)
-    for q, finding in _units(rows.q, rows.revolute):
-        if distance_left(q) < DIAGNOSIS.far_better * as_it_is:
-            words = f"the log fits the robot only if {finding.words}"
-            return replace(finding, words=words)
+    # angles in another unit may make positions extend so, too
+    as_it_is = fit.misfit(rows.q)
+    for q, finding in units(rows.q, rows.revolute):
+        if fit.misfit(q) < DIAGNOSIS.far_better * as_it_is:
+            return _only_if(finding)
     words = (
         f"the positions extend over {ratio:.4g} times what the robot's links allow, "
         f"in {rows.unit}"
@@ -149,106 +140,87 @@ def _wrong_unit(
     return Finding("unit", words, hint, "unit", rows.unit)
 
 
-def _other_reading(
-    distance_left: Callable[..., float], rows: Samples
-) -> Finding | None:
+def _wrong_joints(fit: _PositionFit, rows: Samples) -> Finding | None:
     """The simplest other reading of the joints that fits far better than the log as it stands."""
     size = spread(rows.x)
-    as_it_is = distance_left(rows.q)
+    as_it_is = fit.misfit(rows.q)
     if as_it_is <= DIAGNOSIS.small * size:
         return None
     names = rows.joint_names
-    any_order = (
-        as_it_is > DIAGNOSIS.good * size
-        and len(names) <= DIAGNOSIS.most_ordered
-    )
+    is_far_off = as_it_is > DIAGNOSIS.good * size
+    any_order = is_far_off and len(names) <= DIAGNOSIS.most_ordered
     for others in readings(rows.q, names, rows.revolute, any_order=any_order):
-        # a tool of unknown size explains what a mirror does: by the place alone
-        far_better = {
-            distance_left(other, tool=False): finding
-            for other, finding in others
-            if distance_left(other) < DIAGNOSIS.far_better * as_it_is
-        }
+        far_better = [
+            other
+            for other in others
+            if fit.misfit(other[0]) < DIAGNOSIS.far_better * as_it_is
+        ]
         if far_better:
-            best = far_better[min(far_better)]
-            words = f"the log fits the robot only if {best.words}"
-            return replace(best, words=words)
+            # a tool of unknown size explains what a mirror does: by the place alone
+            return _only_if(_best(fit, far_better))
     return None
 
 
-def refuse_mistakes(
-    findings: Sequence[Finding], label: str = "the log"
-) -> list[str]:
-    """Refuse a log for the first finding that is a mistake; return the others as notes.
+def _best(fit: _PositionFit, others: list[OtherReading]) -> Finding:
+    """The finding of the reading that fits best; of equal ones the last."""
+    by_misfit = {fit.misfit(q, tool=False): finding for q, finding in others}
+    return by_misfit[min(by_misfit)]
 
-    Raises LogError.
+
+def _only_if(finding: Finding) -> Finding:
+    """A finding of another reading, as a sentence."""
+    words = f"the log fits the robot only if {finding.words}"
+    return replace(finding, words=words)
+
+
+def _wrong_turns(
+    place: Array, nominal: Array, x: Array, turns: Array
+) -> Finding | None:
+    """The finding that quaternions `turns` (n, 4) are written otherwise than this reads them.
+
+    place, nominal : positions (n, 3) and quaternions (n, 4) that the joints predict
     """
-    notes = []
-    for finding in findings:
-        words = f"{label}: {finding.words}"
-        hint = finding.hint
-        if finding.mistake:
-            raise LogError(
-                words,
-                hint=hint or None,
-                parameter=finding.parameter,
-                value=finding.value,
-            )
-        notes.append(f"{words}; {hint}" if hint else words)
-    return notes
-
-
-def readings(
-    q: Array, names: Sequence[str], revolute: Sequence[bool], *, any_order: bool
-) -> tuple[Iterator[_Reading], ...]:
-    """Other readings of joint values (n, dof): their unit, their order, one sign, two signs.
-
-    any_order : whether columns are tried in all orders, not only with two exchanged
-    """
-    return (
-        _units(q, revolute),
-        _orders(q, names, any_order),
-        _signs(q, names, 1),
-        _signs(q, names, 2),
+    answered = finite_rows(np.hstack([place, nominal]))
+    if answered.sum() < DIAGNOSIS.fewest_rows:
+        return None
+    place = place[answered]
+    turns = turns[answered]
+    drawn = matrix_of(nominal[answered])
+    frame = similarity(place, align(place, x[answered]))[0]
+    as_read = matrix_of(turns)
+    as_it_is = _turn_left(drawn, frame, as_read)
+    if as_it_is <= DIAGNOSIS.turned:
+        return None
+    order = "{'qx': 'qy', 'qy': 'qz', 'qz': 'qw', 'qw': 'qx'}"
+    others = (
+        (
+            matrix_of(turns[:, [1, 2, 3, 0]]),
+            "qx, qy, qz, qw are in the order w, x, y, z",
+            f"give `columns={order}`",
+        ),
+        (
+            np.swapaxes(as_read, 1, 2),
+            "the orientations are inverted: of the sensor in the tool's frame",
+            "conjugate the quaternions: change the signs of qx, qy and qz",
+        ),
     )
+    for turn, words, hint in others:
+        left = _turn_left(drawn, frame, turn)
+        if left < DIAGNOSIS.far_better * as_it_is:
+            return Finding("turns", words, hint, "columns")
+    return None
 
 
-def _units(q: Array, revolute: Sequence[bool]) -> Iterator[_Reading]:
-    for unit, convert, hint in (
-        ("degrees", np.deg2rad, "give `degrees=True`"),
-        ("radians", np.rad2deg, "leave out `degrees`"),
-    ):
-        words = f"its joint values are {unit}"
-        finding = Finding("degrees", words, hint, "degrees", unit == "radians")
-        yield np.where(revolute, convert(q), q), finding
+def _turn_left(drawn: Array, frame: Array, turn: Array) -> float:
+    """Median turn [rad] of orientations (n, 3, 3) from the drawn ones, with the best tool.
 
-
-def _orders(
-    q: Array, names: Sequence[str], any_order: bool
-) -> Iterator[_Reading]:
-    for order in itertools.permutations(range(len(names))):
-        column_of = {names[k]: names[j] for k, j in enumerate(order) if k != j}
-        if len(column_of) == 2 or (column_of and any_order):
-            holds = listing(
-                f"{column} holds {name}" for name, column in column_of.items()
-            )
-            words = f"columns are exchanged ({holds})"
-            hint = f"give `columns={column_of}`, or correct the header"
-            value = list(column_of)
-            finding = Finding("exchanged", words, hint, "columns", value)
-            yield q[:, list(order)], finding
-
-
-def _signs(q: Array, names: Sequence[str], count: int) -> Iterator[_Reading]:
-    if count >= len(names):  # all of them turned are a mirror
-        return
-    hint = "its encoder or servo is reversed: change the sign of its column"
-    for joints in itertools.combinations(range(len(names)), count):
-        turned = q.copy()
-        turned[:, joints] *= -1.0
-        reversed_names = [names[k] for k in joints]
-        words = f"{' and '.join(reversed_names)} counts the other way"
-        yield turned, Finding("reversed", words, hint, "joints", reversed_names)
+    drawn : (n, 3, 3), orientations that the joints predict
+    frame : (3, 3), the base frame's turn to the sensor's
+    """
+    between = (np.swapaxes(drawn, 1, 2) @ frame.T @ turn).sum(axis=0)
+    expected = frame @ drawn @ nearest_rotation(between)
+    off = logarithm(turn @ np.swapaxes(expected, 1, 2))
+    return median_length(off)
 
 
 def unit_hint(ratio: float, unit: str) -> str:
@@ -264,77 +236,6 @@ def unit_hint(ratio: float, unit: str) -> str:
         mixed = "if some rows are in another unit, convert them"
         return f"; if they are pixels, give `unit='px'`; {mixed}"
     return ""
-
-
-def spread(x: Array) -> float:
-    """Median distance of rows (n, m) from their middle: one wrong row does not move it."""
-    x = x[finite_rows(x)]
-    return median_length(x - np.median(x, axis=0))
-
-
-def still_columns(q: Array, x: Array, names: Sequence[str]) -> list[Finding]:
-    """Findings of columns that never move.
-
-    In space a coordinate may be still: a sensor may see the points of a plane.
-    """
-    findings = []
-    if len(q) < 2:
-        words = "one usable row; learning needs two or more"
-        findings.append(Finding("still", words))
-    columns = dict(zip(names, q.T, strict=True))
-    if x.shape[1] == 2:
-        columns |= dict(zip("xy", x.T, strict=True))
-    for name, column in columns.items():
-        if not np.ptp(column):
-            words = f"{name} is {column[0]:g} in every row; what does not move cannot be learned"
-            hint = "leave it out of `joints`" if name in names else ""
-            findings.append(Finding("still", words, hint, "joints", name))
-    return findings
-
-
-def _wrong_turns(
-    place: Array, nominal: Array, x: Array, turns: Array
-) -> Finding | None:
-    """The finding that quaternions `turns` (n, 4) are written otherwise than this reads them.
-
-    place, nominal : positions (n, 3) and quaternions (n, 4) that the joints predict
-    """
-    answered = finite_rows(np.hstack([place, nominal]))
-    if answered.sum() < DIAGNOSIS.fewest_rows:
-        return None
-    place = place[answered]
-    drawn = matrix_of(nominal[answered])
-    x = x[answered]
-    seen = matrix_of(turns[answered])
-    frame = similarity(place, align(place, x))[0]
-
-    def angle(seen: Array) -> float:
-        """Median turn [rad] that the best tool leaves."""
-        between = (np.swapaxes(drawn, 1, 2) @ frame.T @ seen).sum(axis=0)
-        expected = frame @ drawn @ nearest_rotation(between)
-        off = logarithm(seen @ np.swapaxes(expected, 1, 2))
-        return median_length(off)
-
-    as_it_is = angle(seen)
-    if as_it_is <= DIAGNOSIS.turned:
-        return None
-    order = "{'qx': 'qy', 'qy': 'qz', 'qz': 'qw', 'qw': 'qx'}"
-    others = (
-        (
-            matrix_of(turns[answered][:, [1, 2, 3, 0]]),
-            "qx, qy, qz, qw are in the order w, x, y, z",
-            f"give `columns={order}`",
-        ),
-        (
-            np.swapaxes(seen, 1, 2),
-            "the orientations are inverted: of the sensor in the tool's frame",
-            "conjugate the quaternions: change the signs of qx, qy and qz",
-        ),
-    )
-    for turn, words, hint in others:
-        if angle(turn) < DIAGNOSIS.far_better * as_it_is:
-            return Finding("turns", words, hint, "columns")
-    return None
 
 
 def rows_behind(predict: Predict, q: Array, x: Array) -> int:
@@ -362,31 +263,3 @@ def is_path(q: Array, steps: Mask | slice = slice(None)) -> bool:
     step = np.median(np.abs(np.diff(q, axis=0)[steps]), axis=0)
     extent = np.maximum(np.ptp(q, axis=0), 1e-12)
     return bool(np.max(step / extent) <= DIAGNOSIS.path)
-
-
-def misfit(a: Array, b: Array, *, affine: bool = False) -> float:
-    """Median distance of `b` (n, m) from `a` (n, k) after `align`."""
-    off = b - align(a, b, affine=affine)
-    return median_length(off)
-
-
-def align(a: Array, b: Array, *, affine: bool = False) -> Array:
-    """`a` (n, k), turned, shifted and scaled to `b` (n, m), whatever a few rows contradict.
-
-    Where `affine`, or the one has more coordinates, by the best affine map instead.  No reflection:
-    a mirrored sensor is to be seen as a misfit.
-    """
-    affine = affine or a.shape[1] != b.shape[1]
-    features = np.column_stack([a, np.ones(len(a))])
-    # spreads about the median: single wrong rows decide nothing
-    away = row_lengths(b - np.median(b, axis=0))
-    agree = away <= 5.0 * np.median(away) + 1e-300
-    for _ in range(4):
-        if affine:
-            moved = features @ solve_least_squares(features[agree], b[agree])
-        else:
-            turn, shift, scale = similarity(a[agree], b[agree])
-            moved = scale * a @ turn.T + shift
-        away = row_lengths(b - moved)
-        agree = away <= 3.0 * np.median(away) + 1e-300
-    return np.asarray(moved)

@@ -6,7 +6,6 @@ Use it on a table of queries, a trajectory to correct or a log: one check for al
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,17 +16,10 @@ from ..arm.urdf import Range
 from ..common.arrays import Array, Index
 from ..common.rows import LARGEST, finite_rows
 from ..common.scale import TURN
-from ..common.wording import for_people, listing, unit_of_joint
+from ..common.wording import listing, unit_of_joint
 from ..errors import CalibError, LogError, OptionError
-from .header import (
-    LENGTHS,
-    RADIANS,
-    find_column,
-    joint_factor,
-    name_and_unit,
-)
-from .settings import READING, SLIDING, TURNING
-from .tables import Source, open_source
+from .header import LENGTHS, RADIANS, joint_factor, name_and_unit
+from .settings import READING
 
 _TURN = (-math.pi, math.pi)
 
@@ -79,12 +71,7 @@ class JointColumn:
     def check_unit(self, values: Array, rows: Index) -> None:
         """Refuse angles (n,) [rad] of another unit: too many turns, or in range as the other."""
         most = float(np.abs(values).max())
-        fits = False
-        # small values look like degrees
-        if self.limits and (self.degrees or most > TURN):
-            other_unit = np.rad2deg if self.degrees else np.deg2rad
-            excess = beyond(other_unit(values), *self.limits)
-            fits = beyond(values, *self.limits) > READING.slack >= excess
+        fits = self._fits_other_unit(values)
         several = np.ptp(values) > 2.02 * TURN
         if not (fits or several or most > READING.most_turns * TURN):
             return
@@ -103,6 +90,18 @@ class JointColumn:
                 hint += "; if it slides, name it in `prismatic`"
         raise self._outside(values, rows, self.limits or _TURN, hint, "degrees")
 
+    def _fits_other_unit(self, values: Array) -> bool:
+        """Whether angles (n,) [rad] are outside of the limits, and read in the other unit inside.
+
+        Small angles in rad look like degrees, too: they are none.
+        """
+        small = not self.degrees and float(np.abs(values).max()) <= TURN
+        if not self.limits or small:
+            return False
+        other_unit = np.rad2deg if self.degrees else np.deg2rad
+        excess = beyond(other_unit(values), *self.limits)
+        return beyond(values, *self.limits) > READING.slack >= excess
+
     def settle(
         self, values: Array, rows: Index
     ) -> tuple[Array, Range, list[str]]:
@@ -112,21 +111,27 @@ class JointColumn:
         """
         extremes = (float(values.min()), float(values.max()))
         limits = self.limits or (_TURN if self.revolute else extremes)
-        full = self.revolute and limits[1] - limits[0] >= TURN - 1e-9
         excess = beyond(values, *limits)
         if self.revolute and excess > 0:
             self.check_unit(values, rows)
-        # the log's turn, whatever its gaps
-        if full and extremes[1] - extremes[0] <= TURN:
-            middle = sum(extremes) / 2.0
-            turn = (middle - math.pi, middle + math.pi)
-            if excess < 1e-9:
-                turn = limits
+        is_turn = self.revolute and limits[1] - limits[0] >= TURN - 1e-9
+        if is_turn and extremes[1] - extremes[0] <= TURN:
+            # the log's own turn, whatever its gaps
+            turn = limits if excess < 1e-9 else _turn_about(sum(extremes) / 2.0)
             return np.clip(values, *turn), turn if self.limits else extremes, []
         wrapped = values
-        if self.revolute and (full or excess > READING.slack):
+        if self.revolute and (is_turn or excess > READING.slack):
             wrapped = wrap(values, *limits)
-            excess = beyond(wrapped, *limits)
+        return self._within_slack(wrapped, values, rows, limits)
+
+    def _within_slack(
+        self, wrapped: Array, values: Array, rows: Index, limits: Range
+    ) -> tuple[Array, Range, list[str]]:
+        """Wrapped values (n,), the range that holds them, and notes; refuse what is far outside.
+
+        values : (n,), before they were wrapped
+        """
+        excess = beyond(wrapped, *limits)
         if excess > READING.slack:
             hint = (
                 "check that the column is of this joint, its unit and its sign; if the joint "
@@ -236,6 +241,11 @@ def settle_joints(
     return settled, lower, upper, notes
 
 
+def _turn_about(middle: float) -> Range:
+    """The whole turn about an angle [rad]."""
+    return middle - math.pi, middle + math.pi
+
+
 def beyond(values: Array, low: float, high: float) -> float:
     """Return by how much values (n,) leave a range, as a share of its width."""
     away = max(low - float(values.min()), float(values.max()) - high, 0.0)
@@ -264,51 +274,3 @@ def wrap(values: Array, low: float, high: float) -> Array:
     if high - low >= TURN - 1e-9:
         turned = np.clip(turned, low, high)
     return np.where((values < low) | (values > high), turned, values)
-
-
-def locked_joint_values(
-    path: str | os.PathLike[str] | Source,
-    names: Sequence[str],
-    *,
-    columns: Mapping[str, str] | None = None,
-    degrees: bool = False,
-    prismatic: Sequence[str] = (),
-) -> tuple[dict[str, float], list[str]]:
-    """Find where the locked joints stood while a log was recorded.
-
-    path, columns, degrees, prismatic : as of `read_log`
-    names : joints that are not active. Those without a column are passed over.
-    Returns values : [rad or m], the median of each joint's column, for `load_arm(..., lock=values)`
-    Returns notes : a warning for each joint that moved more than 0.5 deg or 1 mm from it
-    """
-    source = open_source(path)
-    values: dict[str, float] = {}
-    notes: list[str] = []
-    for name in names:
-        typed = (columns or {}).get(name)
-        column = find_column(source.header, typed or name) or typed
-        if column is None:
-            continue
-        turns = name not in prismatic
-        table, rows = source.numbers([column])
-        stood = table[:, 0] * joint_factor(column, turns=turns, degrees=degrees)
-        if not np.isfinite(stood).any():
-            continue
-        values[name] = float(np.nanmedian(stood))
-        off = np.nan_to_num(np.abs(stood - values[name]))
-        tolerance = TURNING if turns else SLIDING
-        factor, unit = for_people("rad" if turns else "m")
-        most = f"{factor * off.max():.3g} {unit}"
-        words = f"{source.label}: {name} is locked but moved by up to {most}"
-        if np.mean(off > tolerance.locked) > tolerance.most_rows:
-            raise LogError(
-                f"{words} (row {rows[np.argmax(off)]})",
-                hint="name it in `joints` too, without `planar` if its axis is not parallel to the "
-                "others', or leave out the rows in which it moved",
-                parameter="joints",
-                value=name,
-            )
-        if off.max() > tolerance.still:
-            remedy = "leave out those rows, or name it in `joints`"
-            notes.append(f"{words}; {remedy}")
-    return values, notes

@@ -18,7 +18,8 @@ from ..common.wording import listing, vector
 from ..errors import LogError, OptionError
 from .cells import complete_rows, read_cells, rows_in_ranges, rows_in_sight
 from .delays import with_offset
-from .diagnosis import diagnose, refuse_mistakes, still_columns
+from .diagnosis import diagnose
+from .findings import refuse_mistakes, still_columns
 from .header import common_unit
 from .joint_values import joint_columns, settle_joints
 from .roles import Roles, find_roles, log_columns, quaternions

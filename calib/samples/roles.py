@@ -48,13 +48,11 @@ class Roles:
     """What a log is read for, by the usual names of columns."""
 
     joints: tuple[str, ...]  # base to tip
-    axes: tuple[
-        str, ...
-    ]  # `("x", "y")` or `("x", "y", "z")`; none in a log of touches alone
+    # `("x", "y")` or `("x", "y", "z")`; none in a log of touches alone
+    axes: tuple[str, ...]
     turns: tuple[str, ...]  # `QUATERNION`, `ANGLES`, or nothing
-    column_of: Mapping[
-        str, str
-    ]  # names that columns have in the file where they differ
+    # names that columns have in the file where they differ
+    column_of: Mapping[str, str]
     pixels: bool  # whether x and y are columns u and v
     touched: bool  # whether rows tell which socket the tip was in
 
@@ -81,24 +79,16 @@ def find_roles(
     """
     names = joint_names(source, arm, joints)
     # locked joints are named for `locked_joint_values`
-    choices = (*POSITION, *names, *(arm.locked if arm is not None else ()))
-    for name, column in columns.items():
-        if name not in (*choices, *QUATERNION, *ANGLES, *SOCKET, *FURTHER):
-            raise OptionError(
-                f"columns {name}={column}: {name!r} is neither a position nor a joint; "
-                f"choices: {', '.join(choices)}",
-                parameter="columns",
-                value=name,
-            )
-    typed = {*columns}
-    columns = _columns_by_name(source.header, names, columns)
-    there = {*source.header, *columns} - {*names}
-    touched = "point" in there
+    locked = () if arm is None else tuple(arm.locked)
+    _check_names(columns, (*POSITION, *names, *locked))
+    column_of = _columns_by_name(source.header, names, columns)
+    there = {*source.header, *column_of} - {*names}
     pixels = not {*POSITION} & there and {*PIXELS.values()} <= there
     if pixels:
         for name, pixel in PIXELS.items():
-            columns[name] = columns.get(pixel, pixel)
+            column_of[name] = column_of.get(pixel, pixel)
         there |= {*PIXELS}
+    touched = "point" in there
     if not {*POSITION} & there and not touched:
         raise LogError(
             f"{source.label} has no positions: expected columns x, y and z [m] of a tracker, "
@@ -112,20 +102,44 @@ def find_roles(
         axes = ()
     turns: tuple[str, ...] = ()
     if "z" in there and not touched and (arm is None or arm.outputs == 3):
-        for parts in (ANGLES, QUATERNION):
-            # of one that is named in part the rest is missed
-            if there.issuperset(parts) or {*parts} & typed:
-                turns = parts
-    roles = Roles(names, axes, turns, columns, pixels, touched)
-    read = roles.columns(roles.names)
-    if len({*read}) < len(read):
+        turns = _turns(there, {*columns})
+    roles = Roles(names, axes, turns, column_of, pixels, touched)
+    _refuse_repeats(roles.columns(roles.names))
+    return roles
+
+
+def _check_names(columns: Mapping[str, str], choices: Sequence[str]) -> None:
+    """Raise OptionError if what a column is to be is nothing that is read."""
+    for name, column in columns.items():
+        if name not in (*choices, *QUATERNION, *ANGLES, *SOCKET, *FURTHER):
+            raise OptionError(
+                f"columns {name}={column}: {name!r} is neither a position nor a joint; "
+                f"choices: {', '.join(choices)}",
+                parameter="columns",
+                value=name,
+            )
+
+
+def _turns(there: set[str], typed: set[str]) -> tuple[str, ...]:
+    """The columns of an orientation, of a quaternion where there are both forms.
+
+    A form that is typed in part is one, too: `Source.read` says what it misses.
+    """
+    for parts in (QUATERNION, ANGLES):
+        if there.issuperset(parts) or {*parts} & typed:
+            return parts
+    return ()
+
+
+def _refuse_repeats(columns: Sequence[str]) -> None:
+    """Raise OptionError if a column is read for two things."""
+    if len({*columns}) < len(columns):
         raise OptionError(
-            f"columns {listing(read)}: one is taken twice; each joint and position needs "
+            f"columns {listing(columns)}: one is taken twice; each joint and position needs "
             "a column and a name of its own",
             parameter="columns",
-            value=read,
+            value=columns,
         )
-    return roles
 
 
 def _columns_by_name(

@@ -89,8 +89,10 @@ def matching_sigma(network: Map, error: float) -> float:
     epoch = int(np.flatnonzero(past >= error)[-1])
     if epoch + 1 == len(past) or past[epoch] == past[epoch + 1]:
         return float(full[epoch])
-    share = (past[epoch] - error) / (past[epoch] - past[epoch + 1])
-    return float(full[epoch] * (full[epoch + 1] / full[epoch]) ** share)
+    before, after = past[epoch : epoch + 2]
+    larger, smaller = full[epoch : epoch + 2]
+    share = (before - error) / (before - after)
+    return float(larger * (smaller / larger) ** share)
 
 
 class OnlineAdapter:
@@ -117,31 +119,18 @@ class OnlineAdapter:
             raise ModelError(
                 "the model has no baseline of its distortions: train it again"
             )
-        rule = str(model.about.options.get("map", "vdsom"))
-        layers = []
-        gain = gain_of(
-            rule if rule in MAPS else "vdsom"
-        )  # a model file keeps no function
-        for part in (model.motor, model.sensory):
-            if not isinstance(part.lattice, Lattice):
-                raise OptionError(
-                    "online adaptation resets the neighbourhood radius of a lattice (eq. 10), and "
-                    "a growing neural gas has neither: use method 'few-shot', or train with map "
-                    "'vdsom', 'som' or 'dsom'"
-                )
-            layers.append(Layer(part.units, part.lattice, part.scale, gain))
         self._model = model
         self._baseline = model.baseline
         self._horizon = horizon
         self._force = force
-        self._net = VDSOM(
-            layers, model.association.wiring, model.links.toarray()
-        )
-        self._seen = 0
-        self._since = -1
+        self._net = _network(model)
+        self._seen = 0  # samples
+        self._since = -1  # samples since a change was noticed, -1 before
+        # radii of the motor and the sensory map from which sigma decays [nodes]
         self._starts = [FOLLOW.sigma_end, FOLLOW.sigma_end]
         # running means: distortions of the motor and the sensory map, and the error
         self._mean: Array | None = None
+        # latest samples since the change, block by block
         self._q: list[Array] = []
         self._x: list[Array] = []
 
@@ -152,8 +141,11 @@ class OnlineAdapter:
 
     def feed(self, q: Array, x: Array) -> Step:
         """Take the next samples of the stream, (n, dof) and (n, 2), and learn from them."""
-        u = self._model.motor.scale.to_unit(np.asarray(q, dtype=float))
-        v = self._model.sensory.scale.to_unit(np.asarray(x, dtype=float))
+        model = self._model
+        q = np.asarray(q, dtype=float)
+        x = np.asarray(x, dtype=float)
+        u = model.motor.scale.to_unit(q)
+        v = model.sensory.scale.to_unit(x)
         if not len(u):
             raise OptionError("no samples: expected one or more rows")
         steps = [
@@ -163,79 +155,91 @@ class OnlineAdapter:
         return steps[-1]
 
     def _feed(self, u: Array, v: Array) -> Step:
+        """Take one block, (n, dof) and (n, 2) in the unit boxes."""
         motor, sensory = self._maps()
-        predicted = self._net.predict(u[:: FOLLOW.glance])
-        gap = np.linalg.norm(
-            (predicted - v[:: FOLLOW.glance]) * sensory.scale.span, axis=1
-        )
-        distance, winner = sensory.nearest(v)
-        squares = (
-            (motor.nearest(u)[0] ** 2).mean(),
-            (distance[:, 0] ** 2).mean(),
-        )  # eq. 9
-        latest = np.array([*squares, gap.mean()])
+        winner_distance, winner = sensory.nearest(v)
+        zeta_motor = (motor.nearest(u)[0] ** 2).mean()  # eq. 9
+        zeta_sensory = (winner_distance[:, 0] ** 2).mean()
+        latest = np.array([zeta_motor, zeta_sensory, self._error(u, v)])
         before = latest if self._mean is None else self._mean
-        self._mean = mean = before + min(1.0, len(u) / FOLLOW.window) * (
-            latest - before
-        )
-        expected = self._largest_distortion(sensory, winner[:, 0])
+        weight = min(1.0, len(u) / FOLLOW.window)
+        mean = before + weight * (latest - before)
+        self._mean = mean
+        threshold = self._largest_distortion(sensory, winner[:, 0])
         self._seen += len(u)
+        mean_motor, mean_sensory, error = mean.tolist()
+
         rows = slice(None)
-        rates = (0.0, 0.0, 0.0)
-        motor_zeta, zeta, error = mean.tolist()
         if self._since < 0 and (
-            self._force or self._is_unusual(expected, zeta, error)
+            self._force or self._is_unusual(threshold, mean_sensory, error)
         ):
             self._since = 0
-            # sigma where training had the same distortion (eq. 10)
-            for k, part in enumerate((self._model.motor, self._model.sensory)):
-                after = math.sqrt(max(mean[k], latest[k]))
-                self._starts[k] = max(
-                    FOLLOW.sigma_end, matching_sigma(part, after)
-                )
+            self._reset_sigma(np.maximum(mean, latest))
             if not self._force:  # this block may have begun before the change
                 rows = slice(0)
+        rates = (0.0, 0.0, 0.0)
         if self._since >= 0:
             rates = self._learn(u, v, rows)
         return Step(
-            self._seen, motor_zeta, zeta, expected, error, *rates, self.adapting
+            self._seen,
+            mean_motor,
+            mean_sensory,
+            threshold,
+            error,
+            *rates,
+            self.adapting,
         )
+
+    def _error(self, u: Array, v: Array) -> float:
+        """Mean distance [unit] of some samples from what maps and links predict."""
+        some = slice(None, None, FOLLOW.glance)
+        away = self._net.predict(u[some]) - v[some]
+        scaled = away * self._model.sensory.scale.span
+        return float(np.linalg.norm(scaled, axis=1).mean())
+
+    def _reset_sigma(self, zeta: Array) -> None:
+        """Start sigma where training had the same distortions of both maps (eq. 10)."""
+        for k, part in enumerate((self._model.motor, self._model.sensory)):
+            radius = matching_sigma(part, math.sqrt(zeta[k]))
+            self._starts[k] = max(FOLLOW.sigma_end, radius)
 
     def _largest_distortion(self, sensory: Map, winner: Index) -> float:
         """Sensory distortion that samples of some winners exceed by chance next to never."""
-        chance = FOLLOW.no_chance * math.sqrt(
-            self._baseline.spread[1] / FOLLOW.window
-        )
+        variance = self._baseline.spread[1] / FOLLOW.window
+        chance = FOLLOW.no_chance * math.sqrt(variance)
         # distances scale with the lattice: a larger arm's nodes stand further apart
         size = (sensory.spacing / self._model.sensory.spacing) ** 2
-        size *= (FOLLOW.at_rest if self._since >= 0 else 1.0) * (1.0 + chance)
+        at_rest = FOLLOW.at_rest if self._since >= 0 else 1.0
+        size *= at_rest * (1.0 + chance)
         return float(self._baseline.sensory[winner].mean()) * size
 
-    def _is_unusual(self, expected: float, zeta: float, error: float) -> bool:
+    def _is_unusual(self, threshold: float, zeta: float, error: float) -> bool:
         """Whether the distortion (eq. 9) or the links' residual left what is usual."""
         errors = self._model.about.errors
-        usual = (
-            errors["activity"]["forward"]["distance"]["mean"]
-            if errors
-            else math.inf
-        )
-        departed = zeta > expected or error > 2.0 * (
-            usual + self._baseline.noise
-        )
+        usual = math.inf
+        if errors:
+            usual = errors["activity"]["forward"]["distance"]["mean"]
+        largest_error = 2.0 * (usual + self._baseline.noise)
+        departed = zeta > threshold or error > largest_error
         return departed and self._seen >= FOLLOW.window / 2
 
     def _learn(
         self, u: Array, v: Array, rows: slice
     ) -> tuple[float, float, float]:
-        """Form maps and links by samples; sigma, eta and beta of the last one."""
+        """Form maps and links by samples; sigma, eta and beta of the last one.
+
+        rows : of the samples that the model is to rest on
+        """
         t = self._since + np.arange(len(u))
         rates = Rates.following(
             t, self._starts, FOLLOW.sigma_end, self._horizon
         )  # eq. 10, 12
         self._net.show((u, v), rates)
         self._since += len(u)
-        self._q.append(self._model.motor.scale.from_unit(u)[rows])
-        self._x.append(self._model.sensory.scale.from_unit(v)[rows])
+        q = self._model.motor.scale.from_unit(u)
+        x = self._model.sensory.scale.from_unit(v)
+        self._q.append(q[rows])
+        self._x.append(x[rows])
         while sum(map(len, self._x)) - len(self._x[0]) >= FOLLOW.latest:
             del self._q[0], self._x[0]
         return (
@@ -260,10 +264,28 @@ class OnlineAdapter:
 
     def _maps(self) -> tuple[Map, Map]:
         """The motor and the sensory map as they are."""
-        motor, sensory = (layer.weights for layer in self._net.layers)
-        return replace(self._model.motor, units=motor), replace(
-            self._model.sensory, units=sensory
+        motor, sensory = self._net.layers
+        return (
+            replace(self._model.motor, units=motor.weights),
+            replace(self._model.sensory, units=sensory.weights),
         )
+
+
+def _network(model: Model) -> VDSOM:
+    """The maps and links of a model as a network that learns on."""
+    # a model file keeps no function
+    rule = str(model.about.options.get("map", "vdsom"))
+    gain = gain_of(rule if rule in MAPS else "vdsom")
+    layers = []
+    for part in (model.motor, model.sensory):
+        if not isinstance(part.lattice, Lattice):
+            raise OptionError(
+                "online adaptation resets the neighbourhood radius of a lattice (eq. 10), and "
+                "a growing neural gas has neither: use method 'few-shot', or train with map "
+                "'vdsom', 'som' or 'dsom'"
+            )
+        layers.append(Layer(part.units, part.lattice, part.scale, gain))
+    return VDSOM(layers, model.association.wiring, model.links.toarray())
 
 
 def follow(
@@ -289,7 +311,5 @@ def follow(
     """
     adapter = OnlineAdapter(model, horizon, force=force)
     for first in range(0, len(q), BLOCK):
-        yield (
-            adapter.feed(q[first : first + BLOCK], x[first : first + BLOCK]),
-            adapter,
-        )
+        block = slice(first, first + BLOCK)
+        yield adapter.feed(q[block], x[block]), adapter

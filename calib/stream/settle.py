@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..body.body_fit import fit
+from ..body.body_fit import BodyFit, fit
 from ..body.rows import Rows as Measured
 from ..common.arrays import Array
 from ..errors import CalibError
 from ..maps.association import Association
-from ..maps.links import SparseRows
+from ..maps.links import SparseRows, Wiring
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.model_selection import blocks, select
@@ -52,71 +52,91 @@ def settled_model(
         the samples.
     """
     scale = motor.scale
-    wiring = model.association.wiring
-    body = model.body
-    body_fit = None
+    link = _Linking(motor, sensory, model.association.wiring)
     # a short stream may have been shown again and again
-    first = np.sort(np.unique(np.hstack([q, x]), axis=0, return_index=True)[1])
+    _, first = np.unique(np.hstack([q, x]), axis=0, return_index=True)
+    first = np.sort(first)
     u = scale.to_unit(q[first])
     x = x[first]
     some = slice(None, None, -(-len(u) // SETTLED.rows))
-    if body is not None:
-        with suppress(CalibError):  # too few rows, or too close to each other
-            measured = [Measured(scale.from_unit(u[some]), x[some])]
-            body_fit = fit(body.structure, measured, seed=model.about.seed)
 
-    def link(u: Array, x: Array) -> Association:
-        return Association.learn(
-            motor, u, sensory, sensory.scale.to_unit(x), wiring
-        )
-
-    samples = (u, x)
-    predictor = None
-    if body_fit is not None:
-        smooth = BodyInBox(body_fit.body, scale)
-        predictor, remaining = select(
+    # the readout, and its errors at held-out rows
+    samples = u, x
+    rows = np.arange(len(u))
+    body = None
+    local = NO_MODELS
+    body_fit = _refitted(model, scale.from_unit(u[some]), x[some])
+    if body_fit is None:
+        errors = _errors_of_links(link, u, x)
+    else:
+        body = body_fit.body
+        smooth = BodyInBox(body, scale)
+        predictor, residual = select(
             motor, u[some], x[some], smooth, body_fit.held_out
         )
-        rows = np.arange(len(u))[some]
-        errors = np.linalg.norm(remaining, axis=1)
+        local = predictor.models
+        rows = rows[some]
+        errors = np.linalg.norm(residual, axis=1)
         if len(u) < SETTLED.few_rows:
-            drawn = np.random.default_rng(model.about.seed).random(
-                (SETTLED.imagined, u.shape[1])
-            )
+            shape = (SETTLED.imagined, u.shape[1])
+            drawn = np.random.default_rng(model.about.seed).random(shape)
             samples = drawn, predictor.value(drawn)
-    association = (
-        link(*samples)
-        if links is None
-        else Association(motor, sensory, links, wiring)
-    )
-    if (
-        predictor is None
-    ):  # maps and links alone, their errors from every other block
-        folds = blocks(len(u))
-        rows = np.arange(len(u))
-        errors = np.empty(len(u))
-        for half in (0, 1):
-            held_out_rows, shown = (
-                np.concatenate(folds[k::2]) for k in (half, 1 - half)
-            )
-            away = (
-                link(u[shown], x[shown]).linear.value(u[held_out_rows])
-                - x[held_out_rows]
-            )
-            errors[held_out_rows] = np.linalg.norm(away, axis=1)
+
+    if links is None:
+        association = link.learned(*samples)
+    else:
+        association = Association(motor, sensory, links, link.wiring)
+    winners = motor.nearest(u)[1][:, 0]
+    measured = None
+    if model.rows is not None:
+        measured = MeasuredRows.of(scale.from_unit(u), x)
     made = replace(
         model,
         association=association,
-        local=NO_MODELS if predictor is None else predictor.models,
-        body=None if body_fit is None else body_fit.body,
-        visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size)
-        > 0,
-        rows=MeasuredRows.of(scale.from_unit(u), x)
-        if model.rows is not None
-        else None,
+        local=local,
+        body=body,
+        visited=np.bincount(winners, minlength=motor.size) > 0,
+        rows=measured,
     )
     reading, position = node_bounds(made, u[rows], errors)
     true = model.about.bound_of == "true position"
     return replace(
         made, bounds=position if true else reading, model_bounds=position
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Linking:
+    """Two maps that samples are to link."""
+
+    motor: Map
+    sensory: Map
+    wiring: Wiring
+
+    def learned(self, u: Array, x: Array) -> Association:
+        """Links at which eq. 11 comes to rest, of (n, dof) in the unit box and (n, m) [unit]."""
+        v = self.sensory.scale.to_unit(x)
+        return Association.learn(self.motor, u, self.sensory, v, self.wiring)
+
+
+def _refitted(model: Model, q: Array, x: Array) -> BodyFit | None:
+    """The model's body fitted to samples, None without one or of rows that are too few or close."""
+    if model.body is None:
+        return None
+    with suppress(CalibError):
+        rows = [Measured(q, x)]
+        return fit(model.body.structure, rows, seed=model.about.seed)
+    return None
+
+
+def _errors_of_links(link: _Linking, u: Array, x: Array) -> Array:
+    """Errors (n,) [unit] of maps and links alone, each half of the blocks by the other's links."""
+    folds = blocks(len(u))
+    even = np.concatenate(folds[::2])
+    odd = np.concatenate(folds[1::2])
+    errors = np.empty(len(u))
+    for held_out, shown in ((even, odd), (odd, even)):
+        linear = link.learned(u[shown], x[shown]).linear
+        away = linear.value(u[held_out]) - x[held_out]
+        errors[held_out] = np.linalg.norm(away, axis=1)
+    return errors

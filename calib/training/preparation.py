@@ -15,7 +15,7 @@ from ..common.wording import quantity
 from ..errors import LogError, OptionError
 from ..model.model import Model
 from ..model.prediction import predict
-from ..samples.diagnosis import align
+from ..samples.misfit import align
 from ..samples.repeatability import at_poses, noise_beside_poses
 from ..samples.samples import Samples
 from ..samples.settings import DIAGNOSIS

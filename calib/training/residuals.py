@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.choices import MAP_READOUTS
 from ..common.parallel import side_by_side
 from ..common.rows import row_lengths
@@ -22,7 +22,7 @@ from .maps import maps_of
 from .options import TrainingOptions
 from .settings import TESTING
 from .smooth import SmoothPart
-from .touched import NOT_LEARNED
+from .touch_scatter import NOT_LEARNED
 
 Sizes = dict[str, float]
 """Mean, largest and 99th percentile of some errors, as "mean", "max" and "p99"."""
@@ -65,10 +65,11 @@ def _residuals(
     answers: dict[str, Array],
     truth: Callable[[Array], Array] | None = None,
 ) -> Residuals:
-    """Residuals of predictions less positions and of answers (n, dof) in the unit box.
+    """Residuals of predictions less positions, and of answered less true joints.
 
-    `truth` is the true kinematics; without it (a log) the learned map tells how far the
-    answered joints lead from the recorded ones.
+    forward, answers : of each readout, errors (n, m) [unit], and joints (n, dof) in the unit box
+    truth : the true kinematics; without it (a log) the learned map tells how far the answered
+        joints lead from the recorded ones
     """
     scale = model.motor.scale
     value = model.predictor.value
@@ -119,11 +120,8 @@ def held_out_residuals(
 
     `held_out` is what the default readout leaves over of the rows of `part` that it has not seen.
     """
-    n = len(samples)
-    scale = model.motor.scale
-    clip = model.solver.newton.clip
+    rows = np.arange(0, len(samples), max(1, len(samples) // TESTING.maps))
     forward: dict[str, Array] = {}
-    rows = np.arange(0, n, max(1, n // TESTING.maps))
     turned = None
     widening: Array | float = 1.0
     if part is not None and held_out is not None:
@@ -137,31 +135,62 @@ def held_out_residuals(
             turned = part.fit.turned[some]
     q = samples.q[rows]
     x = samples.x[rows]
-    u = scale.to_unit(q)
-    near = clip(u)
-    # a target that a held-out prediction misses is answered by joints that the map leads there
-    here = model.predictor.value(u)
-    answers = {
-        readout: unit_joints(model, here - error, near, ("local",))["local"]
+    answers = _answers_to_missed(model, q, forward)
+    maps_forward, maps_answers = _cross_validated_maps(
+        model, samples, part, options, rows
+    )
+    residuals = _residuals(
+        model, Motion(q), x, forward | maps_forward, answers | maps_answers
+    )
+    return replace(residuals, turned=turned, widening=widening)
+
+
+def _answers_to_missed(
+    model: Model, q: Array, forward: dict[str, Array]
+) -> dict[str, Array]:
+    """Answers (n, dof) in the unit box to targets that held-out predictions miss by `forward`.
+
+    They are the joints near `q` (n, dof) that the learned map leads as far from the target.
+    """
+    u = model.motor.scale.to_unit(q)
+    near = model.solver.newton.clip(u)
+    reached = model.predictor.value(u)
+    return {
+        readout: unit_joints(model, reached - error, near, ("local",))["local"]
         for readout, error in forward.items()
     }
-    for readout in MAP_READOUTS:
-        forward[readout] = np.empty_like(x)
-        answers[readout] = np.empty_like(q)
-    blocks = np.array_split(np.arange(n), TESTING.folds)
-    in_odd_block = np.isin(np.arange(n), np.concatenate(blocks[1::2]))
+
+
+def _cross_validated_maps(
+    model: Model,
+    samples: Samples,
+    part: SmoothPart | None,
+    options: TrainingOptions,
+    rows: Index,
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Errors (k, m) and answers (k, dof) of the maps' readouts at some rows (k,).
+
+    Twice maps learn one half of the blocks of a log and are tested on the other.
+    """
+    q = samples.q[rows]
+    x = samples.x[rows]
+    clip = model.solver.newton.clip
+    near = clip(model.motor.scale.to_unit(q))
+    errors = {readout: np.empty_like(x) for readout in MAP_READOUTS}
+    answers = {readout: np.empty_like(q) for readout in MAP_READOUTS}
+    numbers = np.arange(len(samples))
+    blocks = np.array_split(numbers, TESTING.folds)
+    in_odd_block = np.isin(numbers, np.concatenate(blocks[1::2]))
     for unseen in (in_odd_block, ~in_odd_block):
         tested = unseen[rows]
-        learned = np.flatnonzero(~unseen)
-        pair = maps_of(samples, part, options, learned)
+        pair = maps_of(samples, part, options, np.flatnonzero(~unseen))
         targets = pair.sensory.scale.to_unit(x[tested])
         inverses = pair.inverses(targets, near[tested])
         for readout in MAP_READOUTS:
             predicted = pair.predict(q[tested], readout)
-            forward[readout][tested] = predicted - x[tested]
+            errors[readout][tested] = predicted - x[tested]
             answers[readout][tested] = clip(inverses[readout])
-    residuals = _residuals(model, Motion(q), x, forward, answers)
-    return replace(residuals, turned=turned, widening=widening)
+    return errors, answers
 
 
 def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
@@ -215,7 +244,7 @@ def error_sizes(error: Array) -> Sizes:
 def p95_and_coverage(model: Model, residuals: Residuals) -> dict[str, float]:
     """The 95th percentile of the errors [unit], and the share that the model's own bound covers.
 
-    They are of the rows that it answers; their share, "answered", where it is not all.
+    Both are of the rows that the model answers; "answered" is their share where it is not all.
     """
     errors = residuals.errors[model.default_readout]
     bound = residuals.widening * predict(model, residuals.motion).bound

@@ -1,41 +1,27 @@
-"""Touches: the arm and its sockets first; then sockets are positions like others."""
+"""Touched: an arm and the sockets that it touched, fitted together.
+
+Afterwards the sockets' places are positions like those of any other log.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from ..arm.arm import SpatialArm
-from ..body.belief import Body
 from ..body.body_fit import BodyFit
-from ..body.fit import Fit
-from ..body.parameters import Prior
-from ..body.rows import with_measurements
-from ..body.settings import STUDENT
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.touch import (
-    DRAWN_SIZE,
-    fit_touches,
-    in_structure,
-    rows_of_touches,
-    with_size,
-)
+from ..body.touch import DRAWN_SIZE, fit_touches, with_size
 from ..common.arrays import Array, Mask
-from ..common.rows import finite_rows, median_length, row_lengths
+from ..common.rows import median_length, row_lengths
 from ..errors import LogError
-from ..model.model import Model
 from ..samples.samples import Samples
 from ..samples.sockets import Touches
 from ..samples.tables import rows_in_words
 from .options import TrainingOptions
 from .settings import LEARNING, TOUCHING
 from .smooth import SmoothPart
-
-NOT_LEARNED = (
-    "no row of the log lies within what the model has learned: measure others"
-)
 
 _BASE = (
     "no touch tells where the base stands and how it is turned about the first axis: both stay as "
@@ -57,13 +43,51 @@ class Sockets:
     scatter: float  # [m], median distance of tips from their sockets
 
 
+@dataclass(frozen=True)
+class SizeCheck:
+    """The arm's size by stated distances, beside the size that its drawing has."""
+
+    ratio: float  # size by the distances, over that of the drawing
+    sd: float  # of the ratio
+
+    @property
+    def apart(self) -> float:
+        """How far the two sizes are apart, relative."""
+        return abs(self.ratio - 1.0)
+
+    @property
+    def differs(self) -> bool:
+        """Whether one of the two is wrong."""
+        return self.apart > TOUCHING.clearly * self.sd
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether a drawing may be so far off."""
+        return self.apart <= TOUCHING.most_doubt
+
+    def words(self, touch: Touches) -> str:
+        """The sentence on two sizes that differ, by the first of the stated distances."""
+        first = touch.distances[0]
+        stated = float(first.value or 0.0)
+        size = 1e3 * stated / self.ratio
+        widened = "bounds contain both"
+        if not self.is_plausible:
+            widened = "no drawing is so far off, so the distance is left out"
+        points = " and ".join(map(touch.name, first.points))
+        return (
+            f"the size of the arm: {points} are said to be {1e3 * stated:.4g} mm apart, by the "
+            f"drawing's size they are {size:.4g} +- {1.96 * size * self.sd:.2g} mm: one of the two "
+            f"is wrong by {100 * self.apart:.2g} %; the drawing's is taken, and {widened}"
+        )
+
+
 def fit_sockets(
     samples: Samples, touch: Touches, options: TrainingOptions
 ) -> tuple[Samples, SmoothPart, list[str]]:
     """Fit arm and sockets; rows that are not in theirs are left out.
 
     Returns the samples with their sockets' places as positions: in the arm's base frame, or in the
-        sensor's where one measured some rows.
+        sensor's where one measured some rows; their smooth part; and notes.
     Raises LogError if the touches tell nothing of the arm, or no arm explains them.
     """
     arm = samples.arm
@@ -77,9 +101,8 @@ def fit_sockets(
     structure = replace(structure, zeros_alone=options.free == "offsets")
     sockets = _fit_sound_touches(samples, touch, structure, options.seed)
     notes: list[str] = []
-    size_sd = 0.0
     if touched_alone:
-        sockets, size_sd, words = _of_right_size(
+        sockets, words = _of_right_size(
             sockets, samples, touch, structure, options.seed
         )
         notes = [_BASE, *words]
@@ -95,13 +118,10 @@ def fit_sockets(
             f"{len(strays)} rows were in no socket of theirs and are left out: "
             f"{rows_in_words(samples.rows[strays])}"
         )
-    fit = sockets.fit
-    if size_sd:
-        fit = replace(fit, body=with_size(fit.body, size_sd))
     positions = touch.positions(samples.x, sockets.places)
     samples = replace(samples, x=positions).take(sockets.used)
     rows = np.arange(len(samples))
-    return samples, SmoothPart(fit, rows, samples.unit_box), notes
+    return samples, SmoothPart(sockets.fit, rows, samples.unit_box), notes
 
 
 def _of_right_size(
@@ -110,22 +130,30 @@ def _of_right_size(
     touch: Touches,
     structure: SpatialStructure,
     seed: int,
-) -> tuple[Sockets, float, list[str]]:
-    """The fit that has the arm's size right, where no sensor measured: by distances or the drawing.
+) -> tuple[Sockets, list[str]]:
+    """The fit that has the arm's size right, where no sensor measured, and notes.
 
-    Returns the fit, the relative sd of its size beside what the rows tell, and notes.
+    The size is that of stated distances; the drawing's where none are stated, or where they and the
+    drawing differ.
     """
     if not touch.distances:
-        return sockets, DRAWN_SIZE, [_SIZE]
+        return _with_size_sd(sockets, DRAWN_SIZE), [_SIZE]
     planes = tuple(fact for fact in touch.facts if fact.value is None)
     drawn = _fit_sound_touches(
         samples, replace(touch, facts=planes), structure, seed
     )
-    words, apart = _size_words(touch, drawn)
-    if not words:
-        return sockets, 0.0, []
-    size_sd = apart / 1.96 if apart <= TOUCHING.most_doubt else 0.0
-    return drawn, size_sd, [words]
+    size = _size_by_distances(touch, drawn)
+    if size is None or not size.differs:
+        return sockets, []
+    if size.is_plausible:
+        drawn = _with_size_sd(drawn, size.apart / 1.96)
+    return drawn, [size.words(touch)]
+
+
+def _with_size_sd(sockets: Sockets, sd: float) -> Sockets:
+    """The fit with a size of the arm that is uncertain by a relative sd."""
+    fit = replace(sockets.fit, body=with_size(sockets.fit.body, sd))
+    return replace(sockets, fit=fit)
 
 
 def _fit_sound_touches(
@@ -158,10 +186,10 @@ def _fit_sound_touches(
     return Sockets(fit, places, used, scatter)
 
 
-def _size_words(touch: Touches, drawn: Sockets) -> tuple[str, float]:
-    """Return what stated distances say of an arm of its drawing's size, and how far they are off.
+def _size_by_distances(touch: Touches, drawn: Sockets) -> SizeCheck | None:
+    """Return what stated distances say of the size of an arm that has its drawing's.
 
-    The words are empty where both may be true.
+    Returns None where no distance is of sockets that were touched.
     """
     points = np.array([fact.points for fact in touch.distances])
     stated = np.array([fact.value for fact in touch.distances], dtype=float)
@@ -171,22 +199,9 @@ def _size_words(touch: Touches, drawn: Sockets) -> tuple[str, float]:
     )
     weight = np.nan_to_num(fitted / np.hypot(tolerance, drawn.scatter)) ** 2
     if not weight.any():
-        return "", 0.0
+        return None
     ratio = float(np.nansum(weight * stated / fitted) / weight.sum())
-    apart = abs(ratio - 1.0)
-    doubt = float(np.hypot(weight.sum() ** -0.5, DRAWN_SIZE))
-    if apart <= TOUCHING.clearly * doubt:
-        return "", 0.0
-    size = 1e3 * stated[0] / ratio
-    widened = "bounds contain both"
-    if apart > TOUCHING.most_doubt:
-        widened = "no drawing is so far off, so the distance is left out"
-    return (
-        f"the size of the arm: {' and '.join(map(touch.name, points[0]))} are said to be "
-        f"{1e3 * stated[0]:.4g} mm apart, by the drawing's size they are {size:.4g} +- "
-        f"{1.96 * size * doubt:.2g} mm: one of the two is wrong by {100 * apart:.2g} %; the "
-        f"drawing's is taken, and {widened}"
-    ), apart
+    return SizeCheck(ratio, float(np.hypot(weight.sum() ** -0.5, DRAWN_SIZE)))
 
 
 def _refuse_alike(samples: Samples, touch: Touches) -> None:
@@ -203,163 +218,3 @@ def _refuse_alike(samples: Samples, touch: Touches) -> None:
             f"{', all alike,' if alike else ''} tell nothing of the arm: expected 20 postures and "
             "more in each socket, from other sides, with the wrist turned each way"
         )
-
-
-def in_sockets(
-    model: Model, samples: Samples, touch: Touches
-) -> tuple[Samples, dict[str, Any]]:
-    """Touches with the means of the predicted tips as positions, and how tips scatter about them.
-
-    Rows that are in no socket of theirs are left out.
-    """
-    tip = model.forward(samples.q)
-    rows = np.flatnonzero(finite_rows(tip))
-    rows = rows[~touch.take(rows).strays(tip[rows])]
-    touch = touch.take(rows)
-    touched = touch.is_touch
-    tip = tip[rows]
-    if not touched.any():
-        raise LogError(NOT_LEARNED)
-    means = touch.means(tip)
-    samples = samples.take(rows)
-    samples = replace(
-        samples,
-        x=touch.positions(samples.x, means),
-        side=np.zeros_like(samples.q),
-    )
-    off = row_lengths(tip - samples.x)
-    bound = model.expected_error(samples.q[touched])
-    scatter = {
-        "mean": float(off[touched].mean()),
-        "rms": float(np.sqrt((off[touched] ** 2).mean())),
-        "p95": float(np.quantile(off[touched], 0.95)),
-        "max": float(off[touched].max()),
-        "covered": float(np.mean(off[touched] <= bound)),
-    }
-    return samples, {
-        "scatter": scatter,
-        "points": _scatter_by_point(touch, off),
-        "distances": _distances(touch, means),
-    }
-
-
-def _scatter_by_point(touch: Touches, off: Array) -> list[dict[str, Any]]:
-    """Number of touches of each socket and the mean of their distances `off` (n,) [m] from it."""
-    points = []
-    for number in np.unique(touch.number[touch.is_touch]):
-        setup, point = touch.sockets[number]
-        scatter = off[touch.number == number]
-        points.append(
-            {
-                "setup": setup,
-                "point": point,
-                "rows": len(scatter),
-                "scatter": float(scatter.mean()),
-            }
-        )
-    return points
-
-
-def _distances(touch: Touches, places: Array) -> list[dict[str, Any]]:
-    """Stated distances [m] beside those of the sockets' places (p, 3), where both are known."""
-    distances = []
-    for fact in touch.distances:
-        one, other = places[list(fact.points)]
-        predicted = float(np.linalg.norm(one - other))
-        if np.isfinite(predicted):
-            ends = [list(touch.sockets[number]) for number in fact.points]
-            distances.append(
-                {"points": ends, "stated": fact.value, "predicted": predicted}
-            )
-    return distances
-
-
-def as_positions(
-    model: Model, log: Samples, touch: Touches
-) -> tuple[Samples, list[str]]:
-    """A log of touches with its sockets as positions of a model, and notes.
-
-    Sockets are where the model has them; where touches speak clearly for a change of the arm, where
-    the changed arm has them.
-    Raises LogError if the model is not of an arm in space.
-    """
-    body = model.body
-    structure = None if body is None else body.structure
-    if (
-        body is None
-        or not isinstance(structure, SpatialStructure)
-        or structure.outputs != 3
-    ):
-        raise LogError(
-            "the log holds touches: expected a model of an arm in space with a body"
-        )
-    count = len(log)
-    log, _ = in_sockets(model, log, touch)  # where the model has them
-    touch = log.touch or touch
-    notes = []
-    if len(log) < count:
-        notes.append(
-            f"{count - len(log)} touches in no socket of theirs are left out"
-        )
-    places = _places_after_change(
-        body, structure, model.about.joints_of(log), log, touch
-    )
-    if places is not None:
-        log = replace(log, x=touch.positions(log.x, places))
-    return replace(log, touch=None), notes
-
-
-def _places_after_change(
-    body: Body,
-    structure: SpatialStructure,
-    q: Array,
-    log: Samples,
-    touch: Touches,
-) -> Array | None:
-    """Places (p, 3) of the sockets in the sensor's frame, as a changed arm has them.
-
-    body, q : the belief before, and joint values (n, dof) in its order
-    Returns None where the touches do not clearly speak for a change.
-    """
-    noise = float(body.noise[0]) / structure.metre
-    number, facts, sockets = touch.numbers_and_facts()
-    rows = [
-        replace(measured, floor=0.5 * noise, noise=noise)
-        for measured in rows_of_touches(q, number, facts, log.x)
-    ]
-    seen = with_measurements(structure, rows)
-    point = seen.groups["point"]
-    belief = in_structure(body, seen)
-    beta = belief.beta.copy()
-    beta[point] = touch.means(structure.pose(q, body.beta)[0])[sockets].ravel()
-
-    # the covariance of the belief, and of sockets that may be anywhere
-    active = belief.active
-    variance = np.zeros((seen.size, seen.size))
-    gauge = TOUCHING.gauge**2 * np.eye(len(active))
-    variance[np.ix_(active, active)] = body.kappa**2 * belief.covariance + gauge
-    variance[point, point] = structure.chain.reach**2
-    may_change = np.zeros(seen.size)
-    may_change[seen.groups["offset"]] = TOUCHING.offset**2
-    may_change[seen.groups["tool"]] = TOUCHING.tool**2
-    may_change[seen.groups["placement"]] = TOUCHING.placement**2
-
-    def fit_with(variance: Array) -> Fit:
-        """The fit with a prior of this covariance (d, d) around the parameters."""
-        sd = np.sqrt(np.diag(variance))
-        free = np.flatnonzero(sd)
-        precision = np.asarray(np.linalg.inv(variance[np.ix_(free, free)]))
-        prior = Prior(beta, sd, precision=precision)
-        return Fit(seen, rows, beta, prior, nu=STUDENT).maximise(steps=8)
-
-    same = fit_with(variance)
-    changed = fit_with(variance + np.diag(may_change))
-    gain = changed.evidence - same.evidence
-    if gain <= TOUCHING.nats * changed.autocorrelation:
-        return None
-    arm = in_structure(replace(belief, beta=changed.beta), structure)
-    sensor = structure.sensor(arm.beta)
-    points = changed.beta[point].reshape(-1, 3)
-    places = np.full((len(touch.sockets), 3), np.nan)
-    places[sockets] = sensor.scale * points @ sensor.rotation.T + sensor.shift
-    return places

@@ -14,9 +14,9 @@ from ..change.settings import CREEP, CREPT, FALSE_ALARM
 from ..change.significance import (
     FTests,
     GroupTest,
-    everything,
     groups_of,
     moves_of,
+    sd_of_changes,
     usual_noise,
 )
 from ..change.system import Products, prior_columns, smooth_columns
@@ -174,7 +174,7 @@ class _Equations:
         }
         moves = moves_of(structure, body.beta, nodes)
         self._moves = moves[self._changes]
-        self._sd = everything(reference)[self._changes]
+        self._sd = sd_of_changes(reference)[self._changes]
         outputs = structure.outputs
         self._unknown = outputs * len(self._nodes) + self._root.shape[1]
         size = self._unknown + len(self._changes)
@@ -229,7 +229,7 @@ class _Equations:
         self.noise = float(self._reference.sizes[0]) * size
         temper = self._correlation_time(independent)
         products = Products.of_gram(count, gram, self._unknown)
-        left = every.freedom(size) / temper
+        left = every.noise_freedom(size) / temper
         tests = FTests(products, size, left, temper, len(self._groups))
         groups = tests.of_groups(self._groups, self._moves)
         penalty = math.log(max(left, 1.0))

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib.change.significance import Reference, everything
+from calib.change.significance import Reference, sd_of_changes
 from calib.use.geometry_fit import fit_geometry
 
 NOISE = 2e-4
@@ -202,7 +202,7 @@ def test_a_turn_about_the_first_joint_is_free_once():
     body = calib.train(log_of(0), size=4, motor_size=4).body
     reference = Reference(body, body.beta)
     groups = body.structure.groups
-    sd = everything(reference)
+    sd = sd_of_changes(reference)
     assert (sd[groups["view.rotation"]] > 0.0).all()
     assert not sd[groups["offset"]][0]
     assert (sd[groups["offset"]][1:] > 0.0).all()

@@ -1,0 +1,73 @@
+"""Locked joints: where those that are not active stood while a log was recorded."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..common.arrays import Array, Index
+from ..common.wording import for_people
+from ..errors import LogError
+from .header import find_column, joint_factor
+from .settings import SLIDING, TURNING
+from .tables import Source, open_source
+
+
+def locked_joint_values(
+    path: str | os.PathLike[str] | Source,
+    names: Sequence[str],
+    *,
+    columns: Mapping[str, str] | None = None,
+    degrees: bool = False,
+    prismatic: Sequence[str] = (),
+) -> tuple[dict[str, float], list[str]]:
+    """Find where the locked joints stood while a log was recorded.
+
+    path, columns, degrees, prismatic : as of `read_log`
+    names : joints that are not active. Those without a column are passed over.
+    Returns values : [rad or m], the median of each joint's column, for `load_arm(..., lock=values)`
+    Returns notes : a warning for each joint that moved more than 0.5 deg or 1 mm from it
+    """
+    source = open_source(path)
+    values: dict[str, float] = {}
+    notes: list[str] = []
+    for name in names:
+        typed = (columns or {}).get(name)
+        column = find_column(source.header, typed or name) or typed
+        if column is None:
+            continue
+        turns = name not in prismatic
+        table, rows = source.numbers([column])
+        stood = table[:, 0] * joint_factor(column, turns=turns, degrees=degrees)
+        if np.isfinite(stood).any():
+            values[name] = float(np.nanmedian(stood))
+            off = np.nan_to_num(np.abs(stood - values[name]))
+            label = f"{source.label}: {name}"
+            notes += _notes_on_motion(label, name, off, rows, turns=turns)
+    return values, notes
+
+
+def _notes_on_motion(
+    label: str, name: str, off: Array, rows: Index, *, turns: bool
+) -> list[str]:
+    """Notes on a locked joint that moved by `off` (n,) [rad or m]; refuse one that takes part.
+
+    rows : (n,), their numbers in the file
+    """
+    tolerance = TURNING if turns else SLIDING
+    factor, unit = for_people("rad" if turns else "m")
+    most = f"{factor * off.max():.3g} {unit}"
+    words = f"{label} is locked but moved by up to {most}"
+    if np.mean(off > tolerance.locked) > tolerance.most_rows:
+        raise LogError(
+            f"{words} (row {rows[np.argmax(off)]})",
+            hint="name it in `joints` too, without `planar` if its axis is not parallel to the "
+            "others', or leave out the rows in which it moved",
+            parameter="joints",
+            value=name,
+        )
+    if off.max() <= tolerance.still:
+        return []
+    return [f"{words}; leave out those rows, or name it in `joints`"]

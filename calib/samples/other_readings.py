@@ -1,0 +1,73 @@
+"""Other readings: the joints of a log read in another unit, another order, or with another sign."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ..common.arrays import Array
+from ..common.wording import listing
+from .findings import Finding
+
+OtherReading = tuple[Array, Finding]
+"""Joint values (n, dof) read otherwise, and what that would mean, "... only if" its words hold."""
+
+
+def readings(
+    q: Array, names: Sequence[str], revolute: Sequence[bool], *, any_order: bool
+) -> tuple[Iterator[OtherReading], ...]:
+    """Other readings of joint values (n, dof): their unit, their order, one sign, two signs.
+
+    any_order : whether columns are tried in all orders, not only with two exchanged
+    """
+    return (
+        units(q, revolute),
+        _orders(q, names, any_order),
+        _signs(q, names, 1),
+        _signs(q, names, 2),
+    )
+
+
+def units(q: Array, revolute: Sequence[bool]) -> Iterator[OtherReading]:
+    """The angles of joint values (n, dof) in degrees, then in radians."""
+    for unit, convert, hint in (
+        ("degrees", np.deg2rad, "give `degrees=True`"),
+        ("radians", np.rad2deg, "leave out `degrees`"),
+    ):
+        words = f"its joint values are {unit}"
+        finding = Finding("degrees", words, hint, "degrees", unit == "radians")
+        yield np.where(revolute, convert(q), q), finding
+
+
+def _orders(
+    q: Array, names: Sequence[str], any_order: bool
+) -> Iterator[OtherReading]:
+    """Columns of joint values (n, dof) exchanged, two of them or in any order."""
+    for order in itertools.permutations(range(len(names))):
+        column_of = {names[k]: names[j] for k, j in enumerate(order) if k != j}
+        if len(column_of) == 2 or (column_of and any_order):
+            holds = listing(
+                f"{column} holds {name}" for name, column in column_of.items()
+            )
+            words = f"columns are exchanged ({holds})"
+            hint = f"give `columns={column_of}`, or correct the header"
+            value = list(column_of)
+            finding = Finding("exchanged", words, hint, "columns", value)
+            yield q[:, list(order)], finding
+
+
+def _signs(
+    q: Array, names: Sequence[str], count: int
+) -> Iterator[OtherReading]:
+    """The signs of `count` columns of joint values (n, dof) changed."""
+    if count >= len(names):  # all of them turned are a mirror
+        return
+    hint = "its encoder or servo is reversed: change the sign of its column"
+    for joints in itertools.combinations(range(len(names)), count):
+        turned = q.copy()
+        turned[:, joints] *= -1.0
+        reversed_names = [names[k] for k in joints]
+        words = f"{' and '.join(reversed_names)} counts the other way"
+        yield turned, Finding("reversed", words, hint, "joints", reversed_names)
