@@ -59,6 +59,9 @@ class UpdateSettings:
     # a drawing may be put together the fit betters by little for long, and predictions no more
     steps: int = 60
     enough: float = 0.5
+    # sizes of what an unchanged arm's log has of its own, times the usual one: with the first alone
+    # 40 rows of another mounting made errors elsewhere 1.25 times as large
+    own_residuals: tuple[float, ...] = (1.0, 4.0)
     # share of the held-out error that a change may leave at most
     changed: float = 0.95
     # The same where nothing changed, and of the error that a belief expects of itself: rows of half

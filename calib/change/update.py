@@ -110,7 +110,10 @@ def _posterior_belief(evidence: Evidence, explanation: Explanation) -> _Belief:
     """The posterior of the parameters under an explanation, with a bound that the rows confirm."""
     rows = spread_rows(len(evidence.rows), UPDATING.rows)
     observations = evidence.observations.some(UPDATING.rows)
-    posterior = _Posterior(explanation, observations)
+    changed = evidence.score > 1.0
+    sizes = (1.0,) if changed else UPDATING.own_residuals
+    posteriors = [_Posterior(explanation, observations, size) for size in sizes]
+    posterior = max(posteriors, key=lambda some: some.evidence)
     body = posterior.body
     # of play that was taken up no model knows
     logged = evidence.rows.q[rows]
@@ -256,6 +259,7 @@ class _PlaceOfRows(Place):
 class _Posterior:
     """The posterior of u and w after a log.
 
+    residual : (m,), standard deviation of the log's own smooth residual [unit]
     scale : (m,), standard deviation of e, of rows that err together [unit]
     active : (p,), parameters that u changes
     r : (p, number of u), R
@@ -264,9 +268,13 @@ class _Posterior:
     """
 
     def __init__(
-        self, explanation: Explanation, observations: Observations
+        self,
+        explanation: Explanation,
+        observations: Observations,
+        own_residual: float,
     ) -> None:
         reference = explanation.reference
+        self.residual = own_residual * reference.residual_sd
         q = observations.q
         self.explanation = explanation
         self.reference = reference
@@ -278,7 +286,7 @@ class _Posterior:
         )
         # without kappa, by which the bound inflates the residual as well
         smooth = residual_columns(reference, observations)
-        smooth /= reference.body.kappa
+        smooth *= own_residual / reference.body.kappa
         predicted = reference.structure.predict(q, explanation.beta)
         shared = frame_columns(reference, observations, predicted)
         self.w_columns = np.concatenate([smooth, shared], axis=2)
@@ -326,6 +334,12 @@ class _Posterior:
         )
 
     @property
+    def evidence(self) -> float:
+        """Laplace approximation of the logarithm of the evidence, up to a constant."""
+        volume = Factor(self.place.precision).log_determinant()
+        return self.place.fit - 0.5 * volume
+
+    @property
     def body(self) -> Body:
         """The belief: parameters, their covariance R cov(u) R', noise and residual of the log."""
         old = self.reference.body
@@ -343,7 +357,7 @@ class _Posterior:
             root=root / old.kappa,
             kappa=kappa,
             noise=self.explanation.noise * self.reference.sizes,
-            residual=np.maximum(old.residual, self.reference.residual_sd),
+            residual=np.maximum(old.residual, self.residual),
             second=None,
         )
 
