@@ -345,10 +345,13 @@ class FTests:
 
 def moves_of(structure: Structure, beta: Array, probes: Array) -> Array:
     """Displacement (d,) of joints (p, dof) by one of each parameter, root mean square [unit]."""
-    _, columns = structure.linearise(probes, beta)
-    moves = columns[:, : structure.blocks[0]]
-    square = (moves**2).sum(axis=1)
-    rms: Array = np.sqrt(square.mean(axis=0))
+    with np.errstate(all="ignore"):
+        _, columns = structure.linearise(probes, beta)
+        moves = columns[:, : structure.blocks[0]]
+        square = (moves**2).sum(axis=1)
+    # a lens may fold over where no rows are
+    seen = np.isfinite(square).all(axis=1)
+    rms: Array = np.sqrt(square[seen].sum(axis=0) / max(seen.sum(), 1))
     return rms
 
 

@@ -296,11 +296,15 @@ def _move_of_sensor(evidence: Evidence, best: Explanation) -> Cause:
 
 
 def frame_between(evidence: Evidence, beta: Array) -> Alignment:
-    """The sensor's new frame, of parameters (d,), as an affine map of the old one."""
+    """The sensor's new frame, of parameters (d,), as an affine map of the old one.
+
+    Its lens is as it was: one that a corner's rows bend may fold over elsewhere.
+    """
     structure = evidence.reference.structure
     probes = evidence.rows.probes
     mixed = evidence.prior.beta.copy()
-    sensors = indices_of(structure, filter(is_sensors, structure.groups))
+    of_frame = filter(is_sensors, set(structure.groups) - {"lens"})
+    sensors = indices_of(structure, of_frame)
     mixed[sensors] = beta[sensors]
     before = evidence.rows.body.predict(probes)
     after = structure.predict(probes, mixed)

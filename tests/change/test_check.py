@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import calib
 from calib import OptionError
 
 NOISE = 2e-4
+TRACKER = Path(__file__).parents[3] / "shared/data/ur10_laser_tracker"
 
 
 def names(drift):
@@ -229,3 +231,15 @@ def test_states_that_differ_by_less_than_the_noise_are_told_by_many_rows():
             rows = bare("two_link", 120, seed, *change, noise=NOISE)
             right += calib.recognise(states, rows).index == index
     assert right >= 11
+
+
+@pytest.mark.skipif(not TRACKER.exists(), reason="the laser tracker's series are not here")
+def test_a_lens_that_folds_over_elsewhere_is_no_error():
+    """Thirty rows of another day are explained best by a lens that sees nothing elsewhere."""
+    joints = ["shoulder_lift_joint", "elbow_joint"]
+    a, c = (calib.read_log(TRACKER / f"series_{name}.csv", joints=joints) for name in "ac")
+    wide = {"lower": np.minimum(a.lower, c.lower), "upper": np.maximum(a.upper, c.upper)}
+    learned = calib.train(replace(c, **wide))
+    start = (len(a) - 30) * 3 // 9
+    verdict = calib.check(learned, replace(a, **wide).take(slice(start, start + 30)))
+    assert verdict.changed
