@@ -92,7 +92,7 @@ def spread(seeds: int) -> None:
     table("travel, in ranges of the joint that moves most, against a random order", rows)
 
 
-def random_length(arm: calib.Arm, plan: calib.Plan) -> float:
+def random_length(arm: calib.PlanarArm, plan: calib.Plan) -> float:
     """Length of the way through the same poses in a random order."""
     span = arm.upper - arm.lower
     q = np.random.default_rng(0).permutation(plan.q)

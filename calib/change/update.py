@@ -110,8 +110,7 @@ def _posterior_belief(evidence: Evidence, explanation: Explanation) -> _Belief:
     """The posterior of the parameters under an explanation, with a bound that the rows confirm."""
     rows = spread_rows(len(evidence.rows), UPDATING.rows)
     observations = evidence.observations.some(UPDATING.rows)
-    changed = evidence.score > 1.0
-    sizes = (1.0,) if changed else UPDATING.own_residuals
+    sizes = (1.0,) if evidence.is_attributed else UPDATING.own_residuals
     posteriors = [_Posterior(explanation, observations, size) for size in sizes]
     posterior = max(posteriors, key=lambda some: some.evidence)
     body = posterior.body

@@ -55,11 +55,23 @@ class PoseSpace:
         return values
 
     def candidates(self, rng: np.random.Generator) -> Array:
-        """Joint values (n, dof) to choose from: inside, on faces, in corners of the box."""
-        shape = PLANNING.candidates, len(self.joint_names)
-        edge = PLANNING.edge
-        share = np.clip(rng.uniform(-edge, 1.0 + edge, shape), 0.0, 1.0)
-        return self.lower + (self.upper - self.lower) * share
+        """Joint values (n, dof) to choose from: corners, on faces, and inside."""
+        dof = len(self.joint_names)
+        corners_of_first = np.array(
+            list(np.ndindex(*(2,) * min(dof, PLANNING.corners))), dtype=float
+        )
+        count, first = corners_of_first.shape
+        ends_of_others = rng.integers(2, size=(count, dof - first))
+        corners = np.hstack([corners_of_first, ends_of_others])
+
+        faces = rng.random((PLANNING.faces, dof))
+        rows = np.arange(PLANNING.faces)
+        joint_at_end = rng.integers(dof, size=PLANNING.faces)
+        faces[rows, joint_at_end] = rng.integers(2, size=PLANNING.faces)
+
+        inside = rng.random((PLANNING.inside, dof))
+        shares = np.concatenate([corners, faces, inside])
+        return np.asarray(self.lower + (self.upper - self.lower) * shares)
 
 
 def space_of(
