@@ -16,7 +16,8 @@ class Planning:
     widest: float = 10.0
     margin: float = math.radians(1.0)  # from a joint's limits [rad or m]
     share: float = 0.02  # of a joint's range that the margin takes at most
-    # candidates: with few on faces two_link's errors after 30, 60, 100 poses were 14, 0, 28 % larger
+    # candidates: with few on faces errors of two_link after 30, 60, 100 poses were 14, 0, 28 %
+    # larger (benchmarks/plan.py)
     inside: int = 1200
     faces: int = 1000  # with one joint at an end
     corners: int = 8  # joints of which all corners are candidates
