@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
-from ..common.rows import number_rows, query_rows
+from ..common.inputs import number_rows, query_rows
 from ..errors import OptionError, QueryError
 from ..kernel.compiled import CERTAIN, NOTHING
 from ..samples.motion import Motion

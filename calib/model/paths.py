@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
-from ..common.rows import query_rows
+from ..common.inputs import query_rows
 from ..errors import QueryError
 from ..inverse.tracking import close_to_map, follow_targets
 from .answers import Answer, anchor, answer, in_sight, rows_for

@@ -12,9 +12,8 @@ from ..change.judge import judge
 from ..change.rows import LEAST_ROWS, REPEATED, different_rows
 from ..change.verdict import Verdict
 from ..common.arrays import Mask
-from ..common.names import by_name
 from ..common.rows import finite_rows, median_length, row_lengths
-from ..common.wording import for_people
+from ..common.wording import by_name, for_people
 from ..errors import OptionError, require
 from ..model.about import holds
 from ..model.alignment import Alignment
