@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..common.choices import check_choice
-from ..common.rows import number_rows, query_rows
+from ..common.inputs import number_rows, query_rows
 from ..errors import OptionError, QueryError
 from ..kernel.compiled import CERTAIN, NOTHING
 from ..samples.motion import Motion

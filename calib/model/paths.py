@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
 from ..common.choices import FRAMES, check_choice
-from ..common.rows import query_rows
+from ..common.inputs import query_rows
 from ..errors import QueryError
 from ..inverse.tracking import close_to_map, follow_targets
 from .answers import Answer, anchor, answer, in_sight, rows_for

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arm.rotations import matrix_of, quaternion_of
 from ..common.arrays import Array
 from ..common.choices import FRAMES, check_choice
-from ..common.rows import query_rows
+from ..common.inputs import query_rows
 from ..errors import QueryError
 from ..inverse.task import Poses, turn_left
 from ..samples.motion import Motion

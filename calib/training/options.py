@@ -10,7 +10,7 @@ from typing import Any
 from numpy.random import SeedSequence
 
 from ..common.choices import BODIES, FREED, VIEWS, check_choice
-from ..common.rows import whole
+from ..common.inputs import whole
 from ..errors import OptionError
 from ..maps.density import Gain
 from ..maps.lattice import Size, shape_of

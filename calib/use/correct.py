@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arm.rotations import logarithm
 from ..common.arrays import Array
 from ..common.choices import check_choice
-from ..common.rows import joint_numbers, query_rows
+from ..common.inputs import joint_numbers, query_rows
 from ..errors import QueryError, require
 from ..model.model import Model
 from ..model.nominal import visited_joints

@@ -13,9 +13,8 @@ from ..change.rows import LEAST_ROWS, REPEATED, different_rows
 from ..change.verdict import Verdict
 from ..common.arrays import Mask
 from ..common.choices import check_choice
-from ..common.names import by_name
 from ..common.rows import finite_rows, median_length, row_lengths
-from ..common.wording import for_people
+from ..common.wording import by_name, for_people
 from ..errors import require
 from ..model.about import holds
 from ..model.alignment import Alignment

@@ -18,9 +18,9 @@ from ..body.information import greedy, most_telling
 from ..body.spatial import structure_of
 from ..common.arrays import Array, Index, ReadOnly
 from ..common.choices import EYES, check_choice
-from ..common.names import by_name
-from ..common.rows import whole
+from ..common.inputs import whole
 from ..common.scale import Scale
+from ..common.wording import by_name
 from ..errors import OptionError, require
 from ..model.model import Model
 from ..samples.tables import write_table
