@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.covariance import RADIUS_95
-from ..common.choices import METHODS
+from ..common.choices import METHODS, check_choice
 from ..common.rows import row_lengths
 from ..common.wording import quantity
 from ..errors import require
@@ -30,7 +30,7 @@ from .adaptation import (
 )
 from .causes import FRAME, GROUPS
 from .evidence import Evidence
-from .judge import check_choice, guarded_algebra, judge
+from .judge import guarded_algebra, judge
 from .settings import LEAST_OWN
 from .update import Update
 from .verdict import Verdict

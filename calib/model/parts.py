@@ -11,14 +11,14 @@ import numpy as np
 from ..body.approach import Approach
 from ..body.belief import Body
 from ..common.arrays import Array, Mask, Shape, freeze
-from ..common.choices import MAP_READOUTS
+from ..common.choices import MAP_READOUTS, READOUTS, check_choice
 from ..common.wording import one_line
 from ..errors import OptionError
 from ..inverse.links import search_by_links
 from ..inverse.search import Search
 from ..kernel.compiled import Library
 from ..kernel.posterior import CompactPosterior
-from ..maps.association import Association, check_readout
+from ..maps.association import Association
 from ..maps.blend import blend_nodes
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS, LocalModels
@@ -305,7 +305,7 @@ class Parts:
 
     def _readout(self, name: str | None) -> str:
         """The readout that answers; ``local`` where the predictor does."""
-        check_readout(name or "local")
+        check_choice("readout", name or "local", READOUTS)
         if name == "local" and self.default_readout == "linear":
             raise OptionError(
                 "readout 'local': the model has no body, choose 'linear'"
