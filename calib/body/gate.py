@@ -26,9 +26,8 @@ class Member:
     name: str
     free: tuple[str, ...]  # blocks
     fit: Fit
-    scores: (
-        Array  # (b,), negative log density of each block of rows by the others
-    )
+    # (b,), negative log density of each block of rows by the others
+    scores: Array
     # nats of evidence against joint curves; 0 where they were not tried
     against_curves: float = 0.0
 

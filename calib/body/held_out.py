@@ -42,9 +42,8 @@ class HeldOut:
 class Prediction:
     """What a fit predicts of rows: errors, and how large it expects them to be."""
 
-    residual: (
-        Array  # (n, m); NaN where the rows that it is from leave the body open
-    )
+    # (n, m); NaN where the rows that it is from leave the body open
+    residual: Array
     spread: Array  # (n, p, p), covariance of positions' errors; NaN where it was not computed
 
     @property
