@@ -6,13 +6,17 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ..common.rows import spread_rows
+from ..model.baseline import Signal
 from .causes import Cause
 from .evidence import BoundTest, Evidence, bound_test
-from .rows import LogRows, Signal, distortions
+from .rows import LogRows
 from .settings import FALSE_ALARM, OUTLIER
 from .significance import GroupTest, GroupTests, alarms
 from .update import Update
 
+# rows that distortions are measured on
+MOST_DISTORTED = 1000
 # Times the bound of maps: a corner's rows share the errors of a few nodes
 SHARED_ERRORS = 2.0
 
@@ -185,7 +189,12 @@ class Verdict:
     @property
     def distortion(self) -> dict[str, Signal]:
         """How the rows lie on the maps (eq. 9): a display, no alarm."""
-        return distortions(self.rows)
+        model = self.rows.model
+        assert model.baseline is not None  # noqa: S101 - checked where the rows are read
+        rows = self.rows.take(spread_rows(len(self.rows), MOST_DISTORTED))
+        return model.baseline.distortions(
+            model.association, rows.u, rows.x, rows.predicted, rows.bound
+        )
 
     def __repr__(self) -> str:
         """Say the verdict, its causes and its notes, a line each."""
