@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .bound import BoundTest, bound_test
 from .causes import Cause
-from .evidence import BoundTest, Evidence, bound_test
+from .evidence import Evidence
 from .rows import LogRows, Signal, distortions
 from .settings import FALSE_ALARM, OUTLIER
 from .significance import GroupTest, GroupTests, alarms
