@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Self, TypeVar
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.choices import check_choice
 from ..errors import OptionError
 from .curves import HARMONICS
 from .parameters import Block, Hyper, Indices, Label, Prior
@@ -161,11 +162,7 @@ class Layout:
         place = self.place
         if isinstance(sensor, str):
             names = [sight.name for sight in self.sensors]
-            if sensor not in names:
-                choices = ", ".join(names)
-                raise OptionError(
-                    f"sensor {sensor!r}: expected one of {choices}"
-                )
+            check_choice("sensor", sensor, names)
             place = names.index(sensor)
         elif sensor is not None:
             place = len(self.sensors) + self.others.index(sensor)

@@ -134,8 +134,7 @@ def _learn(
     motor = association.motor
     u = motor.scale.to_unit(samples.q)
     unknown = np.zeros(motor.size)
-    visited = np.zeros(motor.size, dtype=bool)
-    visited[motor.nearest(u)[1][:, 0]] = True
+    visited = motor.visited_by(u)
     about = _about(samples, options)
     model = Model(about, association, NO_MODELS, unknown, unknown, visited)
     held_out = None
