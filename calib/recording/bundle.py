@@ -4,8 +4,7 @@ A point p of a board appears at ``lens(X^-1 M Y p)``, and the board before the c
 B = X^-1 M Y.  A camera in the hand has M = (G E)^-1, X the camera in the flange and Y the board in
 the base; a camera that stands still has M = G E, X the camera in the base and Y the board in the
 flange.  G is the flange in the base, E its error at that motion; besides, each camera's focal
-length may have an error at each motion (autofocus).  Steps of X, Y and G are a turn and a shift along
-own axes.
+length may have an error at each motion (autofocus).  Steps of X, Y and G are along their own axes.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ def adjoint(poses: Array) -> Array:
 
 def along_parent(pose: Array) -> Array:
     """Turn and shift (6, 6) along the axes of a pose's parent by steps of the pose (4, 4)."""
-    return np.kron(np.eye(2), turn_of(pose))
+    return np.asarray(np.kron(np.eye(2), turn_of(pose)), float)
 
 
 def shifts_along_parents(poses: Array) -> Array:
