@@ -14,6 +14,7 @@ from ..maps.node_bounds import learn_bounds
 from ..model.about import MeasuredRows
 from ..model.baseline import Baseline, RowPlaces, learn_baseline
 from ..model.model import Model
+from ..model.parts import bounds_of_nodes
 from ..samples.motion import directions
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
@@ -98,9 +99,7 @@ def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
         learned = learn_bounds(motor, u, errors)
         # they hold beside the rows, see `calib.model.parts`
         return learned, learned
-    q = motor.scale.from_unit(np.clip(motor.units, 0.0, 1.0))
-    reading = body.bound(q)
-    position = body.bound(q, noise=False)
+    reading, position = bounds_of_nodes(motor, body)
     if model.predictor.models.degree >= 0:
         # where held-out rows are further off than the body says, as in a local defect
         learned = learn_bounds(motor, u, errors)

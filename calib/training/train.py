@@ -147,9 +147,8 @@ def _untested(
     samples = log.samples
     motor = association.motor
     u = motor.scale.to_unit(samples.q)
-    winners = motor.nearest(u)[1][:, 0]
     unknown = np.zeros(motor.size)
-    visited = np.bincount(winners, minlength=motor.size) > 0
+    visited = motor.visited_by(u)
     about = _about(samples, options)
     model = Model(about, association, NO_MODELS, unknown, unknown, visited)
     if not isinstance(log, FittedLog):
