@@ -18,16 +18,16 @@ that order.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 
 from ..body.belief import Body
-from ..common.choices import CAUSES, FREED
+from ..common.choices import CAUSES, FREED, check_choice
 from ..common.parallel import one_blas_thread
-from ..errors import ModelError, OptionError, require
+from ..errors import ModelError, require
 from ..model.model import Model
 from ..samples.samples import Samples
 from .bound import bound_test
@@ -84,7 +84,8 @@ def judge(
     """
     require("model", model, Model)
     require("log", log, Samples)
-    check_choice("cause", cause, CAUSES)
+    if cause is not None:
+        check_choice("cause", cause, CAUSES)
     check_choice("free", free, FREED)
     if free == "offsets":
         cause = free
@@ -192,17 +193,6 @@ def _systems(
         old_frame = Reference(prior, prior.beta)
         systems.insert(0, System(old_frame, observations))
     return systems
-
-
-def check_choice(name: str, value: str | None, choices: Sequence[str]) -> None:
-    """Refuse what cannot be chosen."""
-    if value is not None and value not in choices:
-        raise OptionError(
-            f"{name} {value!r} is unknown",
-            hint=f"choose one of {', '.join(choices)}",
-            parameter=name,
-            value=value,
-        )
 
 
 @contextmanager

@@ -116,7 +116,7 @@ def test_the_drawing_is_trusted_but_the_zeros():
     assert cause.cause == "offset:elbow"
     assert cause.interval[0] < degree < cause.interval[1]
     assert made.after["mean"] < 2 * NOISE
-    with pytest.raises(OptionError, match="free 'links' is unknown"):
+    with pytest.raises(OptionError, match="free 'links': expected one of"):
         calib.adapt(learned("six_axis"), rows, free="links")
 
 
