@@ -14,7 +14,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.rows import median_length
 from .belief import Body, Second
-from .covariance import as_kept
+from .covariance import as_kept, root_of
 from .fit import Fit
 from .gate import Member, leave_blocks_out, pass_gate
 from .layout import with_all_sensors
@@ -103,7 +103,7 @@ def fit(
     second = None
     if not structure.simulated and not structure.zeros_alone:
         second = _second_fit(member, chain, gate_rows)
-    root = as_kept(whole.covariance)
+    root = as_kept(root_of(whole.covariance))
     first, *beside = [
         _with_bound(k, member, whole, second, root, rows[k])
         for k in range(len(rows))
@@ -239,8 +239,8 @@ def _second_fit(
     if len(rows[0]) < structure.few_rows:
         ratio = leave_blocks_out(wide).ratio()
         share = float(np.clip(ratio, FIT.least_share, 1.0))
-    covariance = share**2 * wide.covariance
-    return wide, as_kept(covariance)
+    root = share * root_of(wide.covariance)
+    return wide, as_kept(root)
 
 
 def _wide_prior(member: Member, blocks: Sequence[str]) -> Prior:

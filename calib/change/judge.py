@@ -30,14 +30,14 @@ from ..common.parallel import one_blas_thread
 from ..errors import LogError, ModelError, require
 from ..model.model import Model
 from ..samples.samples import Samples
+from .bound import bound_test
 from .causes import as_built, as_drawn
-from .evidence import Evidence, bound_test, with_orientations
+from .evidence import Comparison, weigh, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
 from .observations import Observations, sound_observations
 from .play import Play, find_play
 from .rows import LogRows, rows_of
-from .settings import BEYOND
 from .significance import FreeNoise, group_tests
 from .system import System, frame_variance
 from .update import update
@@ -126,26 +126,25 @@ def _verdict_on_body(
         noise_beside_unchanged = FreeNoise(System(unchanged, observations))
     tests = group_tests(noise_beside_unchanged, rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
-    shared = frame_variance(reference, observations)
-    bound = bound_test(rows, limit, shared, tests)
-    fired = max(tests.score, bound.test.score) > 1.0
-    fired = fired or bound.beyond > BEYOND or reference.has_discrete_cause
-
-    # 4. p(y | causes): which sets of causes explain the rows?
-    systems = _systems(prior, reference, observations)
-    temper = max(rows.body.kappa**2, 1.0, noise.temper)
-    explanations = explain(systems, cause, temper=temper, calm=not fired)
-    by_positions = Evidence(
+    shared_variance = frame_variance(reference, observations)
+    comparison = Comparison(
         rows=rows,
         cause=cause,
         prior=prior,
         reference=reference,
         observations=observations,
         tests=tests,
-        bound=bound,
-        explanations=explanations,
+        bound=bound_test(rows, limit, shared_variance, tests),
     )
-    evidence = with_orientations(by_positions, systems, temper)
+
+    # 4. p(y | causes): which sets of causes explain the rows?
+    systems = _systems(prior, reference, observations)
+    temper = max(rows.body.kappa**2, 1.0, noise.temper)
+    explanations = explain(
+        systems, cause, temper=temper, calm=not comparison.fired
+    )
+    evidence = weigh(comparison, explanations)
+    evidence = with_orientations(evidence, systems, temper)
 
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
     better = None
@@ -162,10 +161,10 @@ def _verdict_on_body(
         changed=None if unsure else score > 1.0,
         causes=causes,
         score=score,
-        notes=(*notes_of(rows, bound, score), *notes),
+        notes=(*notes_of(rows, comparison.bound, score), *notes),
         rows=rows,
         tests=tests,
-        bound=bound,
+        bound=comparison.bound,
         update=better,
         evidence=evidence,
     )

@@ -8,8 +8,9 @@ import numpy as np
 
 from ..common.rows import spread_rows
 from ..model.baseline import Signal
+from .bound import BoundTest, bound_test
 from .causes import Cause
-from .evidence import BoundTest, Evidence, bound_test
+from .evidence import Evidence
 from .rows import LogRows
 from .settings import FALSE_ALARM, OUTLIER
 from .significance import GroupTest, GroupTests, alarms

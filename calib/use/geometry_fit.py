@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arm.arm import PlanarArm, SpatialArm
-from ..arm.rotations import logarithm, similarity
+from ..arm.rotations import similarity
 from ..body.belief import Body, knows_orientation
 from ..body.fit import Fit
 from ..body.frame_starts import frame_of_drawing
@@ -276,15 +276,9 @@ def _start_in_plane(
     scale = 1.0
     if free:  # a sensor that sees the plane from behind is turned half round
         readings = np.column_stack([points.x, np.zeros(len(points.x))])
-        turn, shift, scale = similarity(tips, readings)
-        if points.unit == "m":
-            shift = readings.mean(axis=0) - turn @ tips.mean(axis=0)
-            scale = 1.0
-    beta = structure.neutral()
-    beta[structure.groups["view.rotation"]] = logarithm(turn)
-    beta[structure.groups["view.shift"]] = shift
-    beta[structure.groups["view.scale"]] = np.log(scale)
-    return beta
+        known = 1.0 if points.unit == "m" else None
+        turn, shift, scale = similarity(tips, readings, scale=known)
+    return structure.placed(structure.neutral(), turn, shift, scale)
 
 
 def _prior_in_plane(
