@@ -47,7 +47,8 @@ def test_each_episode_of_a_log_has_a_verdict():
         for name in ("q", "x", "side")
     }
     verdict = calib.check(model(1e-3), replace(calm, **rows, episode=np.repeat([4.0, 7.0], 60)))
-    assert verdict.drifted and not verdict.is_calm
+    assert verdict.drifted
+    assert not verdict.is_calm
     assert [(e.episode, e.samples, e.drifted) for e in verdict.episodes] == [
         (4, 60, False),
         (7, 60, True),
