@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.body.belief import knows_orientation
 from calib.common.arrays import Array
-from calib.common.names import by_name
+from calib.common.wording import by_name
 from calib.errors import QueryError
 from calib.model.prediction import predict
 from calib.model.space import Space

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.common.arrays import Array
-from calib.common.names import by_name
+from calib.common.wording import by_name
 from calib.errors import QueryError
 from calib.model.poses import solve_poses
 from calib.model.space import Space

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import calib
-from calib.common.names import by_name
+from calib.common.wording import by_name
 
 from .output import say
 from .parsing import BadOption, OfJoint, refuse

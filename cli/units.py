@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import calib
-from calib.common.names import by_name
-from calib.common.wording import for_people, unit_of_joint
+from calib.common.wording import by_name, for_people, unit_of_joint
 
 from .output import with_decimals, with_unit
 from .parsing import BadOption, OfJoint, bad_value

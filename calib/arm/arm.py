@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, freeze_copies
-from ..common.rows import query_rows
+from ..common.inputs import query_rows
 from ..common.scale import TURN
 from ..common.wording import listing, quoted, suggestion
 from ..errors import OptionError

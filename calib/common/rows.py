@@ -1,145 +1,8 @@
-"""Numbers from users and files: rows of them, checked; named columns are taken by name.
-
-Use it wherever a function takes joint values or positions: a table whose columns are named in
-another order would otherwise be read in the wrong order without a word.
-"""
-
-import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+"""Rows of numbers: lengths, medians, sums by group, least squares."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..errors import CalibError, OptionError, QueryError
-from .arrays import Array
-from .wording import listing, quoted, suggestion
-
-LARGEST = 1e15
-"""No measure of an arm is so large, and its powers are numbers still."""
-
-
-def number_rows(
-    values: Any,
-    names: Sequence[str],
-    what: str,
-    error: type[CalibError] = QueryError,
-) -> tuple[Array, bool]:
-    """Return rows of numbers, and whether it was a single vector.
-
-    values : (n, len(names)) or (len(names),) array-like, or named columns: Polars and pandas
-        tables, mappings and structured arrays are read by name, their other columns ignored
-    names : what each column is
-    Returns rows : (n, len(names)) array, a copy. It may hold NaN: whether that is wrong is the
-        caller's to say.
-    Returns single : whether it was one vector
-    Raises CalibError if a column is missing, or the values are masked, dates or no numbers.
-    """
-    columns = column_names(values)
-    # they may stand in any order: NumPy would take them as they stand
-    if columns:
-        for name in names:
-            if name not in columns:
-                raise error(
-                    f"{what}: no column {quoted(name)} among {listing(map(repr, columns))}",
-                    hint=suggestion(name, [str(name) for name in columns]),
-                    value=name,
-                )
-        parts = [
-            _numbers(values[name], f"{what}, column {quoted(name)}", error)
-            for name in names
-        ]
-        if len({part.shape for part in parts}) > 1 or parts[0].ndim > 1:
-            raise error(f"{what}: expected columns of numbers of one length")
-        rows = np.stack(parts, axis=-1)
-    else:
-        rows = _numbers(values, what, error)
-    single = rows.ndim == 1
-    if rows.ndim not in (1, 2) or rows.shape[-1] != len(names):
-        raise error(
-            f"{what} of shape {rows.shape}: expected ({len(names)},) or (n, {len(names)}), "
-            f"one column each for {listing(names)}"
-        )
-    return np.atleast_2d(rows), single
-
-
-def query_rows(
-    values: object, names: Sequence[str], what: str
-) -> tuple[Array, bool]:
-    """Return rows as `number_rows` does, all of them finite, or raise QueryError."""
-    rows, single = number_rows(values, names, what)
-    if not np.isfinite(rows).all():
-        row = int(np.argmin(np.isfinite(rows).all(axis=1)))
-        where = "" if single else f" in row {row}"
-        raise QueryError(
-            f"{what}{where}: {rows[row].tolist()} is not finite, expected numbers"
-        )
-    return rows, single
-
-
-def joint_numbers(
-    name: str,
-    value: object,
-    joints: Sequence[str],
-    *,
-    zero: bool = True,
-) -> Array:
-    """Return an option's numbers (dof,), one for each joint, from one for all or one each.
-
-    zero : whether a number may be zero; else it has to be positive
-    """
-    try:
-        numbers = np.broadcast_to(
-            np.asarray(value, dtype=float), (len(joints),)
-        ).copy()
-    except (TypeError, ValueError):
-        numbers = np.full(len(joints), np.nan)
-    if not (
-        (numbers >= 0.0) if zero else (numbers > 0.0)
-    ).all():  # NaN is neither
-        raise OptionError(
-            f"{name} {value!r}: expected a number {'of zero or more' if zero else 'above zero'}, "
-            f"or one for each of {', '.join(joints)} [rad or m]",
-            parameter=name,
-            value=value,
-        )
-    return numbers
-
-
-def column_names(values: object) -> list[object]:
-    """Return the names of the columns, none for an array without."""
-    if isinstance(values, np.ndarray):
-        return list(values.dtype.names or ())
-    if isinstance(values, Mapping):
-        return list(values)
-    columns = getattr(values, "columns", None)
-    names = [] if columns is None or callable(columns) else list(columns)
-    # pandas numbers the columns of a table that was made without names
-    return [] if names == list(range(len(names))) else names
-
-
-def _numbers(values: object, what: str, error: type[CalibError]) -> Array:
-    """Return a float64 copy of what is an array of plain numbers."""
-    if (
-        isinstance(values, np.ma.MaskedArray)
-        and np.ma.getmaskarray(values).any()
-    ):
-        raise error(
-            f"{what}: a masked array; leave out its masked entries, no measurements"
-        )
-    try:
-        array = np.asarray(values)
-        if (
-            array.dtype.kind in "mMcb"
-        ):  # dates, times, complex numbers, true and false
-            raise error(
-                f"{what}: values of type {array.dtype}, expected real numbers"
-            )
-        return np.array(array, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as problem:
-        raise error(
-            f"{what}: expected numbers, got {values!r:.60}"
-        ) from problem
+from .arrays import Array, Index, Mask
 
 
 def row_lengths(x: Array) -> Array:
@@ -152,44 +15,38 @@ def median_length(x: Array) -> float:
     return float(np.median(row_lengths(x)))
 
 
-def finite_rows(x: Array) -> NDArray[np.bool_]:
+def finite_rows(x: Array) -> Mask:
     """Return which rows of values (n, m) have finite numbers alone."""
     return np.asarray(np.isfinite(x).all(axis=1))
 
 
-def spread_rows(count: int, most: int) -> NDArray[np.intp]:
+def spread_rows(count: int, most: int) -> Index:
     """Return at most `most` row numbers of `count`, evenly spread, in order."""
     return np.unique(
         np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
     )
 
 
-def numbers(name: str, values: object, count: int) -> list[float]:
-    """Return a list of so many finite numbers, or raise ValueError; true and false are none."""
-    items = values if isinstance(values, list) else []
-    sound = all(
-        isinstance(item, int | float)
-        and not isinstance(item, bool)
-        and math.isfinite(item)
-        for item in items
-    )
-    if not sound or len(items) != count:
-        raise ValueError(
-            f"{name}: {values!r:.40} are not {count} finite numbers"
-        )
-    return [float(item) for item in items]
+def group_sums(group: Index, values: Array, groups: int = 0) -> Array:
+    """Return the sums (groups, ...) of values (n, ...) over the rows of each group (n,)."""
+    columns = values.reshape(len(values), -1).T
+    sums = [np.bincount(group, column, groups) for column in columns]
+    return np.stack(sums, axis=1, dtype=float).reshape(-1, *values.shape[1:])
 
 
-def whole(
-    name: str,
-    value: object,
-    least: int,
-    most: int,
-) -> int:
-    """Return a whole number within bounds, NumPy's too; True and 3.0 are none."""
-    good = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not (good and least <= value <= most):  # type: ignore[operator]
-        raise OptionError(
-            f"{name} is {value!r}, expected a whole number, {least} to {most:,}"
-        )
-    return int(value)  # type: ignore[call-overload, no-any-return]
+def group_means(group: Index, values: Array, groups: int = 0) -> Array:
+    """Return the means (groups, ...) of values (n, ...); NaN of a group without rows."""
+    count = np.bincount(group, minlength=groups)
+    sums = group_sums(group, values, groups)
+    return np.asarray((sums.T / np.where(count > 0, count, np.nan)).T)
+
+
+def solve_least_squares(features: Array, x: Array) -> Array:
+    """Least squares, of smallest norm where the features depend on each other.
+
+    Features (n, p) and x (n, k) give coefficients (p, k).
+    """
+    size = np.linalg.norm(features, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    coefficients = np.linalg.lstsq(features / size, x, rcond=1e-9)[0]
+    return coefficients / size[:, None]

@@ -5,6 +5,9 @@ import re
 from collections.abc import Iterable
 from decimal import Decimal
 from difflib import get_close_matches
+from typing import TypeVar
+
+_T = TypeVar("_T")
 
 INSTALL = "pip install 'calib-arm[{0}]', or in a checkout pip install '.[{0}]'"
 """How an extra is installed."""
@@ -61,6 +64,15 @@ def listing(names: Iterable[str], most: int = 12) -> str:
     items = list(names)
     more = f", ... ({len(items)} in all)" if len(items) > most else ""
     return (", ".join(map(clipped, items[:most])) or "(none)") + more
+
+
+def by_name(names: Iterable[str], values: Iterable[_T]) -> dict[str, _T]:
+    """Return values by their names, of which there are as many.
+
+    >>> by_name(("shoulder", "elbow"), (0.1, 0.2))
+    {'shoulder': 0.1, 'elbow': 0.2}
+    """
+    return dict(zip(names, values, strict=True))
 
 
 def suggestion(name: str, names: Iterable[str]) -> str:

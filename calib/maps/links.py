@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array, Index, ReadOnly, Shape
-from ..errors import OptionError
+from ..common.choices import check_choice
 from .map import Map
 from .settings import LINKS
 
@@ -98,10 +98,7 @@ WIRINGS = {
 
 def wiring_of(links: str) -> Wiring:
     """The wiring of a name."""
-    if links not in WIRINGS:
-        raise OptionError(
-            f"links {links!r} are unknown, choose one of {', '.join(WIRINGS)}"
-        )
+    check_choice("links", links, WIRINGS)
     return WIRINGS[links]
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
-from ..common.rows import query_rows, row_lengths
+from ..common.inputs import query_rows
+from ..common.rows import row_lengths
 from ..errors import QueryError
 from ..inverse.links import search_by_links
 from ..inverse.newton import limit_joints, limit_length

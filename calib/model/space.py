@@ -20,7 +20,7 @@ from ..body.sensor_pose import sensor_of, without_gauge, without_sensor
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.views import is_camera, pixels
 from ..common.arrays import Array, Mask
-from ..common.rows import query_rows
+from ..common.inputs import query_rows
 from ..errors import QueryError
 from .parts import Parts
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from ..body.covariance import pack, unpack
 from ..common.arrays import TRIANGLE, Shape
-from ..common.rows import LARGEST
+from ..common.inputs import LARGEST
 from ..errors import ModelError
 
 Tensor = NDArray[np.generic]

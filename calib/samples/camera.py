@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
-from ..common.rows import numbers
+from ..common.inputs import numbers
 from ..errors import LogError
 from .tables import Document
 

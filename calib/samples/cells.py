@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from ..arm.urdf import Range
 from ..common.arrays import Array, Index, Mask
-from ..common.rows import LARGEST, row_lengths, spread_rows
+from ..common.inputs import LARGEST
+from ..common.rows import row_lengths, spread_rows
 from ..common.wording import listing
 from ..errors import LogError
 from .joint_values import JointColumn, wrap

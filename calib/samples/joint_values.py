@@ -14,7 +14,8 @@ import numpy as np
 from ..arm.arm import Arm
 from ..arm.urdf import Range
 from ..common.arrays import Array, Index
-from ..common.rows import LARGEST, finite_rows
+from ..common.inputs import LARGEST
+from ..common.rows import finite_rows
 from ..common.scale import TURN
 from ..common.wording import listing, unit_of_joint
 from ..errors import CalibError, LogError, OptionError

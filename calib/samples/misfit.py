@@ -6,8 +6,12 @@ import numpy as np
 
 from ..arm.rotations import similarity
 from ..common.arrays import Array
-from ..common.least_squares import solve_least_squares
-from ..common.rows import finite_rows, median_length, row_lengths
+from ..common.rows import (
+    finite_rows,
+    median_length,
+    row_lengths,
+    solve_least_squares,
+)
 
 
 def spread(x: Array) -> float:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..arm.arm import Arm
 from ..arm.plane import Plane
 from ..common.arrays import Array, Index, frozen
-from ..common.rows import LARGEST, column_names, number_rows, whole
+from ..common.inputs import LARGEST, column_names, number_rows, whole
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
 from .camera import Camera, camera_of

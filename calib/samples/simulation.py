@@ -14,7 +14,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
-from ..common.rows import LARGEST
+from ..common.inputs import LARGEST
 from ..errors import OptionError
 from .tables import Document
 

@@ -10,7 +10,7 @@ from ..arm.description import parse_robot
 from ..arm.posture import posture_of
 from ..arm.urdf import Urdf
 from ..common.arrays import Array
-from ..common.names import by_name
+from ..common.wording import by_name
 from ..errors import CalibError
 from ..model.about import About
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..change.judge import judge
 from ..change.verdict import Verdict
 from ..common.arrays import Array
-from ..common.least_squares import solve_least_squares
+from ..common.rows import solve_least_squares
 from ..model.model import Model
 from ..samples.samples import Samples
 from ..training.residuals import fresh_points

@@ -12,7 +12,7 @@ import numpy as np
 from ..arm.arm import Arm, SpatialArm
 from ..body.spatial import SpatialStructure, structure_of
 from ..common.arrays import Array
-from ..common.rows import number_rows
+from ..common.inputs import number_rows
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..inverse.newton import Newton

@@ -12,10 +12,10 @@ from ..change.judge import judge
 from ..change.rows import LEAST_ROWS, REPEATED, different_rows
 from ..change.verdict import Verdict
 from ..common.arrays import Mask
-from ..common.names import by_name
+from ..common.choices import check_choice
 from ..common.rows import finite_rows, median_length, row_lengths
-from ..common.wording import for_people
-from ..errors import OptionError, require
+from ..common.wording import by_name, for_people
+from ..errors import require
 from ..model.about import holds
 from ..model.alignment import Alignment
 from ..model.model import Model
@@ -124,10 +124,7 @@ def evaluate(
         If the joints of `samples` are not those of the model.
     """
     require("model", model, Model)
-    if frame not in EVALUATED:
-        raise OptionError(
-            f"frame {frame!r}: expected one of {', '.join(EVALUATED)}"
-        )
+    check_choice("frame", frame, EVALUATED)
     if samples is None:
         simulation = simulation_of(model)
         if simulation is None:
@@ -195,8 +192,8 @@ def _of_log(model: Model, samples: Samples, source: str) -> Evaluation:
     evaluation = _evaluation(model, residuals, source, lost)
     notes = [*verdict.notes]
     if verdict.changed:
-        first = [*verdict.explanations, "its cause is unknown"][0]
-        notes.append(f"{verdict.words}: {first}; `check` says what to do")
+        words = f"{verdict.words}: {verdict.main_cause}"
+        notes.append(f"{words}; `check` says what to do")
     return replace(
         evaluation,
         within={**evaluation.within, "covered": verdict.covered},

@@ -11,9 +11,8 @@ import numpy as np
 from ..arm.description import parse_robot
 from ..body.sensor_pose import SensorPose, hand_pose
 from ..body.views import is_camera
-from ..common.names import by_name
 from ..common.parallel import one_blas_thread
-from ..common.wording import one_line
+from ..common.wording import by_name, one_line
 from ..errors import OptionError
 from ..model.header import Header
 from ..model.model import Model

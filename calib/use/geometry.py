@@ -9,7 +9,7 @@ from ..arm.arm import Arm, PlanarArm
 from ..arm.description import parse_robot
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array, Index
-from ..common.names import by_name
+from ..common.wording import by_name
 from ..model.alignment import Alignment
 
 

@@ -13,7 +13,7 @@ from ..arm.arm import Arm, SpatialArm, clip_range
 from ..arm.urdf import Range
 from ..body.views import is_camera
 from ..common.arrays import Array, Mask
-from ..common.rows import joint_numbers, number_rows
+from ..common.inputs import joint_numbers, number_rows
 from ..common.scale import Scale
 from ..common.wording import quoted, suggestion
 from ..errors import OptionError

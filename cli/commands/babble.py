@@ -1,7 +1,7 @@
 """Write a log of simulated babbling [rad, m]."""
 
 import calib
-from calib.common.names import by_name
+from calib.common.wording import by_name
 
 from .. import options as opt
 from ..logs import Selection, babble_log

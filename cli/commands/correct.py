@@ -7,7 +7,7 @@ more than the limit; the other rows are written.
 from typing import Annotated, Literal
 
 import calib
-from calib.common.names import by_name
+from calib.common.wording import by_name
 
 from .. import options as opt
 from ..output import Outcome, say, with_unit

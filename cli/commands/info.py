@@ -3,8 +3,7 @@
 from pathlib import Path
 
 import calib
-from calib.common.names import by_name
-from calib.common.wording import printable
+from calib.common.wording import by_name, printable
 
 from .. import options as opt
 from ..output import Line, Outcome, as_typed, with_unit

@@ -13,7 +13,7 @@ from typer import Argument
 
 import calib
 from calib.common.choices import Eye
-from calib.common.names import by_name
+from calib.common.wording import by_name
 
 from .. import options as opt
 from .. import parsing

@@ -6,9 +6,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...common.arrays import Array
-from ...common.names import by_name
 from ...common.rows import spread_rows
-from ...common.wording import for_people, number, printable, quantity, unit_for
+from ...common.wording import (
+    by_name,
+    for_people,
+    number,
+    printable,
+    quantity,
+    unit_for,
+)
 from ..causes import error_curve
 from ..error_scale import ErrorScale
 from ..robot import Robot

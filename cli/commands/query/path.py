@@ -5,7 +5,7 @@ Exit code 3 if the joints have to jump between branches or a point is out of rea
 
 from typing import Annotated
 
-from calib.common.names import by_name
+from calib.common.wording import by_name
 
 from ... import options as opt
 from ...output import Outcome
