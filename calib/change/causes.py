@@ -300,11 +300,9 @@ def as_built(body: Body) -> Body:
         sd[structure.turns[0]] = 0.0
     # What the samples left open stays correlated: along the gauge of a chain without a drawing,
     # deviations alone, of radians, would say that nothing was learned.
-    active = np.union1d(np.flatnonzero(sd), body.active)
-    covariance = np.diag(sd[active] ** 2)
-    place = np.searchsorted(active, body.active)
-    covariance[np.ix_(place, place)] += body.covariance
-    return replace(body, active=active, root=root_of(covariance), second=None)
+    wrong = np.flatnonzero(sd)
+    body = replace(body, second=None)
+    return body.with_covariance(wrong, np.diag(sd[wrong] ** 2))
 
 
 def as_drawn(body: Body) -> Body:

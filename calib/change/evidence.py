@@ -180,7 +180,7 @@ def weigh(
 
 
 def with_orientations(
-    evidence: Evidence, systems: Sequence[System], temper: float
+    evidence: Evidence, systems: Sequence[System], correlation_time: float
 ) -> Evidence:
     """Evidence whose best explanation orientations do not contradict, as far as there is one.
 
@@ -196,7 +196,11 @@ def with_orientations(
     if cause not in (None, "joints") or TOOL in evidence.best.groups:
         return evidence
     explanations = explain(
-        systems, cause, temper=temper, calm=False, turned=(TOOL,)
+        systems,
+        cause,
+        correlation_time=correlation_time,
+        calm=False,
+        turned=(TOOL,),
     )
     return weigh(evidence, explanations)
 

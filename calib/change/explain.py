@@ -4,8 +4,9 @@ The evidence of a set whose causes free parameters of standard deviations sd is 
 
     log p(y | causes) = log p(y | d) + log p(d) - 1/2 log |A| - cost,    A = I + sd X' C^-1 X sd
 
-at the best d / sd.  The likelihood is raised to the power 1 / temper: rows that resemble their
-neighbours count for less than their number.  Each cause pays the logarithm of how many there are.
+at the best d / sd.  The likelihood is raised to the power 1 / correlation time: rows that resemble
+their neighbours count for less than their number.  Each cause pays the logarithm of how many there
+are.
 
 `Search.candidates` adds causes one by one in the linear system, `Search.explanation_of` fits the
 best sets to convergence, and where that leads far the system is linearised again there.
@@ -87,7 +88,7 @@ _evidence = attrgetter("evidence")
 class Information(NamedTuple):
     """What rows tell of k parameters over their standard deviations, for l sizes of the noise.
 
-    All is divided by the temper.
+    All is divided by the correlation_time.
     """
 
     likelihood: Array  # (l,), where none of them changed [nats]
@@ -124,7 +125,7 @@ class Search:
     """Sets of causes of a log beside a reference.
 
     always : groups that are free in every set: a frame that was fitted to the log, a turned tool
-    temper : autocorrelation time of the rows; likelihoods are raised to 1 / temper
+    correlation_time : of the rows; likelihoods are raised to the power 1 / of it
     sd : (d,), by which the parameters may have changed
     always_free : parameters of `always`
     free : those that are free in any set
@@ -135,12 +136,12 @@ class Search:
         system: System,
         cause: str | None,
         always: Sequence[str],
-        temper: float,
+        correlation_time: float,
     ) -> None:
         reference = system.reference
         structure = reference.structure
         self.system = system
-        self.temper = temper
+        self.correlation_time = correlation_time
         groups = changeable(structure)
         self.sd = sd_if_changed(reference.body, groups, reference.forgotten)
         self.always_free = np.sort(indices_of(structure, always))
@@ -188,9 +189,9 @@ class Search:
         by_noise = map(products.information, noises[some].tolist())
         matrices, vectors = zip(*by_noise, strict=True)
         return Information(
-            likelihood[some] / self.temper,
-            np.stack(matrices) / self.temper,
-            np.stack(vectors) / self.temper,
+            likelihood[some] / self.correlation_time,
+            np.stack(matrices) / self.correlation_time,
+            np.stack(vectors) / self.correlation_time,
         )
 
     def _with_likely_noises(self, information: Information) -> Information:
@@ -268,7 +269,7 @@ class Search:
     def _place(self, candidate: Candidate, normals: Array) -> PlaceOfSet | None:
         """Compare the rows with changes (p,) of a set's parameters, None without a prediction.
 
-        The posterior is log p(y | d) / temper - normals' normals / 2, with d = sd * normals.
+        The posterior is log p(y | d) / correlation time - normals' normals / 2, d = sd * normals.
         """
         reference = self.system.reference
         free = candidate.indices
@@ -288,9 +289,10 @@ class Search:
         return PlaceOfSet(
             normals=normals,
             beta=beta,
-            fit=likelihood / self.temper - 0.5 * float(normals @ normals),
-            gradient=vector / self.temper - normals,
-            precision=matrix / self.temper + np.eye(len(normals)),
+            fit=likelihood / self.correlation_time
+            - 0.5 * float(normals @ normals),
+            gradient=vector / self.correlation_time - normals,
+            precision=matrix / self.correlation_time + np.eye(len(normals)),
             residual=residual,
             noise=noise,
         )
@@ -315,7 +317,7 @@ class Search:
             beta=place.beta,
             sd=sd,
             evidence=place.fit - half_determinant - cost,
-            temper=self.temper,
+            correlation_time=self.correlation_time,
             deviation=deviation,
             noise=place.noise,
             residual=place.residual,
@@ -352,7 +354,7 @@ def explain(
     systems: Sequence[System],
     cause: str | None,
     *,
-    temper: float,
+    correlation_time: float,
     calm: bool,
     turned: Sequence[str] = (),
 ) -> tuple[Explanation, ...]:
@@ -360,7 +362,7 @@ def explain(
 
     systems : the log beside the belief as it was, and in the frame that fits the log best where
         that is far
-    temper : autocorrelation time of the rows
+    correlation_time : of the rows
     calm : whether no test fired: the causes are not searched then
     turned : groups that changed for sure, as orientations show: the tool that is turned has moved
     """
@@ -369,6 +371,6 @@ def explain(
         always = turned
         if system.reference.is_fitted:
             always = (*FRAME, *turned)
-        search = Search(system, cause, always, temper)
+        search = Search(system, cause, always, correlation_time)
         explanations += search.explanations(calm=calm)
     return tuple(sorted(explanations, key=_evidence, reverse=True))

@@ -85,7 +85,7 @@ class Explanation:
     beta: Array  # (d,), parameters of the greatest evidence
     sd: Array  # (d,), standard deviations by which they were free to change
     evidence: float  # logarithm of the tempered evidence [nats]
-    temper: float  # autocorrelation time of the rows
+    correlation_time: float  # of the rows
     # (d,), posterior standard deviations of those that are free, zero elsewhere
     deviation: Array
     noise: float  # noise of the log, in `Reference.sizes`

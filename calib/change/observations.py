@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -38,13 +38,17 @@ class Observations:
 
     q: Array  # (n, dof), joints [rad or m]
     z: Array  # (n, m), outputs, without what maps add to the body [unit]
+    # (n, dof), sign of each joint's last motion, 0 where it is not known
+    side: Array
     # [unit], standard deviation that all rows share, such as that of a board that was found again
     shared: float = 0.0
 
     def some(self, most: int) -> Observations:
         """Return at most so many rows, evenly spread."""
         rows = spread_rows(len(self.q), most)
-        return replace(self, q=self.q[rows], z=self.z[rows])
+        return Observations(
+            self.q[rows], self.z[rows], self.side[rows], self.shared
+        )
 
 
 def sound_rows(reference: Reference, q: Array, z: Array) -> Mask:
@@ -81,4 +85,4 @@ def sound_observations(
     rows = rows.sound(sound)
     # that of the model's own log and of this one
     shared = math.sqrt(2.0) * rows.shared
-    return rows, Observations(rows.q, z[sound], shared)
+    return rows, Observations(rows.q, z[sound], rows.side, shared)

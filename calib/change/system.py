@@ -12,12 +12,11 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from ..body.covariance import root_of
 from ..body.information import lengths_of, matern
 from ..body.parameters import Indices
 from ..common.arrays import Array
@@ -338,14 +337,12 @@ def prior_columns(
     if freed is not None:  # of a frame that is held the old knowledge stays
         sd = np.hypot(sd, freed)
         lost = np.intersect1d(lost, np.flatnonzero(freed))
-    active = np.union1d(body.active, np.flatnonzero(sd))
-    active = active.astype(np.intp)
-    covariance = np.diag(sd[active] ** 2)
-    old = body.root.copy()
-    old[np.isin(body.active, lost)] = 0.0
-    place = np.searchsorted(active, body.active)
-    covariance[np.ix_(place, place)] += body.kappa**2 * old @ old.T
-    return active, root_of(covariance)
+    root = body.kappa * body.root
+    root[np.isin(body.active, lost)] = 0.0
+    changed = np.flatnonzero(sd)
+    belief = replace(body, root=root)
+    belief = belief.with_covariance(changed, np.diag(sd[changed] ** 2))
+    return belief.active, belief.root
 
 
 def frame_columns(

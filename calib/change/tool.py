@@ -8,7 +8,6 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm, matrix_of
 from ..body.belief import Body, knows_orientation
-from ..body.covariance import root_of
 from ..body.fit import Fit
 from ..body.parameters import Prior
 from ..body.rows import Rows
@@ -48,13 +47,11 @@ class ToolTurn:
         tool = body.structure.groups["tool.rotation"]
         delta = np.zeros(body.structure.size)
         delta[tool] = self.turn
-        place = np.searchsorted(body.active, tool)
-        covariance = body.covariance.copy()
-        covariance[place] = 0.0
-        covariance[:, place] = 0.0
-        covariance[np.ix_(place, place)] = self.covariance / body.kappa**2
+        root = body.root.copy()
+        root[np.isin(body.active, tool)] = 0.0
         beta = body.structure.retract(body.beta, delta)
-        return replace(body, beta=beta, root=root_of(covariance))
+        turned = replace(body, beta=beta, root=root)
+        return turned.with_covariance(tool, self.covariance / body.kappa**2)
 
 
 def tool_turn(

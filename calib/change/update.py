@@ -234,13 +234,10 @@ def _as_uncertain(
         if some.reference is best.reference and some.evidence > least
     ]
     apart = np.stack([some.beta - best.beta for some in beside])
-    active = np.union1d(body.active, np.flatnonzero(apart.any(axis=0)))
+    changed = np.flatnonzero(apart.any(axis=0))
     # each may be as likely as the best
-    scaled = apart[:, active] / (math.sqrt(2.0) * body.kappa)
-    covariance = scaled.T @ scaled
-    place = np.searchsorted(active, body.active)
-    covariance[np.ix_(place, place)] += body.covariance
-    return replace(body, active=active, root=root_of(covariance))
+    scaled = apart[:, changed] / (math.sqrt(2.0) * body.kappa)
+    return body.with_covariance(changed, scaled.T @ scaled)
 
 
 def _with_sound_bound(body: Body, q: Array, missed: Array) -> Body:
@@ -297,7 +294,7 @@ class _Posterior:
         self.explanation = explanation
         self.reference = reference
         self.observations = observations
-        noise = math.sqrt(explanation.temper) * explanation.noise
+        noise = math.sqrt(explanation.correlation_time) * explanation.noise
         self.scale = noise * reference.sizes
         self.active, self.r = prior_columns(
             reference, explanation.waves, freed=explanation.sd

@@ -21,7 +21,7 @@ from ..model.alignment import Alignment
 from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, single_causes
 from .evidence import Evidence
 from .explanation import Explanation
-from .play import Play
+from .noise import Play
 from .settings import CREEP, NOISIER
 from .significance import alarms, moves_of
 

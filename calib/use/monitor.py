@@ -10,14 +10,13 @@ import numpy as np
 from ..body.belief import Body
 from ..change.causes import single_causes
 from ..change.frame import Reference
+from ..change.noise import sd_of_changes, usual_noise
 from ..change.settings import CREEP, CREPT, FALSE_ALARM
 from ..change.significance import (
     FTests,
     GroupTest,
     groups_of,
     moves_of,
-    sd_of_changes,
-    usual_noise,
 )
 from ..change.system import Products, prior_columns, smooth_columns
 from ..common.arrays import Array
