@@ -18,7 +18,7 @@ from ..body.settings import SHIFT, TURN
 from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
 from ..common.arrays import Array
-from .settings import ANYWHERE, BUILT_CURVE, CREEP, LEAST_MISFIT
+from .settings import ANYWHERE, BUILT_CURVE, CREEP_WAVES, LEAST_MISFIT
 
 FRAME = ("view.rotation", "view.shift")
 """Groups that move when the sensor is put elsewhere; always freed together."""
@@ -249,34 +249,34 @@ def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
 def sd_if_changed(
     body: Body,
     groups: Iterable[str],
-    forgotten: Indices | None = None,
+    void: Indices | None = None,
 ) -> Array:
     """Standard deviation (d,) by which the parameters of some groups may have changed.
 
-    forgotten : parameters of a frame that was fitted to the log: a narrow prior would count rows
+    void : parameters of a frame that was fitted to the log: a narrow prior would count rows
         twice
     """
     sizes = {name: group.freed for name, group in GROUPS.items()}
     link = _mean_length(body)
     sd = _sd_of_groups(body, groups, sizes, link=link, curve=BUILT_CURVE)
-    if forgotten is not None:
+    if void is not None:
         frame = indices_of(body.structure, FRAME)
-        sd[np.intersect1d(frame, forgotten)] *= ANYWHERE
+        sd[np.intersect1d(frame, void)] *= ANYWHERE
     return sd
 
 
-def sd_of_creep(body: Body, waves: float = CREEP) -> Array:
+def sd_of_creep(body: Body, wave_size: float = CREEP_WAVES) -> Array:
     """Standard deviation (d,) by which the arm's own parameters may have crept.
 
-    waves : that of the joints' curves over their prior's; beyond `CREEP` of those too that the
-        belief leaves out
+    wave_size : that of the joints' curves over their prior's; beyond `CREEP_WAVES` of those too
+        that the belief leaves out
     """
     sizes = {name: group.creep for name, group in GROUPS.items()}
     link = _mean_length(body)
-    sd = _sd_of_groups(body, _arms(body), sizes, link=link, curve=waves)
+    sd = _sd_of_groups(body, _arms(body), sizes, link=link, curve=wave_size)
     sd[frame_twin(body)] = 0.0
     creeping = body.active
-    if waves > CREEP:
+    if wave_size > CREEP_WAVES:
         curves = indices_of(body.structure, ("curve",))
         creeping = np.union1d(creeping, curves)
     crept = np.zeros_like(sd)

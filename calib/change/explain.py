@@ -37,7 +37,7 @@ from .causes import (
 from .explanation import Explanation, Place, climb
 from .settings import (
     MARGIN,
-    WAVES,
+    WAVE_SIZES,
 )
 from .system import System
 
@@ -72,7 +72,7 @@ class Candidate(NamedTuple):
     """A set of causes in the linear system, p of whose parameters are free."""
 
     causes: tuple[str, ...]
-    waves: float  # of `WAVES`
+    wave_size: float  # of `WAVE_SIZES`
     indices: Indices  # (p,), parameters that are free
     evidence: float  # [nats]
     normals: Array  # (p,), their best changes over the standard deviations by which they are free
@@ -143,7 +143,7 @@ class Search:
         self.system = system
         self.correlation_time = correlation_time
         groups = changeable(structure)
-        self.sd = sd_if_changed(reference.body, groups, reference.forgotten)
+        self.sd = sd_if_changed(reference.body, groups, reference.void)
         self.always_free = np.sort(indices_of(structure, always))
         singles = single_causes(structure, cause)
         allowed = np.concatenate([*singles.values()])
@@ -173,17 +173,17 @@ class Search:
                 free_sets[name] = free
         return free_sets
 
-    def information(self, waves: float) -> Information:
-        """What rows tell, beside some waves, of all that may be free."""
-        if waves not in self.informations:
-            information = self._for_noises(waves)
-            self.informations[waves] = self._with_likely_noises(information)
-        return self.informations[waves]
+    def information(self, wave_size: float) -> Information:
+        """What rows tell, beside waves of a size, of all that may be free."""
+        if wave_size not in self.informations:
+            information = self._for_noises(wave_size)
+            self.informations[wave_size] = self._with_likely_noises(information)
+        return self.informations[wave_size]
 
-    def _for_noises(self, waves: float) -> Information:
+    def _for_noises(self, wave_size: float) -> Information:
         """What rows tell for sizes of the noise all over their range."""
         x = self.system.x[:, self.free] * self.sd[self.free]
-        products = self.system.nuisance(waves).products(self.system.y, x)
+        products = self.system.nuisance(wave_size).products(self.system.y, x)
         noises, likelihood = products.noises()
         some = slice(None, None, SEARCH.coarser)
         by_noise = map(products.information, noises[some].tolist())
@@ -212,10 +212,12 @@ class Search:
         places = np.searchsorted(self.free, indices)
         cost = self.cost * len(causes)
         candidates = []
-        for waves in WAVES:
-            evidence, normals = self.information(waves).evidence(places)
+        for wave_size in WAVE_SIZES:
+            evidence, normals = self.information(wave_size).evidence(places)
             best = float(evidence.max()) - cost
-            candidates.append(Candidate(causes, waves, indices, best, normals))
+            candidates.append(
+                Candidate(causes, wave_size, indices, best, normals)
+            )
         return sorted(candidates, key=_evidence, reverse=True)
 
     def candidates(self) -> list[Candidate]:
@@ -281,7 +283,7 @@ class Search:
         if not np.isfinite(residual).all():
             return None
         y = self.system.whiten(residual)
-        nuisance = self.system.nuisance(candidate.waves)
+        nuisance = self.system.nuisance(candidate.wave_size)
         products = nuisance.products(y, columns * sd)
         noise = products.most_likely_noise()
         likelihood = float(products.likelihood(noise)[0])
@@ -311,7 +313,7 @@ class Search:
         cost = self.cost * len(candidate.causes)
         return Explanation(
             causes=candidate.causes,
-            waves=candidate.waves,
+            wave_size=candidate.wave_size,
             reference=self.system.reference,
             indices=free,
             beta=place.beta,
@@ -346,7 +348,7 @@ class Search:
             causes = fits[0].causes
             self.system = self.system.relinearised(fits[0].beta)
             self.informations = {}
-        alone = {(fit.causes, fit.waves): fit for fit in reversed(fits)}
+        alone = {(fit.causes, fit.wave_size): fit for fit in reversed(fits)}
         return list(alone.values())
 
 

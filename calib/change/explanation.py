@@ -14,7 +14,7 @@ from ..body.settings import NATS
 from ..common.arrays import Array
 from .causes import FRAME
 from .frame import Reference
-from .settings import CALM_WAVES, CREEP
+from .settings import CALM_WAVES, CREEP_WAVES
 
 # Share of each parameter's information that is added where a step does not gain, and of it after a
 # step that does
@@ -79,7 +79,7 @@ class Explanation:
     """A set of causes that accounts for a log, fitted to it."""
 
     causes: tuple[str, ...]
-    waves: float  # of `WAVES`, that the joints may have
+    wave_size: float  # of `WAVE_SIZES`, that the joints may have
     reference: Reference
     indices: Indices  # parameters that are free
     beta: Array  # (d,), parameters of the greatest evidence
@@ -102,7 +102,7 @@ class Explanation:
     @property
     def is_no_change(self) -> bool:
         """Whether it says that the arm and its sensor are as they were."""
-        return self.waves <= CALM_WAVES and not len(self.indices)
+        return self.wave_size <= CALM_WAVES and not len(self.indices)
 
     @property
     def name(self) -> str:
@@ -114,7 +114,7 @@ class Explanation:
         ]
         if FRAME[0] in self.groups:
             names.insert(0, "frame")
-        has_waves = self.waves > CREEP
+        has_waves = self.wave_size > CREEP_WAVES
         shape = "waves of the joints" if has_waves else "a smooth residual"
         return ", ".join(names) or shape
 
@@ -128,4 +128,4 @@ def with_least_waves(explanations: Sequence[Explanation]) -> Explanation:
         for some in explanations
         if some.causes == best.causes and some.evidence > least
     ]
-    return min(alike, key=lambda some: some.waves)
+    return min(alike, key=lambda some: some.wave_size)

@@ -15,7 +15,7 @@ from ..body.covariance import autocorrelation_time
 from ..common.arrays import Array, Mask
 from .causes import changeable, frame_twin, sd_if_changed
 from .frame import Reference
-from .settings import CREEP, CREPT, FALSE_ALARM, NOISIER
+from .settings import CREEP_SHARE, CREEP_WAVES, FALSE_ALARM, NOISIER
 from .system import SYSTEM, NoisyJoint, Nuisance, System
 
 JOINT_NOISES = tuple(2.0 ** np.arange(-1.0, 6.5, 0.5))
@@ -70,7 +70,9 @@ class NoiseFit:
 def noise_of(system: System) -> NoiseFit:
     """The most likely noise of a system."""
     reference = system.reference
-    nuisance = Nuisance(system, CREEP, CREPT, sd_of_changes(reference))
+    nuisance = Nuisance(
+        system, CREEP_WAVES, CREEP_SHARE, sd_of_changes(reference)
+    )
     products = nuisance.products(system.y, system.x[:, :0])
     usual = usual_noise(reference)
     size = products.most_likely_noise(usual)
@@ -141,7 +143,7 @@ def sd_of_changes(reference: Reference) -> Array:
     # what bends the joints, and couplings, would leave few rows no freedom
     groups = set(changeable(reference.structure))
     groups -= {"elastic", "payload", "coupling"}
-    sd = sd_if_changed(reference.body, groups, reference.forgotten)
+    sd = sd_if_changed(reference.body, groups, reference.void)
     # the frame turns about the first joint's axis as its offset does: it is free once
     sd[frame_twin(reference.body)] = 0.0
     return sd

@@ -14,11 +14,11 @@ NOISIER = 1.5
 # Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm
 LEAST_OWN = 1e-6
 
-CREPT = 0.25
+CREEP_SHARE = 0.25
 """Of the usual creep of an unchanged arm's parameters, what the tests allow for: the last rows of
 series A, .4 mm off, are an alarm without it; all of it hid a sensor that was moved by .1 mm."""
 
-CREEP = 0.01  # sd of a joint's curve that may creep between two logs, over that of its prior
+CREEP_WAVES = 0.01  # sd of a joint's curve that may creep between two logs, over that of its prior
 # the same of a curve that is freed, and of an arm as it was built
 BUILT_CURVE = 0.3
 
@@ -31,9 +31,9 @@ without noise."""
 ANYWHERE = 20.0
 
 CALM_WAVES = 0.7
-WAVES = (CREEP, CALM_WAVES, 4.0)
-"""Joints' waves, of unknown size, that a log may show beside every change: sd of their curves, over
-that of its prior.  With the least alone, waves of 2 mrad along a line were taken for lengths and a
+WAVE_SIZES = (CREEP_WAVES, CALM_WAVES, 4.0)
+"""Joints' waves, of unknown size, that a log may show beside every change: sd of their curves,
+over that of its prior.  With the least alone, waves of 2 mrad along a line were taken for lengths and a
 lens.  Each is as likely before: a prior uniform in the logarithm of a size (Jeffreys).  An arm
 that has not changed may show calm ones: .25 mrad are what a model of 400 rows had not learned of a
 real UR10, and did harm where they were taken for a change.  A larger smooth residual as well (4

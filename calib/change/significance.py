@@ -27,7 +27,7 @@ from .causes import (
     single_causes,
 )
 from .noise import NoiseFit, f_chance, score_of
-from .settings import CREEP, CREPT, FALSE_ALARM
+from .settings import CREEP_SHARE, CREEP_WAVES, FALSE_ALARM
 from .system import (
     NoisyJoint,
     Nuisance,
@@ -246,7 +246,7 @@ def group_tests(noise: NoiseFit, probes: Array) -> GroupTests:
     system = noise.system
     reference = system.reference
     groups = groups_of(reference.structure)
-    nuisance = Nuisance(system, CREEP, CREPT)
+    nuisance = Nuisance(system, CREEP_WAVES, CREEP_SHARE)
     tests = FTests(
         products=nuisance.products(system.y, system.x),
         noise=noise.size,

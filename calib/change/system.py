@@ -135,11 +135,11 @@ class System:
         system.y = self.whiten(residual) + system.x @ change
         return system
 
-    def nuisance(self, waves: float) -> Nuisance:
-        """What an unchanged arm may show whose joints may have waves of a size of `WAVES`."""
-        if waves not in self._nuisance:
-            self._nuisance[waves] = Nuisance(self, waves)
-        return self._nuisance[waves]
+    def nuisance(self, wave_size: float) -> Nuisance:
+        """What an unchanged arm may show whose joints may have waves of a size of `WAVE_SIZES`."""
+        if wave_size not in self._nuisance:
+            self._nuisance[wave_size] = Nuisance(self, wave_size)
+        return self._nuisance[wave_size]
 
 
 @dataclass(frozen=True)
@@ -236,20 +236,22 @@ class Products:
 class Nuisance:
     """K = U diag(v) U' of a system: `axes` U (N, r) and `variances` v (r,), in noises.
 
-    waves : of `WAVES`
-    crept : times the usual creep of the parameters
-    freed : (d,), standard deviation by which parameters may have changed
+    wave_size : of `WAVE_SIZES`
+    creep_share : times the usual creep of the parameters
+    change_sd : (d,), standard deviation by which parameters may have changed
     """
 
     def __init__(
         self,
         system: System,
-        waves: float,
-        crept: float = 1.0,
-        freed: Array | None = None,
+        wave_size: float,
+        creep_share: float = 1.0,
+        change_sd: Array | None = None,
     ) -> None:
         reference = system.reference
-        active, root = prior_columns(reference, waves, crept, freed)
+        active, root = prior_columns(
+            reference, wave_size, creep_share, change_sd
+        )
         smooth = residual_columns(reference, system.observations)
         shared = frame_columns(reference, system.observations, system.predicted)
         parts = [
@@ -322,21 +324,21 @@ def smooth_columns(reference: Reference, q: Array, nodes: Array) -> Array:
 
 def prior_columns(
     reference: Reference,
-    waves: float,
-    crept: float = 1.0,
-    freed: Array | None = None,
+    wave_size: float,
+    creep_share: float = 1.0,
+    change_sd: Array | None = None,
 ) -> tuple[Indices, Array]:
     """What is unknown of the arm's parameters: which (k,), by standard normals (k, r).
 
-    waves : of `WAVES`
-    crept, freed : as of `Nuisance`
+    wave_size : of `WAVE_SIZES`
+    creep_share, change_sd : as of `Nuisance`
     """
     body = reference.body
-    sd = crept * sd_of_creep(body, waves)
-    lost = reference.forgotten
-    if freed is not None:  # of a frame that is held the old knowledge stays
-        sd = np.hypot(sd, freed)
-        lost = np.intersect1d(lost, np.flatnonzero(freed))
+    sd = creep_share * sd_of_creep(body, wave_size)
+    lost = reference.void
+    if change_sd is not None:  # of a frame that is held the old knowledge stays
+        sd = np.hypot(sd, change_sd)
+        lost = np.intersect1d(lost, np.flatnonzero(change_sd))
     root = body.kappa * body.root
     root[np.isin(body.active, lost)] = 0.0
     changed = np.flatnonzero(sd)

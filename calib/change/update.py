@@ -32,7 +32,7 @@ from .evidence import Evidence
 from .explain import SEARCH
 from .explanation import Explanation, Place, climb, with_least_waves
 from .observations import Observations
-from .settings import CREEP, UPDATING
+from .settings import CREEP_WAVES, UPDATING
 from .system import frame_columns, prior_columns, residual_columns
 from .tool import tool_turn
 
@@ -109,7 +109,7 @@ def _basis(evidence: Evidence) -> Explanation:
     if evidence.score > 1.0 or evidence.prior.simulated:
         return with_least_waves(explanations)
     # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere
-    return next(some for some in explanations if some.waves <= CREEP)
+    return next(some for some in explanations if some.wave_size <= CREEP_WAVES)
 
 
 def _posterior_belief(evidence: Evidence, explanation: Explanation) -> _Belief:
@@ -175,7 +175,7 @@ def _is_trainable(evidence: Evidence, explanation: Explanation) -> bool:
         return (
             evidence.score > 1.0
             and evidence.prior.simulated
-            and explanation.waves > CREEP
+            and explanation.wave_size > CREEP_WAVES
             and evidence.rows.widespread
         )
     # Without a drawing few rows leave a posterior that is curved: from 30 rows of series C an
@@ -297,7 +297,7 @@ class _Posterior:
         noise = math.sqrt(explanation.correlation_time) * explanation.noise
         self.scale = noise * reference.sizes
         self.active, self.r = prior_columns(
-            reference, explanation.waves, freed=explanation.sd
+            reference, explanation.wave_size, change_sd=explanation.sd
         )
         # without kappa, by which the bound inflates the residual as well
         smooth = residual_columns(reference, observations)

@@ -22,7 +22,7 @@ from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, single_causes
 from .evidence import Evidence
 from .explanation import Explanation
 from .noise import Play
-from .settings import CREEP, NOISIER
+from .settings import CREEP_WAVES, NOISIER
 from .significance import alarms, moves_of
 
 
@@ -159,7 +159,7 @@ def _changes(evidence: Evidence) -> list[Cause]:
     if not len(best.indices):
         words = "the joints have waves that the model does not know: gears, or their sensors"
         waves = Cause("curve", "curve", words)
-        return [waves] if best.waves > CREEP else []
+        return [waves] if best.wave_size > CREEP_WAVES else []
     change = np.abs(best.beta - evidence.prior.beta)
     clear = change > WORDS.clear * best.deviation
     clear &= best.deviation > 0.0

@@ -11,7 +11,7 @@ from ..body.belief import Body
 from ..change.causes import single_causes
 from ..change.frame import Reference
 from ..change.noise import sd_of_changes, usual_noise
-from ..change.settings import CREEP, CREPT, FALSE_ALARM
+from ..change.settings import CREEP_SHARE, CREEP_WAVES, FALSE_ALARM
 from ..change.significance import (
     FTests,
     GroupTest,
@@ -162,7 +162,9 @@ class _Equations:
         causes = single_causes(structure).values()
         self._reference = reference
         self._changes = np.unique(np.concatenate([*causes]))
-        self._known, self._root = prior_columns(reference, CREEP, CREPT)
+        self._known, self._root = prior_columns(
+            reference, CREEP_WAVES, CREEP_SHARE
+        )
         units = np.clip(model.motor.units, 0.0, 1.0)
         nodes = model.motor.scale.from_unit(units)
         self._nodes = nodes[spread_rows(len(nodes), MONITOR.nodes)]
