@@ -15,12 +15,12 @@ import calib
 from calib.common.arrays import Array, Mask
 from calib.common.rows import finite_rows
 from calib.common.scale import METRES
-from calib.common.wording import for_people, listing
+from calib.common.wording import error_size, for_people, listing
 from calib.samples.tables import Batch, read_batch, write_table
+from calib.use import standing
 
-from .output import NO, Outcome, TextTable, note, number, say, with_decimals
+from .output import NO, Outcome, TextTable, note, say, with_decimals
 from .parsing import TABLES, BadOption, bad_value, check_file, refuse
-from .summary import bound_warnings
 from .units import JointFormat, units_of
 
 BOUNDS = ("expected_error", "model_error")
@@ -44,7 +44,7 @@ def model_in(path: str, frame: str, *, base: bool = False) -> calib.Model:
         if base:
             choices.append("base")
         raise BadOption(f"--in {frame!r}: expected {', '.join(choices)}")
-    say(bound_warnings(model.about))
+    say(standing.bound_warnings(model.about))
     return model
 
 
@@ -73,7 +73,7 @@ class PositionFormat:
 
     def words(self, length: float) -> str:
         """Return a length [unit] in words."""
-        return f"{number(length * self.to_printed)} {self.printed}"
+        return f"{error_size(length * self.to_printed)} {self.printed}"
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import calib
-from calib.common.wording import by_name, for_people, unit_of_joint
+from calib.common.wording import by_name, for_people, unit_of_joint, with_unit
 
-from .output import with_decimals, with_unit
+from .output import with_decimals
 from .parsing import BadOption, OfJoint, bad_value
 
 if TYPE_CHECKING:

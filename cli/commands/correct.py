@@ -7,10 +7,10 @@ more than the limit; the other rows are written.
 from typing import Annotated, Literal
 
 import calib
-from calib.common.wording import by_name
+from calib.common.wording import by_name, with_unit
 
 from .. import options as opt
-from ..output import Outcome, say, with_unit
+from ..output import Outcome, say
 from ..parsing import above_zero
 
 
