@@ -315,6 +315,12 @@ class Parts:
         return name
 
 
+def bounds_of_nodes(motor: Map, body: Body) -> tuple[Array, Array]:
+    """A body's bounds (nodes,) [unit] at a map's nodes: on readings, and on the true position."""
+    nodes = motor.scale.from_unit(np.clip(motor.units, 0.0, 1.0))
+    return body.bound(nodes), body.bound(nodes, noise=False)
+
+
 def with_arm_of(parts: _P, adapted: _P) -> _P:
     """Return one sensor's parts with the arm of another one's adapted model.
 
@@ -342,14 +348,12 @@ def with_arm_of(parts: _P, adapted: _P) -> _P:
         scales=after.scales,
         second=second,
     )
-    nodes = parts.motor.scale.from_unit(np.clip(parts.motor.units, 0.0, 1.0))
+    reading, position = bounds_of_nodes(parts.motor, body)
     return replace(
         alone,
         body=body,
-        bounds=np.maximum(parts.bounds, body.bound(nodes)),
-        model_bounds=np.maximum(
-            parts.model_bounds, body.bound(nodes, noise=False)
-        ),
+        bounds=np.maximum(parts.bounds, reading),
+        model_bounds=np.maximum(parts.model_bounds, position),
         history=adapted.history,
         approach=adapted.approach,
     )

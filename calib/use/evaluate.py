@@ -194,8 +194,8 @@ def _of_log(model: Model, samples: Samples, source: str) -> Evaluation:
     evaluation = _evaluation(model, residuals, source, lost)
     notes = [*verdict.notes]
     if verdict.changed:
-        first = [*verdict.explanations, "its cause is unknown"][0]
-        notes.append(f"{verdict.words}: {first}; `check` says what to do")
+        words = f"{verdict.words}: {verdict.main_cause}"
+        notes.append(f"{words}; `check` says what to do")
     return replace(
         evaluation,
         within={**evaluation.within, "covered": verdict.covered},

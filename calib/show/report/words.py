@@ -82,7 +82,7 @@ def largest_cause(study: Study) -> str:
     """The largest cause in a sentence, or that there is none."""
     verdict = study.evaluation.verdict
     if verdict is not None and verdict.changed:
-        words = [*verdict.explanations, "its cause is unknown"][0]
+        words = verdict.main_cause
         return f"{one_line(words[0].upper() + words[1:])}."
     if study.model.body is None:
         return "Not told: maps without a body have no parameters to compare with a drawing."
