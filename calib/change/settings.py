@@ -13,8 +13,6 @@ PSEUDO = 4.0  # observations that the old noise counts for
 NOISIER = 1.5
 # Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm
 LEAST_OWN = 1e-6
-# Share of rows beyond a 95 % bound that fails for sure: halves of A and C have 13 % at most
-BEYOND = 0.2
 
 CREPT = 0.25
 """Of the usual creep of an unchanged arm's parameters, what the tests allow for: the last rows of
