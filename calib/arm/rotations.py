@@ -87,11 +87,16 @@ def nearest_rotation(matrix: Array) -> Array:
 
 
 def similarity(
-    a: Array, b: Array, *, mirrored: bool = False
+    a: Array,
+    b: Array,
+    *,
+    mirrored: bool = False,
+    scale: float | None = None,
 ) -> tuple[Array, Array, float]:
     """Rotation (d, d), shift (d,) and scale with b = scale R a + shift of rows (Umeyama 1991).
 
-    Where `mirrored`, a reflection serves too, if it fits better.
+    mirrored : whether a reflection serves too, if it fits better
+    scale : where it is known
     """
     centroid = a.mean(axis=0)
     centre = b.mean(axis=0)
@@ -100,6 +105,7 @@ def similarity(
     if not mirrored:  # of the orthogonal matrices that fit, the rotation
         sign[-1] = np.sign(np.linalg.det(u @ vt)) or 1.0
     turn = (u * sign) @ vt
-    spread = float(((a - centroid) ** 2).sum())
-    scale = max(float((s * sign).sum()) / max(spread, 1e-300), 1e-12)
+    if scale is None:
+        spread = float(((a - centroid) ** 2).sum())
+        scale = max(float((s * sign).sum()) / max(spread, 1e-300), 1e-12)
     return turn, centre - scale * turn @ centroid, scale

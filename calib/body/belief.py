@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from ..common.arrays import TRIANGLE, Array, Shape
-from .covariance import radius_95, spread_of
+from .covariance import as_kept, radius_95, spread_of
 from .parameters import Gaussian, Indices
 from .sensor_pose import SensorPose
 from .settings import PRIOR_SHARE, SHARED
 from .structure import OfStructure, Structure
 from .views import is_camera
+
+_Belief = TypeVar("_Belief", "Body", "Second")
 
 _CHUNK = 2000  # rows that a bound is evaluated for at a time
 
@@ -38,9 +40,8 @@ class Second(Gaussian):
     beta: Annotated[Array, Shape("parameters")]
     # its parameters: those of the first fit and the curves
     active: Annotated[Indices, Shape("k")]
-    root: Annotated[
-        Array, Shape("k", "k", storage=TRIANGLE)
-    ]  # of their covariance
+    # of their covariance
+    root: Annotated[Array, Shape("k", "k", storage=TRIANGLE)]
     noise: Annotated[Array, Shape("outputs")]
 
 
@@ -49,15 +50,13 @@ class Body(OfStructure):
     """A Gaussian belief over the parameters of an arm and its sensor."""
 
     structure: Structure
-    beta: Annotated[
-        Array, Shape("parameters")
-    ]  # parameters at the maximum of the posterior
+    # parameters at the maximum of the posterior
+    beta: Annotated[Array, Shape("parameters")]
     active: Annotated[Indices, Shape("k")]  # the parameters that were fitted
     # (k, r), root of their posterior covariance, which is root root'; a triangle after a fit
     root: Annotated[Array, Shape("k", "k", storage=TRIANGLE)]
-    noise: Annotated[
-        Array, Shape("outputs")
-    ]  # noise sd of each output [unit; rad for rotations]
+    # noise sd of each output [unit; rad for rotations]
+    noise: Annotated[Array, Shape("outputs")]
     kappa: float  # inflation of the bound by leave-block-out errors, at least 1
     # (m,), residual sd of the body itself, from leave-block-out errors beyond the noise [unit]
     tau: Annotated[Array, Shape("outputs")]
@@ -140,15 +139,18 @@ class Body(OfStructure):
             bound = np.maximum(bound, bound_of_second)
         return bound
 
-    def with_fields(
-        self, fields_of: Callable[[Gaussian], Mapping[str, Array | Indices]]
+    def with_beliefs(
+        self, change: Callable[[Gaussian], tuple[Array, Array]]
     ) -> Body:
-        """Return the body with other fields of both its fits."""
-        second = self.second
-        if second is not None:
-            second = replace(second, **fields_of(second))  # type: ignore[arg-type]
-        fields: Mapping[str, Any] = fields_of(self)
-        return replace(self, second=second, **fields)
+        """Return the body with other beliefs in both its fits.
+
+        change : gives the parameters (d,) and the root (d, r) of their covariance
+        """
+        body = _with_belief(self, *change(self))
+        if self.second is None:
+            return body
+        second = _with_belief(self.second, *change(self.second))
+        return replace(body, second=second)
 
     @property
     def deviations(self) -> Array:
@@ -231,6 +233,13 @@ class Body(OfStructure):
             "parameters": [p._asdict() for p in self.parameters()],
             "words": list(self.describe()),
         }
+
+
+def _with_belief(belief: _Belief, beta: Array, root: Array) -> _Belief:
+    """Return a fit with other parameters (d,) and the root (d, r) of their covariance."""
+    active = np.flatnonzero(root.any(axis=1))
+    kept = as_kept(root[active])
+    return replace(belief, beta=beta, active=active, root=kept)
 
 
 def knows_orientation(body: Body | None) -> bool:

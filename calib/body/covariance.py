@@ -100,7 +100,6 @@ def unpack(packed: _Packed, size: int) -> Array:
     return upper.T
 
 
-def as_kept(covariance: Array) -> Array:
-    """A root (k, k) of a covariance in single precision, as a model file keeps it."""
-    packed = pack(root_of(covariance))
-    return unpack(packed, len(covariance))
+def as_kept(root: Array) -> Array:
+    """The triangle (k, k) of a root (k, r) in single precision, as a model file keeps it."""
+    return unpack(pack(root), len(root))

@@ -133,18 +133,14 @@ def _trackers(
         # without it 2 of 48 mountings of long tools were not found
         turns.append(_turn_of_poses(rotations, exponential(z[:, 3:])))
         tools = np.vstack([tools, np.zeros(3)])
-    groups = structure.groups
     for tool, turn in zip(tools, turns, strict=True):
         tip = points + rotations @ tool
-        scale = structure.metre
-        if structure.viewpoint.view_kind.has_scale:
-            scale = similarity(tip, seen)[2]
-        shifts = seen - scale * tip @ turn.T
-        guess = arm.copy()
-        guess[groups["tool"]] = tool
-        guess[groups["view.rotation"]] = logarithm(turn)
-        guess[groups["view.scale"]] = np.log(scale / structure.metre)
-        guess[groups["view.shift"]] = shifts.mean(axis=0)
+        scale = structure.known_scale
+        if scale is None:
+            _, _, scale = similarity(tip, seen)
+        shift = seen.mean(axis=0) - scale * turn @ tip.mean(axis=0)
+        guess = structure.placed(arm, turn, shift, scale)
+        guess[structure.groups["tool"]] = tool
         yield _with_hand(structure, guess, turn @ rotations, z)
 
 
@@ -183,7 +179,6 @@ def _cameras(
     structure: SpatialStructure, points: Array, z: Array, arm: Array
 ) -> Iterator[Array]:
     """Yield cameras that an affine fit of pixels to points suggests, at a few focal lengths."""
-    groups = structure.groups
     camera = structure.viewpoint
     principal = np.asarray(camera.lens[1:3])
     middle = points.mean(axis=0)
@@ -204,8 +199,7 @@ def _cameras(
         pixels_a_metre = max(float(s.mean()), 1e-9)
         depth = focal / pixels_a_metre
         centre = np.append((seen - principal) / focal, 1.0) * depth
-        guess = arm.copy()
-        guess[groups["lens"][0]] = focal
-        guess[groups["view.rotation"]] = logarithm(turn)
-        guess[groups["view.shift"]] = centre - turn @ middle
+        shift = centre - turn @ middle
+        guess = structure.placed(arm, turn, shift, structure.metre)
+        guess[structure.groups["lens"][0]] = focal
         yield guess

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Self, TypeVar
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.choices import check_choice
 from ..errors import OptionError
 from .curves import HARMONICS
 from .parameters import Block, Hyper, Indices, Label, Prior
@@ -91,6 +92,11 @@ class Layout:
         return self.viewpoint.metre
 
     @property
+    def known_scale(self) -> float | None:
+        """What a metre is in its sensor's readings; None where that is fitted."""
+        return None if self.viewpoint.view_kind.has_scale else self.metre
+
+    @property
     def extent(self) -> float:
         """Size of the workspace along an output [unit]."""
         return self.viewpoint.extent
@@ -161,11 +167,7 @@ class Layout:
         place = self.place
         if isinstance(sensor, str):
             names = [sight.name for sight in self.sensors]
-            if sensor not in names:
-                choices = ", ".join(names)
-                raise OptionError(
-                    f"sensor {sensor!r}: expected one of {choices}"
-                )
+            check_choice("sensor", sensor, names)
             place = names.index(sensor)
         elif sensor is not None:
             place = len(self.sensors) + self.others.index(sensor)
@@ -191,6 +193,10 @@ class Layout:
     def linear(self) -> Indices:
         """Parameters that the outputs are linear in, all others staying as they are."""
         return np.zeros(0, dtype=int)
+
+    def turn_parameters(self, turn: Array) -> Array:
+        """Parameters (t,) of the sensor's turn, a matrix (p, p)."""
+        raise NotImplementedError
 
     def undrawn(self) -> Self | None:
         """The structure without a drawing that rows may contradict, None where it needs one."""
@@ -275,6 +281,17 @@ class Layout:
         out = np.empty(self.size)
         for block in self.layout:
             out[self.groups[block.name]] = block.mean
+        return out
+
+    def placed(
+        self, beta: Array, turn: Array, shift: Array, scale: float
+    ) -> Array:
+        """Parameters (d,) with the sensor that reads ``scale turn p + shift`` of a point p [m]."""
+        groups = self.groups
+        out = beta.copy()
+        out[groups["view.rotation"]] = self.turn_parameters(turn)
+        out[groups["view.scale"]] = np.log(scale / self.metre)
+        out[groups["view.shift"]] = shift
         return out
 
     def prior(self, free: Sequence[str]) -> Prior:

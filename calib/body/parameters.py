@@ -113,3 +113,10 @@ class Gaussian(ReadOnly):
     def covariance(self) -> Array:
         """Covariance (k, k) of the active parameters."""
         return frozen(self.root @ self.root.T)
+
+    @property
+    def full_root(self) -> Array:
+        """Root (d, r) of the covariance of all parameters, zero where nothing was fitted."""
+        root = np.zeros((len(self.beta), self.root.shape[1]))
+        root[self.active] = self.root
+        return root

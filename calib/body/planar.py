@@ -277,6 +277,10 @@ class PlanarStructure(Structure):
         offsets = self.groups["offset"][slides]
         yield offsets, lambda: (_pairs(1j * motion.terms[slides]), None)
 
+    def turn_parameters(self, turn: Array) -> Array:
+        """Angle (1,) of the sensor's turn (2, 2)."""
+        return np.arctan2(turn[1:, 0], turn[:1, 0])
+
     def ladder(self) -> Sequence[tuple[str, tuple[str, ...], bool]]:
         """Members from simple to rich: a name, the blocks that it frees, whether it is wanted."""
         turns = any(self.revolute)

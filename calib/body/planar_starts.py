@@ -100,16 +100,9 @@ def side_and_frame(
         return structure, arm
     motion, _ = structure.motion_and_sight(q, arm)
     points = motion.position.T
-    turn, _, scale = similarity(points, z, mirrored=True)
-    if not structure.viewpoint.view_kind.has_scale:
-        scale = structure.metre
-    cosine, sine = turn[:, 0]
-    shifts = z - scale * points @ turn.T
-    groups = structure.groups
-    beta = arm.copy()
-    beta[groups["view.rotation"]] = np.arctan2(sine, cosine)
-    beta[groups["view.scale"]] = np.log(scale / structure.metre)
-    beta[groups["view.shift"]] = shifts.mean(axis=0)
+    scale = structure.known_scale
+    turn, shift, scale = similarity(points, z, mirrored=True, scale=scale)
+    beta = structure.placed(arm, turn, shift, scale)
     side = 1 if np.linalg.det(turn) > 0 else -1
     return structure.with_sensor(mirror=side), beta
 

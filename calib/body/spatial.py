@@ -15,6 +15,7 @@ import numpy as np
 
 from ..arm.arm import PlanarArm, SpatialArm
 from ..arm.gravity import GRAVITY, Loads
+from ..arm.rotations import logarithm
 from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array, Mask
 from .curves import curve_shape
@@ -247,6 +248,10 @@ class SpatialStructure(Structure):
     def joint_slope(self, chain_slope: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
         return np.tensordot(self.chain.coupling.T, chain_slope, axes=1)
+
+    def turn_parameters(self, turn: Array) -> Array:
+        """Rotation vector (3,) of the sensor's turn (3, 3)."""
+        return logarithm(turn)
 
     def deviations(self, beta: Array) -> Deviations:
         """How the chain differs from its nominal one."""

@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.rotations import logarithm, similarity
+from ..arm.rotations import similarity
 from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from ..samples.sockets import Known
 from .belief import Body
 from .body_fit import BodyFit, fit
-from .covariance import as_kept
 from .parameters import Block, Gaussian, Hyper, Indices
 from .rows import Rows, with_measurements
 from .settings import FINER, FIT, FREE, PRIOR
@@ -146,60 +145,65 @@ def fit_touches(
     lower, upper : (dof,), the joints' range: bounds are of motions within it
     x : (n, 3), what the sensor measured [m]
     """
-    point = np.asarray(point, dtype=int)
     if x is None:
         x = np.zeros((len(q), 3))
+    touched = point >= 0
+    measured = ~touched
     tip, _ = structure.pose(q, structure.neutral())
     variance = tip.var(axis=0).sum()
-    extent = float(np.sqrt(variance))
-    sized = structure.with_sensor(extent=extent)
+    workspace = structure.with_sensor(extent=float(np.sqrt(variance)))
     rows = rows_of_touches(q, point, known, x)
-    whole = with_measurements(sized, rows)
-    begin = _beginning(whole, tip, point, x)
-    of_all = fit(whole, rows, begin=begin, seed=seed)
-    body = of_all.body
-    points = body.beta[whole.groups["point"]].reshape(-1, 3)
-    body = in_structure(body, structure)
-    measured = point < 0
+    with_sockets = with_measurements(workspace, rows)
+    begin = _beginning(with_sockets, tip, point, x)
+    joint_fit = fit(with_sockets, rows, begin=begin, seed=seed)
+    body = in_structure(joint_fit.body, structure)
     held_out = np.empty((len(q), 3))
-    held_out[~measured] = _about_means(of_all.held_out, point[~measured])
+    held_out[touched] = _about_means(joint_fit.held_out, point[touched])
     if measured.any():
-        by_sensor = of_all.beside[0]
-        held_out[measured] = by_sensor.held_out
+        of_sensor = joint_fit.beside[0]
+        held_out[measured] = of_sensor.held_out
         # bounds are of touches and of readings
-        noise = np.maximum(body.noise, by_sensor.body.noise)
+        noise = np.maximum(body.noise, of_sensor.body.noise)
         body = replace(body, noise=noise)
-        sensor = structure.sensor(body.beta)
-        points = points @ sensor.rotation.T + sensor.shift
     else:
-        rng = np.random.default_rng(seed)
-        shares = rng.random((_POSTURES, q.shape[1]))
-        span = upper - lower
-        postures = lower + shares * span
+        postures = _postures(lower, upper, seed)
         body = without_whole_motion(body, postures)
     # of a block that has most touches of a socket the others do not tell where that is
-    alike = np.ones(len(q))
-    fitted = replace(of_all, body=body, held_out=held_out, widening=alike)
-    return fitted, points
+    no_widening = np.ones(len(q))
+    fitted = replace(
+        joint_fit, body=body, held_out=held_out, widening=no_widening
+    )
+    return fitted, _socket_places(joint_fit.body)
+
+
+def _postures(lower: Array, upper: Array, seed: int) -> Array:
+    """Joint values (n, dof) all over a range."""
+    rng = np.random.default_rng(seed)
+    shares = rng.random((_POSTURES, len(lower)))
+    return lower + shares * (upper - lower)
+
+
+def _socket_places(body: Body) -> Array:
+    """Where sockets are (p, 3) [m] in the sensor's frame, by a fit to their touches."""
+    structure = body.structure
+    points = body.beta[structure.groups["point"]].reshape(-1, 3)
+    sensor = structure.sensor(body.beta)
+    return points @ sensor.rotation.T + sensor.shift
 
 
 def _beginning(
     structure: SpatialStructure, tip: Array, point: NDArray[np.intp], x: Array
 ) -> Array:
     """Parameters (d,) to begin with: sockets and sensor where the drawing has the tip (n, 3)."""
-    groups = structure.groups
     begin = structure.neutral()
-    for k, place in enumerate(groups["point"].reshape(-1, 3)):
-        in_socket = tip[point == k]
-        begin[place] = in_socket.mean(axis=0)
+    for k, socket in enumerate(structure.groups["point"].reshape(-1, 3)):
+        begin[socket] = tip[point == k].mean(axis=0)
     measured = point < 0
     if measured.any():
-        nominal = tip[measured]
-        readings = x[measured]
-        turn, *_ = similarity(nominal, readings)
-        shifts = readings - nominal @ turn.T
-        begin[groups["view.rotation"]] = logarithm(turn)
-        begin[groups["view.shift"]] = shifts.mean(axis=0)
+        turn, shift, scale = similarity(
+            tip[measured], x[measured], scale=structure.metre
+        )
+        begin = structure.placed(begin, turn, shift, scale)
     return begin
 
 
@@ -222,21 +226,19 @@ def _about_means(residual: Array, point: NDArray[np.intp]) -> Array:
 
 def in_structure(body: Body, structure: SpatialStructure) -> Body:
     """Return the belief in another structure of the same arm, without what that does not have."""
-    place = {label.name: k for k, label in enumerate(structure.labels)}
-    labels = body.structure.labels
-    places = np.array([place.get(label.name, -1) for label in labels])
-    is_shared = places >= 0
+    index = {label.name: k for k, label in enumerate(structure.labels)}
+    names = [label.name for label in body.structure.labels]
+    shared = [k for k, name in enumerate(names) if name in index]
+    places = [index[names[k]] for k in shared]
 
-    def fields_of(belief: Gaussian) -> dict[str, Array | Indices]:
+    def moved(belief: Gaussian) -> tuple[Array, Array]:
         beta = structure.neutral()
-        beta[places[is_shared]] = belief.beta[is_shared]
-        shared = is_shared[belief.active]
-        active = places[belief.active[shared]]
-        covariance = belief.covariance[np.ix_(shared, shared)]
-        root = as_kept(covariance)
-        return {"beta": beta, "active": active, "root": root}
+        beta[places] = belief.beta[shared]
+        root = np.zeros((structure.size, belief.root.shape[1]))
+        root[places] = belief.full_root[shared]
+        return beta, root
 
-    return replace(body.with_fields(fields_of), structure=structure)
+    return replace(body.with_beliefs(moved), structure=structure)
 
 
 def without_whole_motion(body: Body, q: Array) -> Body:
@@ -247,22 +249,17 @@ def without_whole_motion(body: Body, q: Array) -> Body:
     """
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone
-    shift = structure.shifts[0]
-    turn = structure.turns[0]
-    base: Indices = np.concatenate([shift, turn])
+    base: Indices = np.append(structure.shifts[0], structure.turns[0])
 
-    def without(belief: Gaussian) -> dict[str, Array | Indices]:
-        active = np.concatenate([base, belief.active])
-        _, slope = structure.linearise(q, belief.beta, active)
-        flat = slope.reshape(-1, len(active))
-        by_base, by_belief = np.split(flat, [len(base)], axis=1)
-        whole, *_ = np.linalg.lstsq(by_base, by_belief, rcond=None)
-        opposite = -whole @ belief.root
-        root = np.concatenate([opposite, belief.root])
-        order = np.argsort(active)
-        return {"active": active[order], "root": root[order]}
+    def without(belief: Gaussian) -> tuple[Array, Array]:
+        _, slope = structure.linearise(q, belief.beta)
+        flat = slope.reshape(-1, structure.size)
+        root = belief.full_root
+        whole, *_ = np.linalg.lstsq(flat[:, base], flat @ root, rcond=None)
+        root[base] -= whole
+        return belief.beta, root
 
-    return body.with_fields(without)
+    return body.with_beliefs(without)
 
 
 def with_size(body: Body, sd: float) -> Body:
@@ -280,8 +277,9 @@ def with_size(body: Body, sd: float) -> Body:
     growth[structure.shifts[1:]] = links
     growth[structure.groups["tool"]] = chain.rotation.T @ tool
 
-    def with_growth(belief: Gaussian) -> dict[str, Array | Indices]:
-        growths = growth[belief.active]
-        return {"root": np.column_stack([belief.root, growths])}
+    def with_growth(belief: Gaussian) -> tuple[Array, Array]:
+        root = belief.full_root
+        fitted = root.any(axis=1)
+        return belief.beta, np.column_stack([root, growth * fitted])
 
-    return body.with_fields(with_growth)
+    return body.with_beliefs(with_growth)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from ..body.covariance import RADIUS_95
-from ..common.choices import METHODS
+from ..common.choices import METHODS, check_choice
 from ..common.rows import row_lengths
 from ..common.wording import quantity
 from ..errors import require
@@ -21,18 +22,26 @@ from ..training.options import Progress
 from ..training.residuals import error_sizes
 from .adaptation import (
     ADAPTING,
+    ARM_AND_SENSOR,
     Adaptation,
-    old_model,
-    rebuilt,
-    with_model,
+    adaptation_with,
+    model_around,
+    unchanged_adaptation,
 )
 from .causes import FRAME, GROUPS
 from .evidence import Evidence
-from .judge import check_choice, guarded_algebra, judge
+from .judge import guarded_algebra, judge
 from .settings import LEAST_OWN
 from .update import Update
 from .verdict import Verdict
 from .words import frame_between
+
+TOO_WIDE = (
+    "the new bound is a tenth of the reach or more at every row: measure more"
+)
+PROMISE_BROKEN = (
+    "the model that would be written misses these rows by more than promised"
+)
 
 
 def adapt(
@@ -84,7 +93,7 @@ def adapt(
         with guarded_algebra():
             adaptation = _online(verdict, report)
     else:
-        report(0.0, "causes", float("nan"))
+        report(0.0, "causes", math.nan)
         verdict = judge(of_sensor, log, cause=cause, free=free)
         with guarded_algebra():
             adaptation = _few_shot(verdict, report)
@@ -97,77 +106,68 @@ def adapt(
 
 def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
     """The belief of the verdict as a model, where held-out rows say that it is better."""
-    rows = verdict.rows
-    learned = verdict.update
+    update = verdict.update
     evidence = verdict.evidence
-    if learned is None or evidence is None:
-        missed = rows.distance
+    if update is None or evidence is None:
         why = "maps without a body learn from a stream alone: give `method=online`"
-        return old_model(verdict, missed, missed, "nothing", why)
-    after = learned.after
-    old = old_model(
-        verdict, learned.before, after, _correction(verdict, evidence, learned)
-    )
-    if evidence.is_attributed:
-        old = replace(
-            old, kept=_other_parts(evidence, learned.explanation.groups)
-        )
-    elif verdict.changed:  # by no one part
-        old = replace(old, kept=())
-    if not learned.improved and not evidence.is_explained:
-        return old.with_note(evidence.why_not())
-    report(0.8, "maps", float("nan"))
-    fresh = rebuilt(rows.model, rows.body, learned.body, rows.u)
-    if not learned.improved:
-        # noise alone is no error of the model: rows miss evenly
-        missed = rows.distance
-        usual = float(np.median(missed))
-        uneven = float(np.quantile(missed, 0.95)) > ADAPTING.tail * usual
-        beyond = float(np.mean(missed > rows.bound))
-        if verdict.changed or (uneven and beyond > 0.5):
-            return _wider(verdict, old, fresh)
-        return old
-    if not np.isfinite(fresh.expected_error(rows.log.q)).any():
-        why = "the new bound is a tenth of the reach or more at every row: measure more"
-        return old.with_note(why)
+        missed = verdict.rows.distance
+        unchanged = unchanged_adaptation(verdict, missed, missed, "nothing")
+        return unchanged.with_note(why)
+    unchanged = _without_model(verdict, evidence, update)
+    if not (update.improved or evidence.is_explained):
+        return unchanged.with_note(evidence.why_not())
+
+    report(0.8, "maps", math.nan)
+    rows = verdict.rows
+    model = model_around(rows.model, update.body, rows.u)
+    if not update.improved:
+        if _is_contradicted(verdict):
+            return _with_wider_bound(verdict, unchanged, model)
+        return unchanged
+    if not np.isfinite(model.expected_error(rows.log.q)).any():
+        return unchanged.with_note(TOO_WIDE)
+
     # the equations are linear and the model is not: what is written has to keep the promise
-    predicted = predict(fresh, rows.log).value
-    error = row_lengths(rows.x - predicted)[learned.rows]
-    rounding = LEAST_OWN * float(evidence.reference.structure.extents[0])
-    promise = ADAPTING.consistent * after.mean() + rounding
-    if error.mean() >= promise:
-        old = replace(old, after=error_sizes(error))
-        if error.mean() >= ADAPTING.clearly_better * learned.before.mean():
-            why = "the model that would be written misses these rows by more than promised"
-            return old.with_note(why)
-    made = replace(old, improved=True)
-    if not made.everywhere:
-        bound = quantity(float(np.median(fresh.model_bounds)), rows.unit)
-        where = (
-            f"improved at the rows, {100 * made.coverage:.0f} % of the learned range: unknown "
-            f"elsewhere, where the position is known to {bound} (median of the bound)"
-        )
-        made = made.with_note(where)
+    error = row_lengths(rows.x - predict(model, rows.log).value)[update.rows]
+    if error.mean() >= _promise(evidence, update):
+        unchanged = replace(unchanged, after=error_sizes(error))
+        if error.mean() >= ADAPTING.clearly_better * update.before.mean():
+            return unchanged.with_note(PROMISE_BROKEN)
+    improved = replace(unchanged, improved=True)
+    if not improved.everywhere:
+        improved = improved.with_note(_where(improved, model))
     frame = None
-    if evidence.is_attributed and FRAME[0] in learned.explanation.groups:
-        frame = frame_between(evidence, learned.body.beta)
-    report(1.0, "done", made.after["mean"])
-    residual = learned.residual
-    judged = rows.log.q[learned.rows]
-    return with_model(verdict, made, fresh, judged, residual, "few-shot", frame)
+    if evidence.is_attributed and FRAME[0] in update.explanation.groups:
+        frame = frame_between(evidence, update.body.beta)
+    report(1.0, "done", improved.after["mean"])
+    judged = rows.log.q[update.rows]
+    return adaptation_with(
+        verdict, improved, model, judged, update.residual, "few-shot", frame
+    )
 
 
-def _correction(verdict: Verdict, evidence: Evidence, learned: Update) -> str:
-    """What is corrected, in words."""
+def _without_model(
+    verdict: Verdict, evidence: Evidence, update: Update
+) -> Adaptation:
+    """What the update says of the rows, before there is a model of it."""
     if evidence.is_attributed:
-        return learned.explanation.name
-    why = "nothing changed"
-    if verdict.changed:
-        why = "no single change stands out"
-    return f"{why}, rows added" if learned.improved else why
+        correction = update.explanation.name
+        kept = _groups_kept(evidence, update.explanation.groups)
+    elif verdict.changed:
+        correction = "no single change stands out"
+        kept = ()
+    else:
+        correction = "nothing changed"
+        kept = ARM_AND_SENSOR
+    if update.improved and not evidence.is_attributed:
+        correction += ", rows added"
+    unchanged = unchanged_adaptation(
+        verdict, update.before, update.after, correction
+    )
+    return replace(unchanged, kept=kept)
 
 
-def _other_parts(
+def _groups_kept(
     evidence: Evidence, changed: tuple[str, ...]
 ) -> tuple[str, ...]:
     """What an adaptation leaves as it was, in words."""
@@ -175,31 +175,58 @@ def _other_parts(
     names = []
     for name, group in GROUPS.items():
         has_lens = name != "lens" or structure.outputs < 3  # a tracker has none
-        there = has_lens and len(structure.groups.get(name, ())) > 0
-        if group.kept and there and name not in changed:
+        exists = has_lens and len(structure.groups.get(name, ())) > 0
+        if group.kept and exists and name not in changed:
             names.append(group.kept)
     return tuple(names)
 
 
-def _wider(verdict: Verdict, old: Adaptation, fresh: Model) -> Adaptation:
+def _promise(evidence: Evidence, update: Update) -> float:
+    """Mean distance of the rows up to which a model is what the equations promised [unit]."""
+    rounding = LEAST_OWN * float(evidence.reference.structure.extents[0])
+    return ADAPTING.consistent * float(update.after.mean()) + rounding
+
+
+def _where(improved: Adaptation, model: Model) -> str:
+    """Where a model is better, in words."""
+    unit = model.about.unit
+    bound = quantity(float(np.median(model.model_bounds)), unit)
+    return (
+        f"improved at the rows, {100 * improved.coverage:.0f} % of the learned range: unknown "
+        f"elsewhere, where the position is known to {bound} (median of the bound)"
+    )
+
+
+def _is_contradicted(verdict: Verdict) -> bool:
+    """Whether the rows contradict the model: noise alone is no error of it, rows miss evenly."""
+    if verdict.changed:
+        return True
+    rows = verdict.rows
+    missed = rows.distance
+    uneven = np.quantile(missed, 0.95) > ADAPTING.tail * np.median(missed)
+    return bool(uneven and np.mean(missed > rows.bound) > 0.5)
+
+
+def _with_wider_bound(
+    verdict: Verdict, unchanged: Adaptation, updated: Model
+) -> Adaptation:
     """The old model with wider bounds, where the rows contradict its own and nothing mends it.
 
-    fresh : what the rows made of the model, although it is no better at them
+    updated : what the rows made of the model, although it is no better at them
     """
     rows = verdict.rows
     model = rows.model
     u = np.clip(model.motor.units, 0.0, 1.0)
-    apart = fresh.predictor.value(u) - model.predictor.value(u)
+    difference = updated.predictor.value(u) - model.predictor.value(u)
     missed = float(np.quantile(rows.distance, 0.95))
-    bound = row_lengths(apart) + fresh.model_bounds
+    bound = row_lengths(difference) + updated.model_bounds
     bound = np.maximum(bound, missed)
     # bounds at more than three joints are the body's own
     residual = float(np.median(bound)) / RADIUS_95
+    body = replace(rows.body, residual=np.maximum(rows.body.residual, residual))
     wider = replace(
         model,
-        body=replace(
-            rows.body, residual=np.maximum(rows.body.residual, residual)
-        ),
+        body=body,
         bounds=np.maximum(model.bounds, bound),
         model_bounds=np.maximum(model.model_bounds, bound),
     )
@@ -208,7 +235,7 @@ def _wider(verdict: Verdict, old: Adaptation, fresh: Model) -> Adaptation:
         f"the rows are missed by {size} (95 %), and no correction is clearly better than none: "
         "the prediction stays, with a wider bound"
     )
-    return replace(old, model=wider).with_note(words)
+    return replace(unchanged, model=wider).with_note(words)
 
 
 def _online(verdict: Verdict, report: Progress) -> Adaptation:
@@ -217,28 +244,32 @@ def _online(verdict: Verdict, report: Progress) -> Adaptation:
     u = rows.u
     q = rows.q
     x = rows.x
-    # every tenth block is kept apart to judge by
+    # every tenth block is held out to judge by
     count = max(10, len(u) // BLOCK)
-    apart = np.concatenate(blocks(len(u), count)[4::10])
-    shown = np.setdiff1d(np.arange(len(u)), apart)
+    held_out = np.concatenate(blocks(len(u), count)[4::10])
+    shown = np.setdiff1d(np.arange(len(u)), held_out)
     adapter = OnlineAdapter(rows.model, max(HORIZON, len(shown)), force=True)
     times = -(-HORIZON // len(shown))  # a short stream is shown again
     for k in range(times):
         step = adapter.feed(q[shown], x[shown])
         share = min(1.0, (k + 1) * len(shown) / HORIZON)
         report(0.9 * share, "online", step.error)
-    fresh = adapter.model()
-    residual = x[apart] - fresh.predictor.value(u[apart])
-    before = rows.distance[apart]
+    model = adapter.model()
+    residual = x[held_out] - model.predictor.value(u[held_out])
+    before = rows.distance[held_out]
     after = row_lengths(residual)
     correction = "maps and Hebbian links trained online"
-    old = replace(old_model(verdict, before, after, correction), kept=())
+    unchanged = unchanged_adaptation(verdict, before, after, correction)
+    unchanged = replace(unchanged, kept=())
     if times > 1:
-        old = old.with_note(f"{len(shown)} samples were shown {times} times")
-    answered = np.isfinite(fresh.expected_error(q[apart]))
+        note = f"{len(shown)} samples were shown {times} times"
+        unchanged = unchanged.with_note(note)
+    answered = np.isfinite(model.expected_error(q[held_out]))
     if not better(after, before) or answered.mean() <= 0.5:
-        return old
-    bounds = learn_bounds(fresh.motor, u[apart], after)
-    fresh = replace(fresh, bounds=bounds, model_bounds=bounds)
-    made = replace(old, improved=True)
-    return with_model(verdict, made, fresh, q[apart], residual, "online")
+        return unchanged
+    bounds = learn_bounds(model.motor, u[held_out], after)
+    model = replace(model, bounds=bounds, model_bounds=bounds)
+    improved = replace(unchanged, improved=True)
+    return adaptation_with(
+        verdict, improved, model, q[held_out], residual, "online"
+    )

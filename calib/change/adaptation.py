@@ -12,14 +12,16 @@ from ..common.arrays import Array
 from ..common.rows import row_lengths, spread_rows
 from ..common.scale import Scale
 from ..maps import local_models
-from ..maps.local_models import NO_MODELS, exponents
+from ..maps.local_models import NO_MODELS, LocalModels, exponents
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
 from ..model.about import MeasuredRows
 from ..model.alignment import Alignment
 from ..model.baseline import RowPlaces, learn_baseline
 from ..model.model import Model
+from ..model.parts import bounds_of_nodes
 from ..samples.motion import Motion
+from ..samples.tables import Document
 from ..training.residuals import (
     ErrorTable,
     error_sizes,
@@ -62,6 +64,8 @@ class AdaptationSettings:
 
 
 ADAPTING = AdaptationSettings()
+ARM_AND_SENSOR = ("the arm and the sensor",)
+"""What is kept where nothing changed."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,8 +135,8 @@ class Adaptation:
         return f"{head}\n  mean error {before:.3g} -> {after:.3g} {self.model.about.unit}"
 
 
-def old_model(
-    verdict: Verdict, before: Array, after: Array, correction: str, *notes: str
+def unchanged_adaptation(
+    verdict: Verdict, before: Array, after: Array, correction: str
 ) -> Adaptation:
     """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit]."""
     rows = verdict.rows
@@ -146,9 +150,9 @@ def old_model(
         after=error_sizes(after),
         correction=correction,
         changed=tuple(changed),
-        kept=("the arm and the sensor",),
+        kept=ARM_AND_SENSOR,
         coverage=_coverage(rows.u),
-        notes=(*verdict.notes, *notes),
+        notes=verdict.notes,
         everywhere=rows.across > ADAPTING.wide,
         left_out=verdict.left_out,
         verdict=verdict,
@@ -167,10 +171,10 @@ def _coverage(u: Array) -> float:
     return float(np.mean(shares))
 
 
-def with_model(
+def adaptation_with(
     verdict: Verdict,
-    made: Adaptation,
-    fresh: Model,
+    improved: Adaptation,
+    model: Model,
     judged: Array,
     residual: Array,
     method: str,
@@ -179,23 +183,68 @@ def with_model(
     """The adaptation with the new model, its facts, its baseline and the history of the old one.
 
     judged, residual : (k, dof) and (k, m) [unit], joints and residuals of held-out rows
+    frame : of the sensor that was moved, in that of the old model
     """
     rows = verdict.rows
-    about = rows.model.about
+    old = rows.model
     after = row_lengths(residual)
-    bound = np.nan_to_num(fresh.expected_error(judged)) + 1e-12
-    usual = about.errors.get(rows.model.default_readout)
-    event = {
+    bound = np.nan_to_num(model.expected_error(judged)) + 1e-12
+    facts = old.about.by_readings(
+        samples=improved.samples,
+        unit=verdict.unit,
+        errors=_errors(model, rows, residual),
+        notes=improved.notes,
+        tested=len(after),
+        left_out=improved.left_out,
+        within={
+            "p95": float(np.quantile(after, 0.95)),
+            "covered": float(np.mean(after <= bound)),
+        },
+    )
+    learned = MeasuredRows.of(rows.log.q, rows.x)
+    if len(residual) == len(learned):  # of all rows that are kept
+        learned = replace(learned, held_out=residual)
+    shape = (ADAPTING.baseline, rows.q.shape[1])
+    points = np.random.default_rng(0).random(shape)
+    baseline = learn_baseline(
+        model.association, points, model.predictor.value(points), after
+    )
+    if model.body is None:  # maps that followed these rows know no others
+        scale = model.motor.scale
+        places = RowPlaces.of(scale, scale.to_unit(learned.q))
+        baseline = replace(baseline, seen=places)
+    # a camera that was moved sees another picture
+    photo = old.photo if method == "few-shot" and frame is None else None
+    event = _event(improved, method, frame)
+    model = replace(
+        model,
+        about=facts,
+        baseline=baseline,
+        rows=learned,
+        photo=photo,
+        history=(*old.history, event),
+    )
+    return replace(improved, model=model)
+
+
+def _event(
+    improved: Adaptation, method: str, frame: Alignment | None
+) -> Document:
+    """What the history of a model keeps of an adaptation, beside what the model was before."""
+    old = improved.model
+    about = old.about
+    usual = about.errors.get(old.default_readout)
+    return {
         "event": "adapted",
         "method": method,
-        "samples": made.samples,
-        "outliers": made.outliers,
-        "before": made.before,
-        "after": made.after,
-        "correction": made.correction,
-        "coverage": made.coverage,
-        "changed": [cause.to_json() for cause in made.changed],
-        "kept": list(made.kept),
+        "samples": improved.samples,
+        "outliers": improved.outliers,
+        "before": improved.before,
+        "after": improved.after,
+        "correction": improved.correction,
+        "coverage": improved.coverage,
+        "changed": [cause.to_json() for cause in improved.changed],
+        "kept": list(improved.kept),
         "frame": None if frame is None else frame.to_json(),
         "from": {
             "source": about.source,
@@ -204,49 +253,14 @@ def with_model(
             "mean": usual and usual["forward"]["distance"]["mean"],
         },
     }
-    facts = about.by_readings(
-        samples=made.samples,
-        unit=verdict.unit,
-        errors=_errors(fresh, rows, residual),
-        notes=made.notes,
-        tested=len(after),
-        left_out=made.left_out,
-        within={
-            "p95": float(np.quantile(after, 0.95)),
-            "covered": float(np.mean(after <= bound)),
-        },
-    )
-    shape = (ADAPTING.baseline, rows.q.shape[1])
-    points = np.random.default_rng(0).random(shape)
-    baseline = learn_baseline(
-        fresh.association, points, fresh.predictor.value(points), after
-    )
-    learned = MeasuredRows.of(rows.log.q, rows.x)
-    if len(residual) == len(learned):  # of all rows that are kept
-        learned = replace(learned, held_out=residual)
-    if fresh.body is None:  # maps that followed these rows know no others
-        scale = fresh.motor.scale
-        places = RowPlaces.of(scale, scale.to_unit(learned.q))
-        baseline = replace(baseline, seen=places)
-    # a camera that was moved sees another picture
-    photo = rows.model.photo if method == "few-shot" and frame is None else None
-    model = replace(
-        fresh,
-        about=facts,
-        baseline=baseline,
-        rows=learned,
-        photo=photo,
-        history=(*rows.model.history, event),
-    )
-    return replace(made, model=model)
 
 
-def _errors(fresh: Model, rows: LogRows, residual: Array) -> ErrorTable:
+def _errors(model: Model, rows: LogRows, residual: Array) -> ErrorTable:
     """Errors of all readouts; held-out residuals (k, m) tell those of the default one."""
-    readout = fresh.default_readout
-    some = spread_rows(len(rows), ADAPTING.evaluated)
-    motion = Motion(rows.q[some])
-    errors = summarise(evaluate_residuals(fresh, motion, rows.x[some]))
+    readout = model.default_readout
+    evaluated = spread_rows(len(rows), ADAPTING.evaluated)
+    motion = Motion(rows.q[evaluated])
+    errors = summarise(evaluate_residuals(model, motion, rows.x[evaluated]))
     if readout != "body":
         errors.pop("body", None)
     forward = errors[readout]["forward"]
@@ -256,69 +270,69 @@ def _errors(fresh: Model, rows: LogRows, residual: Array) -> ErrorTable:
     return errors
 
 
-def rebuilt(model: Model, old: Body, body: Body, u: Array) -> Model:
+def model_around(old: Model, body: Body, u: Array) -> Model:
     """The model with an updated body, maps that follow it, and new bounds.
 
-    old : the body that maps were learned beside
     u : (n, dof), joints in the unit box of the rows of the update
     """
-    motor = model.motor
-    nodes = np.clip(model.motor.units, 0.0, 1.0)
-    drawn = np.random.default_rng(0).random(
-        (ADAPTING.per_node * motor.size, nodes.shape[1])
-    )
-    asked = np.concatenate([nodes, drawn])
-    q = motor.scale.from_unit(asked)
-    before = model.predictor.value(asked)
-    added = before - old.predict(q)
-    models = NO_MODELS
-    if float(np.abs(added).max()) > ADAPTING.nothing * float(
-        np.linalg.norm(np.ptp(before, axis=0))
-    ):
-        added = offset_after(old, body, body.beta, q, added)
-        degree = max(model.predictor.models.degree, ADAPTING.degree)
-        samples = max(
-            ADAPTING.samples, 2 * len(exponents(asked.shape[1], degree))
-        )
-        models = local_models.fit(
-            motor, np.arange(motor.size), asked, added, (degree, samples)
-        )
-    after = Predictor(motor, BodyInBox(body, motor.scale), models).value(nodes)
-    sensory = _sensory_map(model, before[: len(nodes)], after)
-    reading, position = (
-        body.bound(q[: len(nodes)], noise=noise) for noise in (True, False)
-    )
-    winners = motor.nearest(u)[1][:, 0]
+    motor = old.motor
+    nodes = np.clip(motor.units, 0.0, 1.0)
+    local = _local_models_around(old, body)
+    after = Predictor(motor, BodyInBox(body, motor.scale), local).value(nodes)
+    sensory = _sensory_map(old, old.predictor.value(nodes), after)
+    reading, position = bounds_of_nodes(motor, body)
     return replace(
-        model,
-        association=replace(model.association, motor=motor, sensory=sensory),
-        local=models,
+        old,
+        association=replace(old.association, sensory=sensory),
+        local=local,
         body=body,
         rows=None,
         seconds={},
         bounds=reading,
         model_bounds=position,
-        visited=model.visited
-        | (np.bincount(winners, minlength=motor.size) > 0),
+        visited=old.visited | motor.visited_by(u),
     )
 
 
-def _sensory_map(model: Model, before: Array, after: Array) -> Map:
+def _local_models_around(old: Model, body: Body) -> LocalModels:
+    """What the maps of a model add to its body, as the joints that cause it move an updated one."""
+    assert old.body is not None  # noqa: S101 - it was updated
+    motor = old.motor
+    nodes = np.clip(motor.units, 0.0, 1.0)
+    shape = (ADAPTING.per_node * motor.size, nodes.shape[1])
+    drawn = np.random.default_rng(0).random(shape)
+    u = np.concatenate([nodes, drawn])
+    q = motor.scale.from_unit(u)
+    positions = old.predictor.value(u)
+    added = positions - old.body.predict(q)
+    extent = float(np.linalg.norm(np.ptp(positions, axis=0)))
+    if float(np.abs(added).max()) <= ADAPTING.nothing * extent:
+        return NO_MODELS
+    added = offset_after(old.body, body, body.beta, q, added)
+    degree = max(old.predictor.models.degree, ADAPTING.degree)
+    terms = len(exponents(u.shape[1], degree))
+    samples = max(ADAPTING.samples, 2 * terms)
+    owners = np.arange(motor.size)
+    return local_models.fit(motor, owners, u, added, (degree, samples))
+
+
+def _sensory_map(old: Model, before: Array, after: Array) -> Map:
     """The sensory map, each node moved by the mean of the motor nodes that it is linked with.
 
     before, after : (motor nodes, m) [unit], what was and what is predicted at the motor nodes
     """
-    old = model.sensory
-    links = model.links
-    total = np.asarray(links.sum(axis=0)).ravel()
-    here, there = (
-        links.T @ x / np.maximum(total, 1e-300)[:, None]
-        for x in (before, after)
-    )
+    sensory = old.sensory
+    total = np.asarray(old.links.sum(axis=0)).ravel()
+
+    def mean_of_partners(x: Array) -> Array:
+        """Mean (sensory nodes, m) over the links of each sensory node."""
+        return np.asarray(old.links.T @ x / np.maximum(total, 1e-300)[:, None])
+
     # an affine map of the means, so that what a node differs from its partners is mapped too
     frame = Alignment.between(before, after)
-    known = total > 0
-    moved = frame.apply(old.weights)
-    moved[known] += (there - frame.apply(here))[known]
+    moved = frame.apply(sensory.weights)
+    shift = mean_of_partners(after) - frame.apply(mean_of_partners(before))
+    linked = total > 0
+    moved[linked] += shift[linked]
     scale = Scale.of_data(np.concatenate([moved, after]))
-    return Map(scale.to_unit(moved), old.lattice, scale, old.history)
+    return Map(scale.to_unit(moved), sensory.lattice, scale, sensory.history)

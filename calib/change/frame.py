@@ -229,12 +229,9 @@ class _Placement(NamedTuple):
         predicted = sense.structure.predict(q, sense.beta)
         p = predicted[:, : z.shape[1]]
         sound = np.ones(len(p), dtype=bool)
+        known = None if sense.unit_is_open else 1.0
         for _ in range(3):
-            turn, shift, ratio = similarity(p[sound], z[sound])
-            if not sense.unit_is_open:
-                ratio = 1.0
-                away = z[sound] - p[sound] @ turn.T
-                shift = away.mean(axis=0)
+            turn, shift, ratio = similarity(p[sound], z[sound], scale=known)
             residual = z - (shift + ratio * p @ turn.T)
             distance = row_lengths(residual)
             typical = float(np.median(distance))

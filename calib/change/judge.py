@@ -18,30 +18,30 @@ that order.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 
 from ..body.belief import Body
-from ..common.choices import CAUSES, FREED
+from ..common.choices import CAUSES, FREED, check_choice
 from ..common.parallel import one_blas_thread
-from ..errors import ModelError, OptionError, require
+from ..errors import LogError, ModelError, require
 from ..model.model import Model
 from ..samples.samples import Samples
+from .bound import bound_test
 from .causes import as_built, as_drawn
-from .evidence import Evidence, bound_test, with_orientations
+from .evidence import Comparison, weigh, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
 from .observations import Observations, sound_observations
 from .play import Play, find_play
 from .rows import LogRows, rows_of
-from .settings import BEYOND
 from .significance import FreeNoise, group_tests
 from .system import System, frame_variance
 from .update import update
-from .verdict import Verdict, notes_of, verdict_on_maps
+from .verdict import Episode, Verdict, notes_of, verdict_on_maps
 from .words import causes_of
 
 
@@ -84,7 +84,8 @@ def judge(
     """
     require("model", model, Model)
     require("log", log, Samples)
-    check_choice("cause", cause, CAUSES)
+    if cause is not None:
+        check_choice("cause", cause, CAUSES)
     check_choice("free", free, FREED)
     if free == "offsets":
         cause = free
@@ -125,26 +126,25 @@ def _verdict_on_body(
         noise_beside_unchanged = FreeNoise(System(unchanged, observations))
     tests = group_tests(noise_beside_unchanged, rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
-    shared = frame_variance(reference, observations)
-    bound = bound_test(rows, limit, shared, tests)
-    fired = max(tests.score, bound.test.score) > 1.0
-    fired = fired or bound.beyond > BEYOND or reference.has_discrete_cause
-
-    # 4. p(y | causes): which sets of causes explain the rows?
-    systems = _systems(prior, reference, observations)
-    temper = max(rows.body.kappa**2, 1.0, noise.temper)
-    explanations = explain(systems, cause, temper=temper, calm=not fired)
-    by_positions = Evidence(
+    shared_variance = frame_variance(reference, observations)
+    comparison = Comparison(
         rows=rows,
         cause=cause,
         prior=prior,
         reference=reference,
         observations=observations,
         tests=tests,
-        bound=bound,
-        explanations=explanations,
+        bound=bound_test(rows, limit, shared_variance, tests),
     )
-    evidence = with_orientations(by_positions, systems, temper)
+
+    # 4. p(y | causes): which sets of causes explain the rows?
+    systems = _systems(prior, reference, observations)
+    temper = max(rows.body.kappa**2, 1.0, noise.temper)
+    explanations = explain(
+        systems, cause, temper=temper, calm=not comparison.fired
+    )
+    evidence = weigh(comparison, explanations)
+    evidence = with_orientations(evidence, systems, temper)
 
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
     better = None
@@ -161,10 +161,10 @@ def _verdict_on_body(
         changed=None if unsure else score > 1.0,
         causes=causes,
         score=score,
-        notes=(*notes_of(rows, bound, score), *notes),
+        notes=(*notes_of(rows, comparison.bound, score), *notes),
         rows=rows,
         tests=tests,
-        bound=bound,
+        bound=comparison.bound,
         update=better,
         evidence=evidence,
     )
@@ -193,17 +193,6 @@ def _systems(
         old_frame = Reference(prior, prior.beta)
         systems.insert(0, System(old_frame, observations))
     return systems
-
-
-def check_choice(name: str, value: str | None, choices: Sequence[str]) -> None:
-    """Refuse what cannot be chosen."""
-    if value is not None and value not in choices:
-        raise OptionError(
-            f"{name} {value!r} is unknown",
-            hint=f"choose one of {', '.join(choices)}",
-            parameter=name,
-            value=value,
-        )
 
 
 @contextmanager
@@ -248,4 +237,31 @@ def check(
         If the log is not of this arm, too short, or looks wrong.
     """
     verdict = judge(model, log, cause=cause, learn=False)
-    return replace(verdict, tolerance=tolerance)
+    episodes = _episodes(model, log, cause)
+    return replace(verdict, tolerance=tolerance, episodes=episodes)
+
+
+def _episodes(
+    model: Model, log: Samples, cause: str | None
+) -> tuple[Episode, ...]:
+    """The verdict on each series of a log that tells them apart."""
+    if log.episode is None:
+        return ()
+    episodes: list[Episode] = []
+    for number in np.unique(log.episode.astype(int)).tolist():
+        series = log.take(np.flatnonzero(log.episode == number))
+        count = len(series)
+        try:
+            verdict = judge(model, series, cause=cause, learn=False)
+        except LogError as error:
+            episode = Episode(number, count, None, None, (str(error),))
+        else:
+            episode = Episode(
+                number,
+                count,
+                verdict.drifted,
+                verdict.score,
+                verdict.explanations,
+            )
+        episodes.append(episode)
+    return tuple(episodes)

@@ -27,12 +27,14 @@ from ..body.rows import Rows
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array
 from ..common.rows import row_lengths, spread_rows
+from .bound import BEYOND
 from .evidence import Evidence
 from .explain import SEARCH
 from .explanation import Explanation, Place, climb, with_least_waves
 from .observations import Observations
-from .settings import BEYOND, CREEP, UPDATING
+from .settings import CREEP, UPDATING
 from .system import frame_columns, prior_columns, residual_columns
+from .tool import tool_turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,8 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
     if evidence.tool.score > 1.0:
         if not improved:  # the tool alone
             belief = _as_it_was(evidence)
-        tool = evidence.tool_beside(belief.body.beta)
+        structure = evidence.reference.structure
+        tool = tool_turn(evidence.rows, structure, belief.body.beta)
         belief = belief._replace(body=tool.of(belief.body))
         improved = True
     return Update(
@@ -113,7 +116,8 @@ def _posterior_belief(evidence: Evidence, explanation: Explanation) -> _Belief:
     """The posterior of the parameters under an explanation, with a bound that the rows confirm."""
     rows = spread_rows(len(evidence.rows), UPDATING.rows)
     observations = evidence.observations.some(UPDATING.rows)
-    sizes = (1.0,) if evidence.is_attributed else UPDATING.own_residuals
+    is_clear = evidence.is_attributed or evidence.score > UPDATING.clearly
+    sizes = (1.0,) if is_clear else UPDATING.own_residuals
     posteriors = [_Posterior(explanation, observations, size) for size in sizes]
     posterior = max(posteriors, key=lambda some: some.evidence)
     body = posterior.body

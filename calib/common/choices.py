@@ -1,9 +1,12 @@
 """Names that users choose by: the library checks them and the command line offers them.
 
-Plain texts without any import, so that `calib --help` loads nothing that is heavy.
+`calib --help` reads them: no import here is heavy.
 """
 
+from collections.abc import Iterable
 from typing import Literal, get_args
+
+from ..errors import CalibError, OptionError
 
 # networks: `calib.maps.density.gain_of` has the gain that each trains with
 MAPS = (
@@ -84,3 +87,19 @@ VIDEOS = (
     ".mpeg",
     ".wmv",
 )
+
+
+def check_choice(
+    name: str,
+    value: object,
+    choices: Iterable[str],
+    error: type[CalibError] = OptionError,
+) -> None:
+    """Raise an error where the value of a parameter is none of its choices."""
+    names = tuple(choices)
+    if value not in names:
+        raise error(
+            f"{name} {value!r}: expected one of {', '.join(names)}",
+            parameter=name,
+            value=value,
+        )

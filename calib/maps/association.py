@@ -12,10 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 
 from ..common.arrays import Array, Index, Shape, freeze
-from ..common.choices import READOUTS
 from ..common.parallel import side_by_side
 from ..common.rows import group_sums
-from ..errors import OptionError
 from .clusters import Clusters
 from .linear_models import LinearModels, regress
 from .links import WIRINGS, SparseRows, Wiring
@@ -26,14 +24,6 @@ if TYPE_CHECKING:
     import os
 
     from scipy.sparse import csr_array
-
-
-def check_readout(name: str) -> None:
-    """Refuse an unknown readout."""
-    if name not in READOUTS:
-        raise OptionError(
-            f"readout {name!r} is unknown, choose one of {', '.join(READOUTS)}"
-        )
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Index
-from ..common.choices import MAPS
+from ..common.choices import MAPS, check_choice
 from ..common.rows import group_sums
 from ..errors import OptionError
 from .lattice import Graph, Lattice
@@ -175,10 +175,7 @@ READINGS: dict[str, Gain] = {
 
 def gain_of(name: str) -> Gain | None:
     """Gain of a network by its name in ``--map``, None where there is none."""
-    if name not in MAPS:
-        raise OptionError(
-            f"map {name!r} is unknown, choose one of {', '.join(MAPS)}"
-        )
+    check_choice("map", name, MAPS)
     return border if name == "vdsom" else READINGS.get(name.partition(":")[2])
 
 

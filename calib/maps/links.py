@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array, Index, ReadOnly, Shape
+from ..common.choices import check_choice
 from ..common.rows import group_sums
-from ..errors import OptionError
 from .map import Map
 from .settings import LINKS
 
@@ -94,10 +94,7 @@ WIRINGS = {
 
 def wiring_of(links: str) -> Wiring:
     """The wiring of a name."""
-    if links not in WIRINGS:
-        raise OptionError(
-            f"links {links!r} are unknown, choose one of {', '.join(WIRINGS)}"
-        )
+    check_choice("links", links, WIRINGS)
     return WIRINGS[links]
 
 

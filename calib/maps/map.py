@@ -139,6 +139,12 @@ class Map:
         """Best matching node of each row of `x` (n, d), in the space's own units (eq. 1)."""
         return self.nearest(self.scale.to_unit(np.atleast_2d(x)))[1][:, 0]
 
+    def visited_by(self, u: Array) -> Mask:
+        """Nodes (nodes,) that are the best matching one of any point `u` (n, d) of the unit box."""
+        visited = np.zeros(self.size, dtype=bool)
+        visited[self.nearest(u)[1][:, 0]] = True
+        return visited
+
     def quantization_error(self, x: Array) -> float:
         """Mean distance of the rows of `x` to their winners, in the space's own units."""
         u = self.scale.to_unit(np.atleast_2d(x))

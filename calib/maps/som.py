@@ -7,7 +7,7 @@ import numpy as np
 from numpy.random import SeedSequence
 
 from ..common.arrays import Array
-from ..common.choices import RULES
+from ..common.choices import RULES, check_choice
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
@@ -76,10 +76,7 @@ class SOM:
         wiring_of(self.links)
         kind_of(self.map)
         object.__setattr__(self, "size", shape_of(self.size))
-        if self.rule not in RULES:
-            raise OptionError(
-                f"rule {self.rule!r} is unknown, choose one of {', '.join(RULES)}"
-            )
+        check_choice("rule", self.rule, RULES)
         if self.epochs is not None and not 1 <= self.epochs <= _MOST_EPOCHS:
             raise OptionError(
                 f"epochs {self.epochs}: at least 1, at most {_MOST_EPOCHS:,}"

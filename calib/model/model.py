@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
+from ..common.choices import check_choice
 from ..common.inputs import number_rows, query_rows
 from ..errors import OptionError, QueryError
 from ..kernel.compiled import CERTAIN, NOTHING
@@ -65,12 +66,7 @@ class Model(Compilable):
         """
         if sensor in ("", self.about.sensor) or self.sensors == ("",):
             return self
-        if sensor not in self.sensors:
-            choices = ", ".join(self.sensors)
-            raise OptionError(
-                f"sensor {sensor!r}: expected one of {choices}",
-                parameter="sensor",
-            )
+        check_choice("sensor", sensor, self.sensors)
         return self.others[self.sensors.index(sensor) - 1]
 
     def with_sensor(self, adapted: Model) -> Model:

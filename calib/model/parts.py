@@ -11,14 +11,14 @@ import numpy as np
 from ..body.approach import Approach
 from ..body.belief import Body
 from ..common.arrays import Array, Mask, Shape, freeze
-from ..common.choices import MAP_READOUTS
+from ..common.choices import MAP_READOUTS, READOUTS, check_choice
 from ..common.wording import one_line
 from ..errors import OptionError
 from ..inverse.links import search_by_links
 from ..inverse.search import Search
 from ..kernel.compiled import Library
 from ..kernel.posterior import CompactPosterior
-from ..maps.association import Association, check_readout
+from ..maps.association import Association
 from ..maps.blend import blend_nodes
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS, LocalModels
@@ -305,7 +305,7 @@ class Parts:
 
     def _readout(self, name: str | None) -> str:
         """The readout that answers; ``local`` where the predictor does."""
-        check_readout(name or "local")
+        check_choice("readout", name or "local", READOUTS)
         if name == "local" and self.default_readout == "linear":
             raise OptionError(
                 "readout 'local': the model has no body, choose 'linear'"
@@ -313,6 +313,12 @@ class Parts:
         if name is None or name == self.default_readout:
             return "local"
         return name
+
+
+def bounds_of_nodes(motor: Map, body: Body) -> tuple[Array, Array]:
+    """A body's bounds (nodes,) [unit] at a map's nodes: on readings, and on the true position."""
+    nodes = motor.scale.from_unit(np.clip(motor.units, 0.0, 1.0))
+    return body.bound(nodes), body.bound(nodes, noise=False)
 
 
 def with_arm_of(parts: _P, adapted: _P) -> _P:
@@ -342,14 +348,12 @@ def with_arm_of(parts: _P, adapted: _P) -> _P:
         scales=after.scales,
         second=second,
     )
-    nodes = parts.motor.scale.from_unit(np.clip(parts.motor.units, 0.0, 1.0))
+    reading, position = bounds_of_nodes(parts.motor, body)
     return replace(
         alone,
         body=body,
-        bounds=np.maximum(parts.bounds, body.bound(nodes)),
-        model_bounds=np.maximum(
-            parts.model_bounds, body.bound(nodes, noise=False)
-        ),
+        bounds=np.maximum(parts.bounds, reading),
+        model_bounds=np.maximum(parts.model_bounds, position),
         history=adapted.history,
         approach=adapted.approach,
     )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
+from ..common.choices import FRAMES, check_choice
 from ..common.inputs import query_rows
 from ..errors import QueryError
 from ..inverse.tracking import close_to_map, follow_targets
@@ -80,8 +81,7 @@ def follow_path(
     frame: str,
 ) -> Path:
     """Follow waypoints; see :meth:`calib.Model.path`."""
-    if frame not in ("sensor", "base"):
-        raise QueryError(f"frame {frame!r}: expected 'sensor' or 'base'")
+    check_choice("frame", frame, FRAMES, QueryError)
     space = Space.of(model) if frame == "base" else None
     axes = model.axes if space is None else ("x", "y", "z")
     corners, single = query_rows(waypoints, axes, "waypoints")

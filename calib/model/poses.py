@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arm.rotations import matrix_of, quaternion_of
 from ..common.arrays import Array
+from ..common.choices import FRAMES, check_choice
 from ..common.inputs import query_rows
 from ..errors import QueryError
 from ..inverse.task import Poses, turn_left
@@ -68,8 +69,7 @@ def solve_poses(
     none.
     """
     space = Space.of(model)
-    if frame not in ("sensor", "base"):
-        raise QueryError(f"frame {frame!r}: expected 'sensor' or 'base'")
+    check_choice("frame", frame, FRAMES, QueryError)
     if frame != "base" and space.camera:
         raise QueryError(
             "pixels are no positions in space: ask with frame='base'"
@@ -142,10 +142,7 @@ def free_axis(name: str | None) -> int | None:
     """Index of the tip's axis about which its turn is left open."""
     if name is None:
         return None
-    if name not in ("x", "y", "z"):
-        raise QueryError(
-            f"free {name!r}: expected an axis of the tip, 'x', 'y' or 'z'"
-        )
+    check_choice("free", name, "xyz", QueryError)
     return "xyz".index(name)
 
 

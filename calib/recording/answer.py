@@ -7,20 +7,27 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arm.rotations import cross_matrix, quaternion_of
+from ..arm.rotations import quaternion_of
 from ..body.belief import Body
 from ..body.sensor_pose import SensorPose, hand_pose
 from ..common.arrays import Array, Index, Mask
 from ..samples.samples import Samples
 from .agreement import consensus, held_out_pixels
-from .bundle import scene_slopes, shape_slopes
+from .bundle import shape_slopes
 from .fit import Fit
 from .joint_motions import JointMotions
 from .lens import Lens
 from .notes import limit_of, notes_of
 from .problem import Problem
 from .rig import CameraPlace, HandEye, LensFacts, Place
-from .rigid import inverse, shift_of, turn_of
+from .rigid import (
+    adjoint,
+    along_parent,
+    inverse,
+    shift_of,
+    shifts_along_parents,
+    turn_of,
+)
 
 
 def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
@@ -46,8 +53,9 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
     # the first camera and its board
     first = problem.views[0]
     hand, base = rig_fit.places(0)
-    frames_of_first = layout.frames[[*rig_fit.frame_numbers(0)]]
-    places = np.concatenate(frames_of_first)
+    numbers = [*rig_fit.frame_numbers(0)]
+    places = layout.frames[numbers].ravel()
+    slope = shifts_along_parents(fit.unknowns.frames[numbers])
     used = agreeing[problem.motions_of(first)]
     size = layout.shapes[0, -1]
     measured = first.board.side * float(np.exp(values[size]))
@@ -80,7 +88,7 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
         names=problem.names,
         flange=bundle.motions.poses(values[layout.arm]),
         misses=misses,
-        covariance=fit.covariance[np.ix_(places, places)],
+        covariance=slope @ fit.covariance[np.ix_(places, places)] @ slope.T,
         body=rig_fit.body(0),
     )
     rig = replace(
@@ -157,20 +165,16 @@ class RigFit:
     def _frame_place(self, number: int) -> Place:
         """A frame with its intervals, along the axes of its parent."""
         pose = self.fit.unknowns.frames[number]
-        slope = np.eye(6)
-        slope[:3, :3] = turn_of(pose)
-        return self._pose_place(pose, slope, [number])
+        return self._pose_place(pose, along_parent(pose), [number])
 
     def _between(self, first: int, second: int) -> Place:
         """A camera in the frame of another."""
         one, two = self.fit.unknowns.frames[[first, second]]
-        to_first = inverse(one)
-        pose = to_first @ two
-        by_one = scene_slopes(np.eye(4), one, inverted=True)
-        by_two = scene_slopes(to_first, two)
-        slope = np.concatenate([by_one, by_two], axis=1)
-        slope[3:] -= cross_matrix(shift_of(pose)) @ slope[:3]
-        return self._pose_place(pose, slope, [first, second])
+        pose = inverse(one) @ two
+        steps = np.concatenate([-adjoint(inverse(pose)), np.eye(6)], axis=1)
+        return self._pose_place(
+            pose, along_parent(pose) @ steps, [first, second]
+        )
 
     def _pose_place(
         self, pose: Array, slope: Array, frames: list[int]
@@ -191,10 +195,8 @@ class RigFit:
         return self._document(
             place.position,
             place.quaternion,
-            place.position_sd,
-            place.turn_sd,
-            place.position_sd_up_to_gauge,
-            place.turn_sd_up_to_gauge,
+            *np.split(place.sd, 2),
+            *np.split(place.sd_up_to_gauge, 2),
         )
 
     def _document(

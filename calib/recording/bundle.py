@@ -4,7 +4,7 @@ A point p of a board appears at ``lens(X^-1 M Y p)``, and the board before the c
 B = X^-1 M Y.  A camera in the hand has M = (G E)^-1, X the camera in the flange and Y the board in
 the base; a camera that stands still has M = G E, X the camera in the base and Y the board in the
 flange.  G is the flange in the base, E its error at that motion; besides, each camera's focal
-length may have an error at each motion (autofocus).
+length may have an error at each motion (autofocus).  Steps of X, Y and G are along their own axes.
 """
 
 from __future__ import annotations
@@ -15,10 +15,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arm.rotations import cross_matrix
 from ..common.arrays import Array, Index
 from .pictures import opencv
-from .rigid import inverse, shift_of, step_from, turn_of
+from .rigid import adjoint, inverse, shift_of, step_from, turn_of
 
 LENS = 9
 """Numbers of a lens: focal lengths, centre, k1, k2, p1, p2, k3."""
@@ -54,7 +53,7 @@ class Motions:
         return self.values
 
     def slopes(self, arm: Array) -> Array:  # noqa: ARG002
-        """Turn in the flange's axes and shift in the base's, (n, 6, k), by the parameters."""
+        """Steps of the flange, (n, 6, k), by the parameters."""
         return np.zeros((self.count, POSE, 0))
 
     def take(self, rows: Index) -> Motions:
@@ -111,29 +110,6 @@ class Sight:
 
     pixels: Array  # (N, 2)
     slopes: Array  # (N, 2, s + e), by the unknowns and the errors of the corner's motion
-
-
-@dataclass(frozen=True, eq=False)
-class Scenes:
-    """The board before a camera at n motions, and its slopes (.., 6, 6) by the frames behind it."""
-
-    poses: Array  # (n, 4, 4), X^-1 M Y [m]
-    by_camera: Array  # X
-    by_flange: Array  # G E
-    by_board: Array  # Y
-
-    @staticmethod
-    def of(camera: Array, flange: Array, board: Array, in_hand: bool) -> Scenes:
-        """Scenes of X and Y (4, 4) [m] at flanges G E (n, 4, 4) [m]."""
-        to_camera = inverse(camera)
-        motions = inverse(flange) if in_hand else flange
-        before_board = to_camera @ motions
-        return Scenes(
-            before_board @ board,
-            by_camera=scene_slopes(np.eye(4), camera, inverted=True),
-            by_flange=scene_slopes(to_camera, flange, in_hand),
-            by_board=scene_slopes(before_board, board),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,14 +199,18 @@ class Bundle:
         bent = self.points[corners] + bends @ unknowns.values[bend_columns]
         points = size * bent
 
-        # before the camera
-        scenes = Scenes.of(
-            unknowns.frames[camera_frame],
-            flange,
-            unknowns.frames[board_frame],
-            self.in_hand[camera],
-        )
-        scene = scenes.poses[motion]
+        # the board before the camera, and its steps before by those of X, Y and G E
+        to_camera = inverse(unknowns.frames[camera_frame])
+        if self.in_hand[camera]:
+            before_board = to_camera @ inverse(flange)
+            flange_steps = -adjoint(to_camera)[None].repeat(len(flange), axis=0)
+        else:
+            before_board = to_camera @ flange
+            flange_steps = adjoint(before_board)
+        scenes = before_board @ unknowns.frames[board_frame]
+        board_steps = adjoint(scenes)
+
+        scene = scenes[motion]
         turns = turn_of(scene)
         places = np.einsum("nij,nj->ni", turns, points) + shift_of(scene)
 
@@ -242,13 +222,13 @@ class Bundle:
         by_turn = np.cross(places[:, None], by_place)
         by_scene = np.concatenate([by_turn, by_place], axis=2)
         by_point = by_place @ turns
-        by_flange = by_scene @ scenes.by_flange[motion]
+        by_flange = by_scene @ flange_steps[motion]
 
         # columns of the unknowns
         width = layout.size + layout.errors
         slopes = np.zeros((len(points), 2, width))
-        by_board = by_scene @ scenes.by_board[motion]
-        slopes[..., layout.frames[camera_frame]] = by_scene @ scenes.by_camera
+        by_board = by_scene @ board_steps[motion]
+        slopes[..., layout.frames[camera_frame]] = -by_scene
         slopes[..., layout.frames[board_frame]] = by_board
         slopes[..., layout.lenses[camera]] = by_lens
         slopes[..., bend_columns] = size * by_point @ bends
@@ -260,27 +240,6 @@ class Bundle:
         by_errors[..., :POSE] = by_flange
         by_errors[..., focus_column] = by_lens[..., :2] @ lens[:2]
         return pixels, slopes
-
-
-def scene_slopes(before: Array, frame: Array, inverted: bool = False) -> Array:
-    """Slopes (.., 6, 6) of a scene ``before @ frame @ ..`` by the frame: turn and shift of each.
-
-    before, frame : (.., 4, 4) [m]; the frame turns about its own axes and shifts along its parent's
-    inverted : the scene is ``before @ inverse(frame) @ ..``
-    """
-    through = before if inverted else before @ frame
-    turn = turn_of(through)
-    along = turn_of(before)
-    if inverted:
-        turn = -turn
-        along = turn @ np.swapaxes(turn_of(frame), -1, -2)
-    arms = cross_matrix(shift_of(through))
-    shape = np.broadcast_shapes(turn.shape, along.shape)
-    slopes = np.zeros((*shape[:-2], POSE, POSE))
-    slopes[..., :3, :3] = turn
-    slopes[..., 3:, :3] = arms @ turn
-    slopes[..., 3:, 3:] = along
-    return slopes
 
 
 def shape_slopes(points: Array, outline: Array) -> Array:

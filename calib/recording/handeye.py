@@ -18,7 +18,7 @@ from ..arm.arm import Arm, SpatialArm
 from ..arm.description import parse_robot
 from ..arm.loading import load_arm
 from ..common.arrays import Array
-from ..common.choices import EYES, PICTURES
+from ..common.choices import EYES, PICTURES, check_choice
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
 from .answer import answer
@@ -102,10 +102,7 @@ def handeye(
         # pictures -> corners -> lens and board before each camera
         for name, source in cameras.items():
             place = eyes.get(name)
-            if place not in EYES:
-                raise OptionError(
-                    f"eye {place!r} of {name}: expected one of {', '.join(EYES)}"
-                )
+            check_choice("eye", place, EYES)
             corners = source
             if not isinstance(corners, BoardPictures):
                 corners = find_board(

@@ -7,14 +7,22 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arm.rotations import cross_matrix, logarithm
+from ..arm.rotations import logarithm
 from ..body.belief import Body
 from ..body.settings import FINER, SHIFT, TURN
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array, Index
-from .bundle import Layout, Motions, scene_slopes
+from .bundle import Layout, Motions
 from .fit import Fit, Scale
-from .rigid import inverse, rigid, shift_of, turn_of
+from .rigid import (
+    adjoint,
+    along_parent,
+    inverse,
+    rigid,
+    shift_of,
+    shifts_along_parents,
+    turn_of,
+)
 
 FREE = ("placement", "offset")
 """Groups of the arm's parameters that the pictures correct."""
@@ -47,19 +55,18 @@ class JointMotions(Motions):
         return rigid(turns, places)
 
     def slopes(self, arm: Array) -> Array:
-        """Turn in the tip's axes and shift in the base's, (n, 6, k), by the parameters."""
+        """Steps of the tip, (n, 6, k), by the parameters."""
         beta = self.beta(arm)
         places, turns = self._base.pose(self.values, beta)
         _, in_base = self._base.linearise(self.values, beta, self.active)
         shift, turn = np.split(in_base, 2, axis=1)
-        scale = np.exp(arm[-1])
-        turn_in_tip = np.swapaxes(turns, 1, 2) @ turn
         # the size shifts the tip and turns it nowhere
-        slopes = np.zeros((len(places), 6, self.size))
-        slopes[:, :3, :-1] = turn_in_tip
-        slopes[:, 3:, :-1] = scale * shift
-        slopes[:, 3:, -1] = scale * places
-        return slopes
+        along_base = np.zeros((len(places), 2, 3, self.size))
+        along_base[:, 0, :, :-1] = turn
+        along_base[:, 1, :, :-1] = np.exp(arm[-1]) * shift
+        along_base[:, 1, :, -1] = np.exp(arm[-1]) * places
+        along_tip: Array = np.swapaxes(turns, 1, 2)[:, None] @ along_base
+        return along_tip.reshape(len(places), 6, self.size)
 
     def beta(self, arm: Array) -> Array:
         """The structure's parameters (d,)."""
@@ -112,8 +119,11 @@ class JointMotions(Motions):
         view = [*groups["view.rotation"], *groups["view.shift"]]
         slope = np.zeros((self.structure.size, layout.size))
         slope[self.active, layout.arm[:-1]] = 1.0
-        slope[np.ix_(tool, layout.frames[hand_number])] = np.eye(6)
-        slope[np.ix_(view, layout.frames[base_number])] = _view_slope(base)
+        by_hand = shifts_along_parents(hand[None])
+        slope[np.ix_(tool, layout.frames[hand_number])] = by_hand
+        # the view is the inverse of its frame
+        by_base = -along_parent(inverse(base)) @ adjoint(base)
+        slope[np.ix_(view, layout.frames[base_number])] = by_base
 
         active, root = _root_of(slope @ fit.covariance @ slope.T)
         zeros = np.zeros(6)
@@ -147,13 +157,6 @@ class JointMotions(Motions):
     @cached_property
     def _base(self) -> SpatialStructure:
         return self.structure.with_sensor(view="base pose")
-
-
-def _view_slope(base: Array) -> Array:
-    """Slope (6, 6) of turn and shift of the view, the inverse of a frame (4, 4), by that frame."""
-    slope = scene_slopes(np.eye(4), base, inverted=True)
-    slope[3:] -= cross_matrix(shift_of(inverse(base))) @ slope[:3]
-    return slope
 
 
 def _root_of(covariance: Array) -> tuple[Index, Array]:

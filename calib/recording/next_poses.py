@@ -16,7 +16,7 @@ from ..errors import OptionError
 from .bundle import POSE, SHAPE, Bundle, Motions, Unknowns
 from .fit import Noise, information
 from .rig import HandEye, Place
-from .rigid import inverse, rigid
+from .rigid import inverse, rigid, shifts_along_parents
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,10 @@ def next_poses(
 
     # add the pose after which what is in the hand is best known, one by one
     covariance = rig.covariance + 1e-14 * np.eye(2 * POSE)
-    precision = np.linalg.inv(covariance)
+    slope = shifts_along_parents(
+        np.stack([frame_of(rig.hand), frame_of(rig.base)])
+    )
+    precision = slope.T @ np.linalg.inv(covariance) @ slope
     # variance of the place where what is in the hand is used
     weight = np.repeat([SETTINGS.lever**2, 1.0], 3)
     chosen = []

@@ -52,71 +52,64 @@ def settled_model(
         the samples.
     """
     scale = motor.scale
-    link = _Linking(motor, sensory, model.association.wiring)
+    wiring = model.association.wiring
     # a short stream may have been shown again and again
     _, first = np.unique(np.hstack([q, x]), axis=0, return_index=True)
     first = np.sort(first)
     u = scale.to_unit(q[first])
     x = x[first]
-    some = slice(None, None, -(-len(u) // SETTLED.rows))
 
     # the readout, and its errors at held-out rows
-    samples = u, x
-    rows = np.arange(len(u))
-    body = None
-    local = NO_MODELS
-    body_fit = _refitted(model, scale.from_unit(u[some]), x[some])
+    fitted = slice(None, None, -(-len(u) // SETTLED.rows))
+    body_fit = _refitted(model, scale.from_unit(u[fitted]), x[fitted])
     if body_fit is None:
-        errors = _errors_of_links(link, u, x)
+        body = None
+        local = NO_MODELS
+        judged = u
+        errors = _errors_of_links(motor, sensory, wiring, u, x)
     else:
         body = body_fit.body
         smooth = BodyInBox(body, scale)
+        judged = u[fitted]
         predictor, residual = select(
-            motor, u[some], x[some], smooth, body_fit.held_out
+            motor, judged, x[fitted], smooth, body_fit.held_out
         )
         local = predictor.models
-        rows = rows[some]
         errors = np.linalg.norm(residual, axis=1)
-        if len(u) < SETTLED.few_rows:
-            shape = (SETTLED.imagined, u.shape[1])
-            drawn = np.random.default_rng(model.about.seed).random(shape)
-            samples = drawn, predictor.value(drawn)
 
-    if links is None:
-        association = link.learned(*samples)
+    if links is not None:
+        association = Association(motor, sensory, links, wiring)
+    elif body_fit is None or len(u) >= SETTLED.few_rows:
+        association = _learned(motor, sensory, wiring, u, x)
     else:
-        association = Association(motor, sensory, links, link.wiring)
-    winners = motor.nearest(u)[1][:, 0]
-    measured = None
+        shape = (SETTLED.imagined, u.shape[1])
+        drawn = np.random.default_rng(model.about.seed).random(shape)
+        positions = predictor.value(drawn)
+        association = _learned(motor, sensory, wiring, drawn, positions)
+    rows = None
     if model.rows is not None:
-        measured = MeasuredRows.of(scale.from_unit(u), x)
-    made = replace(
+        rows = MeasuredRows.of(scale.from_unit(u), x)
+    settled = replace(
         model,
         association=association,
         local=local,
         body=body,
-        visited=np.bincount(winners, minlength=motor.size) > 0,
-        rows=measured,
+        visited=motor.visited_by(u),
+        rows=rows,
     )
-    reading, position = node_bounds(made, u[rows], errors)
-    true = model.about.bound_of == "true position"
-    return replace(
-        made, bounds=position if true else reading, model_bounds=position
+    reading, position = node_bounds(settled, judged, errors)
+    if model.about.bound_of == "true position":
+        reading = position
+    return replace(settled, bounds=reading, model_bounds=position)
+
+
+def _learned(
+    motor: Map, sensory: Map, wiring: Wiring, u: Array, x: Array
+) -> Association:
+    """Links at which eq. 11 comes to rest, of (n, dof) in the unit box and (n, m) [unit]."""
+    return Association.learn(
+        motor, u, sensory, sensory.scale.to_unit(x), wiring
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Linking:
-    """Two maps that samples are to link."""
-
-    motor: Map
-    sensory: Map
-    wiring: Wiring
-
-    def learned(self, u: Array, x: Array) -> Association:
-        """Links at which eq. 11 comes to rest, of (n, dof) in the unit box and (n, m) [unit]."""
-        v = self.sensory.scale.to_unit(x)
-        return Association.learn(self.motor, u, self.sensory, v, self.wiring)
 
 
 def _refitted(model: Model, q: Array, x: Array) -> BodyFit | None:
@@ -129,14 +122,16 @@ def _refitted(model: Model, q: Array, x: Array) -> BodyFit | None:
     return None
 
 
-def _errors_of_links(link: _Linking, u: Array, x: Array) -> Array:
+def _errors_of_links(
+    motor: Map, sensory: Map, wiring: Wiring, u: Array, x: Array
+) -> Array:
     """Errors (n,) [unit] of maps and links alone, each half of the blocks by the other's links."""
     folds = blocks(len(u))
     even = np.concatenate(folds[::2])
     odd = np.concatenate(folds[1::2])
     errors = np.empty(len(u))
     for held_out, shown in ((even, odd), (odd, even)):
-        linear = link.learned(u[shown], x[shown]).linear
-        away = linear.value(u[held_out]) - x[held_out]
-        errors[held_out] = np.linalg.norm(away, axis=1)
+        learned = _learned(motor, sensory, wiring, u[shown], x[shown])
+        residual = learned.linear.value(u[held_out]) - x[held_out]
+        errors[held_out] = np.linalg.norm(residual, axis=1)
     return errors

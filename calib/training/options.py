@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.random import SeedSequence
 
-from ..common.choices import BODIES, FREED, VIEWS
+from ..common.choices import BODIES, FREED, VIEWS, check_choice
 from ..common.inputs import whole
 from ..errors import OptionError
 from ..maps.density import Gain
@@ -87,15 +87,9 @@ class TrainingOptions:
     def __post_init__(self) -> None:
         whole("seed", self.seed, 0, 2**63 - 1)
         wiring_of(self.links)
-        for name, value, choices in (
-            ("body", self.body, BODIES),
-            ("view", self.view, VIEWS),
-            ("free", self.free, FREED),
-        ):
-            if value not in choices:
-                raise OptionError(
-                    f"{name} {value!r}: expected one of {', '.join(choices)}"
-                )
+        check_choice("body", self.body, BODIES)
+        check_choice("view", self.view, VIEWS)
+        check_choice("free", self.free, FREED)
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], tuple[int, ...]]:

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arm.rotations import logarithm
 from ..common.arrays import Array
+from ..common.choices import check_choice
 from ..common.inputs import joint_numbers, query_rows
-from ..errors import OptionError, QueryError, require
+from ..errors import QueryError, require
 from ..model.model import Model
 from ..model.nominal import visited_joints
 from ..samples.joint_values import check_joint_values
@@ -124,10 +125,7 @@ def correct(
         wrist the pose cannot be had.
     """
     require("model", model, Model)
-    if orientation not in ("keep", "free"):
-        raise OptionError(
-            f"orientation {orientation!r}: expected 'keep' or 'free'"
-        )
+    check_choice("orientation", orientation, ("keep", "free"))
     usual = limit is None and orientation == "keep"
     if model.kernel is not None and usual:
         quick = _by_kernel(model, q)

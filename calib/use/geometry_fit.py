@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arm.arm import PlanarArm, SpatialArm
-from ..arm.rotations import logarithm, similarity
+from ..arm.rotations import similarity
 from ..body.belief import Body, knows_orientation
 from ..body.fit import Fit
 from ..body.frame_starts import frame_of_drawing
@@ -276,15 +276,9 @@ def _start_in_plane(
     scale = 1.0
     if free:  # a sensor that sees the plane from behind is turned half round
         readings = np.column_stack([points.x, np.zeros(len(points.x))])
-        turn, shift, scale = similarity(tips, readings)
-        if points.unit == "m":
-            shift = readings.mean(axis=0) - turn @ tips.mean(axis=0)
-            scale = 1.0
-    beta = structure.neutral()
-    beta[structure.groups["view.rotation"]] = logarithm(turn)
-    beta[structure.groups["view.shift"]] = shift
-    beta[structure.groups["view.scale"]] = np.log(scale)
-    return beta
+        known = 1.0 if points.unit == "m" else None
+        turn, shift, scale = similarity(tips, readings, scale=known)
+    return structure.placed(structure.neutral(), turn, shift, scale)
 
 
 def _prior_in_plane(
@@ -327,41 +321,35 @@ def _maximum(
 
 
 def _covariance(fit: Fit) -> Array:
-    """Covariance (d, d) of a fit's parameters, with what no URDF can say.
+    """Covariance (d, d) of a fit's parameters a, with what no URDF can say.
 
-    Gears, loads and curves c that it leaves out bend it by ``P X' W Xc c`` (Schmidt's "consider"
-    covariance): as noise alone, waves of 1 mrad left 1 of 4 displacements within its interval.
+    Gears, loads and curves c that it leaves out bend it.  Of the posterior C of both together its
+    part of a, and how far a would move if c were fitted, too::
+
+        C_aa + shift shift',    shift = C_ac X_c' W r
+
+    As noise alone, waves of 1 mrad left 1 of 4 displacements within its interval.
     """
     structure = fit.structure
+    measured = fit.parts[0]
     active = fit.active
     other_sd = structure.prior(("gain", "elastic", "curve")).sd
     other_sd[active] = 0.0
     others = np.flatnonzero(other_sd)
+    a = slice(len(active))
+    c = slice(len(active), None)
+    root_weight = (np.sqrt(measured.weight) / fit.noise).ravel()
     both = np.concatenate([active, others])
-    inner = slice(len(active))
-    outer = slice(len(active), None)
-    root = (np.sqrt(fit.parts[0].weight) / fit.noise).ravel()
-    x = structure.linearise(fit.parts[0].q, fit.beta, both)[1].reshape(
-        len(root), -1
-    )
-    x = x * root[:, None]
-    gram = x.T @ x
-    precision = fit.information_share * gram
-    precision[inner, inner] = with_prior(
-        precision[inner, inner], fit.sd, fit.prior_precision
-    )
-    precision[outer, outer] += np.diag(other_sd[others] ** -2.0)
-    spread = Factor(precision).inverse()[outer, outer]
-    pull = (
-        fit.information_share
-        * (x.T @ (root * fit.parts[0].residual.ravel()))[outer]
-    )
-    mean = spread @ pull
-    bent = Factor(fit.precision).solve(gram[inner, outer])
+    _, slope = structure.linearise(measured.q, fit.beta, both)
+    x = slope.reshape(len(root_weight), -1) * root_weight[:, None]
+    pull = x[:, c].T @ (root_weight * measured.residual.ravel())
+    precision = fit.information_share * (x.T @ x)
+    precision[a, a] = with_prior(precision[a, a], fit.sd, fit.prior_precision)
+    precision[c, c] += np.diag(other_sd[others] ** -2.0)
+    inverse = Factor(precision).inverse()
+    shift = inverse[a, c] @ (fit.information_share * pull)
     covariance = np.zeros((structure.size, structure.size))
-    covariance[np.ix_(active, active)] = (
-        fit.covariance + bent @ (spread + np.outer(mean, mean)) @ bent.T
-    )
+    covariance[np.ix_(active, active)] = inverse[a, a] + np.outer(shift, shift)
     return covariance
 
 

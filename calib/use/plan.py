@@ -17,7 +17,7 @@ from ..arm.arm import Arm, SpatialArm
 from ..body.information import greedy, most_telling
 from ..body.spatial import structure_of
 from ..common.arrays import Array, Index, ReadOnly
-from ..common.choices import EYES
+from ..common.choices import EYES, check_choice
 from ..common.inputs import whole
 from ..common.scale import Scale
 from ..common.wording import by_name
@@ -171,8 +171,7 @@ def plan(
     begin = space.start(start)
     if touch is not None and handeye is not None:
         raise OptionError("expected one of `touch` and `handeye`")
-    if eye not in EYES:
-        raise OptionError(f"eye {eye!r}: expected one of {', '.join(EYES)}")
+    check_choice("eye", eye, EYES)
     directions: Array | None = None
     if touch is not None:
         q, directions = at_point(source, space, touch, rng)

@@ -83,7 +83,7 @@ def test_a_40x40_map_is_ordered_and_close_to_the_best_quantizer(name, near):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"rule": "bach"}, "rule 'bach' is unknown, choose one of batch, online"),
+        ({"rule": "bach"}, "rule 'bach': expected one of batch, online"),
         ({"epochs": 0}, "epochs 0: at least 1"),
         *(
             ({"sigma": sigma}, "sigma .*: give .START, END. in nodes with START")
