@@ -31,7 +31,7 @@ def spread_rows(count: int, most: int) -> Index:
 def group_sums(
     group: NDArray[np.integer], values: Array, groups: int = 0
 ) -> Array:
-    """Return sums (groups,) or (groups, m) of values (n,) or (n, m) by the group (n,) of each row."""
+    """Return sums (groups,) or (groups, m) of values (n,) or (n, m) by groups (n,)."""
     if values.ndim == 1:
         return np.bincount(group, values, groups).astype(float)
     sums = [group_sums(group, column, groups) for column in values.T]
