@@ -11,6 +11,7 @@ import numpy as np
 from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..body.settings import NATS
+from ..body.structure import Structure
 from ..common.arrays import Array
 from .causes import FRAME
 from .frame import Reference
@@ -95,9 +96,7 @@ class Explanation:
     @property
     def groups(self) -> tuple[str, ...]:
         """Groups of the parameters that are free."""
-        labels = self.reference.structure.labels
-        names = [labels[k].group for k in self.indices.tolist()]
-        return tuple(dict.fromkeys(names))
+        return groups_at(self.reference.structure, self.indices)
 
     @property
     def is_no_change(self) -> bool:
@@ -117,6 +116,12 @@ class Explanation:
         has_waves = self.wave_size > CREEP_WAVES
         shape = "waves of the joints" if has_waves else "a smooth residual"
         return ", ".join(names) or shape
+
+
+def groups_at(structure: Structure, indices: Indices) -> tuple[str, ...]:
+    """Groups of parameters, in their order."""
+    names = [structure.labels[k].group for k in indices.tolist()]
+    return tuple(dict.fromkeys(names))
 
 
 def with_least_waves(explanations: Sequence[Explanation]) -> Explanation:

@@ -27,7 +27,7 @@ import numpy as np
 from ..body.belief import Body
 from ..common.choices import CAUSES, FREED, check_choice
 from ..common.parallel import one_blas_thread
-from ..errors import ModelError, require
+from ..errors import LogError, ModelError, require
 from ..model.model import Model
 from ..samples.samples import Samples
 from .bound import bound_test
@@ -41,7 +41,7 @@ from .rows import LogRows, rows_of
 from .significance import group_tests
 from .system import System, frame_variance
 from .update import update
-from .verdict import Verdict, notes_of, verdict_on_maps
+from .verdict import Episode, Verdict, notes_of, verdict_on_maps
 from .words import causes_of
 
 
@@ -231,4 +231,31 @@ def check(
         If the log is not of this arm, too short, or looks wrong.
     """
     verdict = judge(model, log, cause=cause, learn=False)
-    return replace(verdict, tolerance=tolerance)
+    episodes = _episodes(model, log, cause)
+    return replace(verdict, tolerance=tolerance, episodes=episodes)
+
+
+def _episodes(
+    model: Model, log: Samples, cause: str | None
+) -> tuple[Episode, ...]:
+    """The verdict on each series of a log that tells them apart."""
+    if log.episode is None:
+        return ()
+    episodes: list[Episode] = []
+    for number in np.unique(log.episode.astype(int)).tolist():
+        series = log.take(np.flatnonzero(log.episode == number))
+        count = len(series)
+        try:
+            verdict = judge(model, series, cause=cause, learn=False)
+        except LogError as error:
+            episode = Episode(number, count, None, None, (str(error),))
+        else:
+            episode = Episode(
+                number,
+                count,
+                verdict.drifted,
+                verdict.score,
+                verdict.explanations,
+            )
+        episodes.append(episode)
+    return tuple(episodes)

@@ -32,12 +32,12 @@ ANYWHERE = 20.0
 
 CALM_WAVES = 0.7
 WAVE_SIZES = (CREEP_WAVES, CALM_WAVES, 4.0)
-"""Joints' waves, of unknown size, that a log may show beside every change: sd of their curves,
-over that of its prior.  With the least alone, waves of 2 mrad along a line were taken for lengths and a
-lens.  Each is as likely before: a prior uniform in the logarithm of a size (Jeffreys).  An arm
-that has not changed may show calm ones: .25 mrad are what a model of 400 rows had not learned of a
-real UR10, and did harm where they were taken for a change.  A larger smooth residual as well (4
-times the usual) left an error of .64 mm on rows of another day, for .29."""
+"""Joints' waves, of unknown size, that a log may show beside every change: sd of their curves, over
+that of its prior.  With the least alone, waves of 2 mrad along a line were taken for lengths and a
+lens.  Each is as likely before: a prior uniform in the logarithm of a size (Jeffreys).  An arm that
+has not changed may show calm ones: .25 mrad are what a model of 400 rows had not learned of a real
+UR10, and did harm where they were taken for a change.  A larger smooth residual as well (4 times
+the usual) left an error of .64 mm on rows of another day, for .29."""
 
 # Nats by which a change must be better than none, and within which explanations are averaged
 MARGIN = 5.0
@@ -60,6 +60,9 @@ class UpdateSettings:
     # sizes of what an unchanged arm's log has of its own, times the usual one: with the first alone
     # 40 rows of another mounting made errors elsewhere 1.25 times as large
     own_residuals: tuple[float, ...] = (1.0, 4.0)
+    # score from which a change is beyond doubt: then the usual residual alone, with which windows
+    # of 30 and more rows of series C left errors half as large as with 4 times as much
+    clearly: float = 2.0
     # share of the held-out error that a change may leave at most
     changed: float = 0.95
     # The same where nothing changed, and of the error that a belief expects of itself: rows of half

@@ -10,7 +10,6 @@ Z95 = 1.96
 class Settings:
     """How much is computed and drawn: a figure of 50 kB and a tenth of a second each."""
 
-    few_rows: int = 10  # of a log, fewer cannot be judged
     postures: int = 200  # that tell how parameters move the tip
     field: int = 6_000  # postures that a field of bounds is drawn with
     dots: int = 1_000  # rows in a figure

@@ -5,19 +5,11 @@ from typing import Annotated
 
 import calib
 from calib.common.choices import MethodWord
+from calib.common.wording import with_unit
 
 from .. import options as opt
 from ..logs import Reading, log_for
-from ..output import (
-    NO,
-    Line,
-    Outcome,
-    as_typed,
-    fields,
-    progress,
-    say,
-    with_unit,
-)
+from ..output import NO, Line, Outcome, as_typed, fields, progress, say
 from ..parsing import check_file
 from ..pictures import photo_of_log
 from ..units import units_of

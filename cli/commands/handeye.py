@@ -11,13 +11,14 @@ from typing import Annotated
 from typer import Argument
 
 from calib.common.choices import EYES, ROTATIONS
+from calib.use import standing
 
 from .. import options as opt
 from ..logs import Selection
 from ..output import Outcome, note, say
 from ..parsing import BadOption, check_file
 from ..pictures import need_joints
-from ..summary import bound_warnings, code_of
+from ..summary import code_of
 
 UNITS = {
     "position": "m",
@@ -134,7 +135,7 @@ def handeye(
     elif output is not None and rig.poses is not None:
         model = calib.train(rig.poses)
         model.save(output)
-        warnings = bound_warnings(model.about)
+        warnings = standing.bound_warnings(model.about)
     if transform is not None:
         from calib.common.atomic import atomic_write
         from calib.recording.rig import transform_files

@@ -9,9 +9,11 @@ from typing import Annotated
 
 from typer import Argument
 
+from calib.common.wording import with_unit
+
 from .. import options as opt
 from ..logs import Reading, Selection, read_measured_log
-from ..output import Outcome, say, with_unit
+from ..output import Outcome, say
 
 
 def noise(

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument
 
+from calib.common.wording import error_size
+
 from .. import options as opt
-from ..output import Outcome, TextTable, number, progress
+from ..output import Outcome, TextTable, progress
 
 if TYPE_CHECKING:
     from calib.paper.setting import Setting
@@ -96,4 +98,4 @@ def _text(table: Table) -> TextTable:
 def _cell(value: str | float | None) -> str:
     if isinstance(value, str):
         return value
-    return "" if value is None else number(value)
+    return "" if value is None else error_size(value)

@@ -14,6 +14,7 @@ from typing import Annotated
 from typer import Argument
 
 import calib
+from calib.use import standing
 
 from .. import options as opt
 from ..logs import (
@@ -28,14 +29,9 @@ from ..output import Outcome, progress, say
 from ..parsing import TABLES, BadOption, check_file, refuse
 from ..pictures import photo_of_log, with_photo
 from ..summary import (
-    accuracy_of_sensor,
-    advice,
-    bound_warnings,
     code_of,
     error_table,
-    findings_of_body,
     summary,
-    tested_rows,
 )
 
 
@@ -89,6 +85,8 @@ def train(
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
 ) -> Outcome:
+    from calib.use.evaluate import as_made
+
     selection = Selection(joints, tip, planar, lock, ranges, degrees, gravity)
     reading = Reading(columns, unit, time_offset, prismatic=prismatic)
     if robot is None and not data:
@@ -149,20 +147,29 @@ def train(
     elif data and not no_photo:
         model = photo_of_log(model, log, data[0])
     model.save(path)
-    learned = "samples" if about.source == "simulation" else "rows"
     sensors = [model.by(name) for name in model.sensors]
     warnings = [
-        line for sensor in sensors for line in bound_warnings(sensor.about)
+        line
+        for sensor in sensors
+        for line in standing.bound_warnings(sensor.about)
     ]
+    learned = "samples"
+    findings = []
+    if about.source == "log":
+        learned = "rows"
+        findings.append(standing.found(model))
+    if not warnings:
+        findings.append(standing.limit(model, about.errors))
     cost = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
     lines = [
         *warnings,
-        *(accuracy_of_sensor(sensor) for sensor in sensors),
-        *findings_of_body(model),
-        *advice(model, about.errors, warnings),
+        *(standing.accuracy_as_made(sensor) for sensor in sensors),
+        *findings,
         f"{path}: {about.options['map']}, {model.size_in_words}, {about.samples} {learned}, {cost}",
     ]
-    table = error_table(model, about.errors, f"errors on {tested_rows(about)}")
+    table = error_table(
+        model, about.errors, f"errors on {as_made(model).source}"
+    )
     document = summary(model, path, about.errors, model.seconds)
     return Outcome(document, lines, [table], code=code_of(warnings))
 
