@@ -28,6 +28,7 @@ from ..common.arrays import Array
 from .causes import (
     FRAME,
     SETS,
+    WAVE_SIZES,
     changeable,
     frame_twin,
     indices_of,
@@ -35,11 +36,10 @@ from .causes import (
     single_causes,
 )
 from .explanation import Explanation, Place, climb
-from .settings import (
-    MARGIN,
-    WAVE_SIZES,
-)
 from .system import System
+
+# Nats by which a change must be better than none, and within which explanations are averaged
+MARGIN = 5.0
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,9 @@ from ..common.rows import median_length, row_lengths, spread_rows
 from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
 from .causes import FRAME, Cause, indices_of, is_sensors
-from .settings import LEAST_OWN
+
+# Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm
+LEAST_OWN = 1e-6
 
 
 @dataclass(frozen=True)

@@ -30,15 +30,13 @@ from ..common.parallel import one_blas_thread
 from ..errors import LogError, ModelError, require
 from ..model.model import Model
 from ..samples.samples import Samples
-from .bound import bound_test
 from .causes import as_built, as_drawn
 from .evidence import Comparison, weigh, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
 from .noise import find_play, noise_of, noise_with_joint
-from .observations import Observations, sound_observations
-from .rows import LogRows, rows_of
-from .significance import group_tests
+from .rows import LogRows, Observations, rows_of, sound_observations
+from .significance import bound_test, group_tests
 from .system import System, frame_variance
 from .update import update
 from .verdict import Episode, Verdict, notes_of, verdict_on_maps

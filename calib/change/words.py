@@ -19,11 +19,18 @@ from ..body.structure import Structure
 from ..common.arrays import Array
 from ..common.wording import for_people, quantity, two_digits
 from ..model.alignment import Alignment
-from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, single_causes
+from .causes import (
+    CREEP_WAVES,
+    FRAME,
+    GROUPS,
+    Cause,
+    indices_of,
+    is_sensors,
+    single_causes,
+)
 from .evidence import Evidence
 from .explanation import groups_at
-from .noise import Play
-from .settings import CREEP_WAVES, NOISIER
+from .noise import NOISIER, Play
 from .significance import alarms, moves_of
 
 

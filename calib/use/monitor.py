@@ -8,17 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ..body.belief import Body
-from ..change.causes import single_causes
+from ..change.causes import CREEP_WAVES, single_causes
 from ..change.frame import Reference
-from ..change.noise import sd_of_changes, usual_noise
-from ..change.settings import CREEP_SHARE, CREEP_WAVES, FALSE_ALARM
+from ..change.noise import FALSE_ALARM, sd_of_changes, usual_noise
 from ..change.significance import (
     FTests,
     GroupTest,
     groups_of,
     moves_of,
 )
-from ..change.system import Products, prior_columns, smooth_columns
+from ..change.system import CREEP_SHARE, Products, prior_columns, smooth_columns
 from ..common.arrays import Array
 from ..common.rows import spread_rows
 from ..errors import ModelError, QueryError
