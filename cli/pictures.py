@@ -241,10 +241,7 @@ def photo_of_log(
 
 
 def load_drawn(
-    path: str,
-    data: str | None,
-    photo: str | None,
-    no_photo: bool,
+    path: str, data: str | None, photo: str | None, no_photo: bool
 ) -> tuple[calib.Model | calib.HandEye, calib.Samples | None]:
     """Load a model or a rig as it is to be drawn, and a log of its own arm where one is given."""
     from calib.recording.rig import is_rig, load_rig

@@ -13,11 +13,7 @@ from .. import options as opt
 from ..logs import Reading, log_of, with_facts
 from ..output import Outcome, say
 from ..parsing import BadOption
-from ..summary import (
-    code_of,
-    error_table,
-    summary,
-)
+from ..summary import code_of, error_table, summary
 
 if TYPE_CHECKING:
     from calib.use.iso9283 import Iso9283
@@ -34,10 +30,7 @@ def evaluate(
     plane: opt.Planes = None,
     frame: Annotated[
         Literal["kept", "free"],
-        opt.option(
-            "--frame",
-            "free: the sensor's frame is found anew.",
-        ),
+        opt.option("--frame", "free: the sensor's frame is found anew."),
     ] = "kept",
     sensor: opt.OfSensor = "sensor",
     iso: Annotated[

@@ -39,8 +39,7 @@ def log(
         str, opt.value("--output -o LOG", "The log: CSV or Parquet.")
     ],
     joints_topic: Annotated[
-        str | None,
-        opt.value("--joints-topic TOPIC", "JointState, if several."),
+        str | None, opt.value("--joints-topic TOPIC", "JointState, if several.")
     ] = None,
     tip_topic: Annotated[
         str | None,
@@ -52,8 +51,7 @@ def log(
     ] = None,
     joints: opt.JointNames = None,
     max_gap: Annotated[
-        float,
-        opt.value("--max-gap S", "Between joint states [s].", above_zero),
+        float, opt.value("--max-gap S", "Between joint states [s].", above_zero)
     ] = 0.1,
     still: Annotated[
         float | None,

@@ -44,8 +44,4 @@ def recognise(
         "unit": about.unit,
         "units": units_of(about),
     }
-    return Outcome(
-        document,
-        [verdict, table],
-        code=0 if name else NO,
-    )
+    return Outcome(document, [verdict, table], code=0 if name else NO)

@@ -28,11 +28,7 @@ from ..logs import (
 from ..output import Outcome, progress, say
 from ..parsing import TABLES, BadOption, check_file, refuse
 from ..pictures import photo_of_log, with_photo
-from ..summary import (
-    code_of,
-    error_table,
-    summary,
-)
+from ..summary import code_of, error_table, summary
 
 
 def train(
