@@ -34,11 +34,10 @@ from ..training.residuals import (
 )
 from ..training.settings import TESTING
 from ..training.touch_scatter import in_sockets
+from .standing import FRESH, tested_rows
 
 Frame = Literal["kept", "free"]
 EVALUATED = ("kept", "free")
-FRESH = "fresh exact samples"
-HELD_OUT = "rows held out in blocks of the log"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -207,10 +206,10 @@ def _of_log(model: Model, samples: Samples, source: str) -> Evaluation:
 def as_made(model: Model) -> Evaluation:
     """The errors on rows that a model had not seen when it was made."""
     about = model.about
-    source = FRESH if about.source == "simulation" else HELD_OUT
     errors = dict(about.errors)
     within = dict(about.within)
-    return Evaluation(errors, about.tested, about.left_out, source, within)
+    rows = tested_rows(about)
+    return Evaluation(errors, about.tested, about.left_out, rows, within)
 
 
 def _residuals(model: Model, samples: Samples) -> Residuals:

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from ..model.model import Model
     from .evaluate import Evaluation
 
+FRESH = "fresh exact samples"
+
 _EXACT = 1e-9  # share of the extent below which an error is rounding
 _POINTS = 200  # of the learned range at which the bound is asked
 _UNEVEN = 2.0  # so many times wider in its worst tenth than in its best, a bound tells of few rows
@@ -48,6 +50,12 @@ def accuracy_as_made(model: Model) -> str:
     sensor = model.about.sensor
     line = accuracy(model, as_made(model))
     return f"{sensor}: {line}" if sensor else line
+
+
+def tested_rows(about: About) -> str:
+    """Return what a model was tested on when it was made."""
+    is_simulated = about.source == "simulation"
+    return FRESH if is_simulated else "rows held out in blocks of the log"
 
 
 def bound_warnings(about: About) -> list[str]:
@@ -101,7 +109,7 @@ def limit(model: Model, errors: Errors) -> str:
     simulated = about.source == "simulation"
     if model.body is None:
         more = "more samples (-n)" if simulated else "more rows"
-        return f"limited by maps that stand alone; {more} and a larger --size help most"
+        return f"limited by maps that stand alone; {more} and a larger `size` help most"
     if simulated:
         if mean < _EXACT * float(np.linalg.norm(model.sensory.scale.span)):
             return "limited by rounding alone: the model holds all that was simulated"

@@ -18,7 +18,7 @@ from .. import parsing
 from ..output import Outcome, say
 from ..parsing import TABLES, BadOption, above_zero, check_file, refuse
 from ..pictures import (
-    JointReading,
+    JointFile,
     is_film,
     is_of_camera,
     record_board,
@@ -116,9 +116,9 @@ def log(
             raise BadOption(
                 f"{len(bag)} names: expected one video or dataset, or pictures"
             )
-        reading = JointReading(joints_file, joints, degrees, sliding)
+        joint_file = JointFile(joints_file, joints, degrees, sliding)
         if eye is not None:
-            rows = record_board(bag[0], board, eye, lens, reading, camera)
+            rows = record_board(bag[0], board, eye, lens, joint_file, camera)
         else:
             setting = setup(
                 output,
@@ -134,7 +134,7 @@ def log(
                 bag,
                 output,
                 setting,
-                reading,
+                joint_file,
                 picture,
                 max_gap=max_gap,
                 still=still,
