@@ -19,9 +19,8 @@ class Settings:
     played: int = 60  # rows that Play goes through, 15 frames each
     links: int = 24  # of a node
 
-    small_effect: float = (
-        0.01  # of the largest: deviations with less are not drawn
-    )
+    # of the largest: deviations with less are not drawn
+    small_effect: float = 0.01
     same: float = 0.03  # of a column: with less of its own, others tell it
     # of the largest column of a unit: an axis moved along itself was told as 461 mm off
     hardly: float = 0.01
