@@ -15,13 +15,13 @@ from ..model.model import Model
 from ..samples.samples import Samples
 from ..training.residuals import fresh_points
 from ..use.evaluate import (
+    FRESH,
     Evaluation,
     as_made,
     evaluate,
     learned_rows,
     simulation_of,
 )
-from ..use.standing import FRESH
 from .deviations import (
     Deviation,
     deviations_of,

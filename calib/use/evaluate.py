@@ -34,10 +34,11 @@ from ..training.residuals import (
 )
 from ..training.settings import TESTING
 from ..training.touch_scatter import in_sockets
-from .standing import FRESH, tested_rows
 
 Frame = Literal["kept", "free"]
 EVALUATED = ("kept", "free")
+FRESH = "fresh exact samples"
+HELD_OUT = "rows held out in blocks of the log"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -208,8 +209,8 @@ def as_made(model: Model) -> Evaluation:
     about = model.about
     errors = dict(about.errors)
     within = dict(about.within)
-    rows = tested_rows(about)
-    return Evaluation(errors, about.tested, about.left_out, rows, within)
+    source = FRESH if about.source == "simulation" else HELD_OUT
+    return Evaluation(errors, about.tested, about.left_out, source, within)
 
 
 def _residuals(model: Model, samples: Samples) -> Residuals:

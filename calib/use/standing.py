@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from ..model.model import Model
     from .evaluate import Evaluation
 
-FRESH = "fresh exact samples"
-
 _EXACT = 1e-9  # share of the extent below which an error is rounding
 _POINTS = 200  # of the learned range at which the bound is asked
 _UNEVEN = 2.0  # so many times wider in its worst tenth than in its best, a bound tells of few rows
@@ -50,12 +48,6 @@ def accuracy_as_made(model: Model) -> str:
     sensor = model.about.sensor
     line = accuracy(model, as_made(model))
     return f"{sensor}: {line}" if sensor else line
-
-
-def tested_rows(about: About) -> str:
-    """Return what a model was tested on when it was made."""
-    is_simulated = about.source == "simulation"
-    return FRESH if is_simulated else "rows held out in blocks of the log"
 
 
 def bound_warnings(about: About) -> list[str]:

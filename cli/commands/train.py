@@ -145,6 +145,8 @@ def train(
 
 def _outcome(model: calib.Model, path: str) -> Outcome:
     """Say how well a model does that was written to a file."""
+    from calib.use.evaluate import as_made
+
     about = model.about
     sensors = [model.by(name) for name in model.sensors]
     warnings: list[str] = []
@@ -161,7 +163,7 @@ def _outcome(model: calib.Model, path: str) -> Outcome:
     lines.append(
         f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {cost}"
     )
-    title = f"errors on {standing.tested_rows(about)}"
+    title = f"errors on {as_made(model).source}"
     table = error_table(model, about.errors, title)
     document = summary(model, path, about.errors, model.seconds)
     return Outcome(document, lines, [table], code=code_of(warnings))
