@@ -60,6 +60,9 @@ class UpdateSettings:
     # sizes of what an unchanged arm's log has of its own, times the usual one: with the first alone
     # 40 rows of another mounting made errors elsewhere 1.25 times as large
     own_residuals: tuple[float, ...] = (1.0, 4.0)
+    # score from which a change is beyond doubt: then the usual residual alone, with which windows
+    # of 30 and more rows of series C left errors half as large as with 4 times as much
+    clearly: float = 2.0
     # share of the held-out error that a change may leave at most
     changed: float = 0.95
     # The same where nothing changed, and of the error that a belief expects of itself: rows of half

@@ -116,7 +116,8 @@ def _posterior_belief(evidence: Evidence, explanation: Explanation) -> _Belief:
     """The posterior of the parameters under an explanation, with a bound that the rows confirm."""
     rows = spread_rows(len(evidence.rows), UPDATING.rows)
     observations = evidence.observations.some(UPDATING.rows)
-    sizes = (1.0,) if evidence.is_attributed else UPDATING.own_residuals
+    is_clear = evidence.is_attributed or evidence.score > UPDATING.clearly
+    sizes = (1.0,) if is_clear else UPDATING.own_residuals
     posteriors = [_Posterior(explanation, observations, size) for size in sizes]
     posterior = max(posteriors, key=lambda some: some.evidence)
     body = posterior.body
