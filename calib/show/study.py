@@ -1,4 +1,4 @@
-"""Study: a model as one sensor sees its arm, with the rows, errors and causes that are shown."""
+"""Study: a model as one sensor sees its arm, with the rows and deviations that are shown."""
 
 from __future__ import annotations
 
@@ -22,7 +22,12 @@ from ..use.evaluate import (
     learned_rows,
     simulation_of,
 )
-from .causes import Cause, causes_of, drawing_behind, frame_of
+from .deviations import (
+    Deviation,
+    deviations_of,
+    drawing_behind,
+    frame_parameters,
+)
 from .settings import SETTINGS
 
 
@@ -95,12 +100,13 @@ class Study:
     def delivered(self) -> Array | None:
         """Errors (n, m) [unit] of the drawing's arm in the frame and with the tool that suit it."""
         drawn = drawing_behind(self.model)
-        if self.rows is None or drawn is None:
+        body = self.model.body
+        if self.rows is None or drawn is None or body is None:
             return None
         structure, beta = drawn
         outputs = structure.blocks[0]
         predicted, slope = structure.linearise(
-            self.rows.q, beta, frame_of(self.model)
+            self.rows.q, beta, frame_parameters(body)
         )
         error = self.rows.x - predicted[:, :outputs]
         columns = slope[:, :outputs].reshape(error.size, -1)
@@ -136,19 +142,17 @@ class Study:
         return ((0, 1),)
 
     @cached_property
-    def causes(self) -> list[Cause]:
-        """What is off, the largest effect on the tip first."""
-        return causes_of(self.model)
-
-    @property
-    def certain(self) -> list[Cause]:
-        """Causes whose intervals exclude nothing, but for those that hardly move the tip."""
-        largest = max((cause.effect for cause in self.causes), default=0.0)
+    def certain(self) -> list[Deviation]:
+        """What is off, the largest effect first, but for deviations that hardly move the tip."""
+        deviations = deviations_of(self.model)
+        largest = max(
+            (deviation.effect for deviation in deviations), default=0.0
+        )
         least = SETTINGS.small_effect * largest
         return [
-            cause
-            for cause in self.causes
-            if cause.certain and cause.effect > least
+            deviation
+            for deviation in deviations
+            if deviation.certain and deviation.effect > least
         ]
 
 

@@ -46,8 +46,7 @@ def lerobot(
     eye: Annotated[
         Eye,
         opt.option(
-            "--eye",
-            "hand: the camera is on the arm; base: it stands still.",
+            "--eye", "hand: the camera is on the arm; base: it stands still."
         ),
     ] = "hand",
     robot: Annotated[

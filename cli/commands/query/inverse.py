@@ -52,9 +52,7 @@ def inverse(
     on: Annotated[
         parsing.OfJoint | None,
         opt.value(
-            "--on z=H",
-            "The pixel X Y lies on this plane [m].",
-            parsing.height,
+            "--on z=H", "The pixel X Y lies on this plane [m].", parsing.height
         ),
     ] = None,
     input_: opt.Input = None,
