@@ -77,13 +77,16 @@ class Body(OfStructure):
 
     def with_covariance(self, indices: Indices, covariance: Array) -> Body:
         """The belief with a further covariance (p, p) of some parameters (p,)."""
-        active = np.union1d(self.active, indices).astype(np.intp)
+        active = np.union1d(self.active, indices)
         total = np.zeros((len(active), len(active)))
-        before = np.searchsorted(active, self.active)
-        total[np.ix_(before, before)] = self.covariance
-        further = np.searchsorted(active, indices)
-        total[np.ix_(further, further)] += covariance
-        return replace(self, active=active, root=root_of(total))
+        places = np.searchsorted(active, self.active)
+        block = np.ix_(places, places)
+        total[block] = self.covariance
+        places = np.searchsorted(active, indices)
+        block = np.ix_(places, places)
+        total[block] += covariance
+        root = root_of(total)
+        return replace(self, active=active, root=root)
 
     def predict(self, q: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof) [rad or m]."""
