@@ -13,7 +13,13 @@ import numpy as np
 
 from ..arm.gravity import Loads
 from ..arm.rotations import exponential
-from ..arm.spatial_chain import Deviations, Links, SpatialChain, move
+from ..arm.spatial_chain import (
+    Deviations,
+    Links,
+    Motion,
+    SpatialChain,
+    move,
+)
 from ..body.curves import HARMONICS
 from ..body.loads import loads_of
 from ..body.planar import PlanarStructure
@@ -46,12 +52,8 @@ class Sag:
         elastic = np.concatenate(
             [beta[structure.groups[name]] for name in blocks]
         )
-        return Sag(
-            loads,
-            elastic,
-            structure.gravity_at(beta),
-            structure.tilts["gravity"],
-        )
+        gravity = structure.gravity_at(beta)
+        return Sag(loads, elastic, gravity, structure.tilts["gravity"])
 
     @property
     def on_links(self) -> Array:
@@ -62,14 +64,7 @@ class Sag:
         moments = np.column_stack([masses, arms])
         link = np.arange(loads.chain.joints)[:, None] == loads.links
         beyond = loads.weights * (loads.links >= loads.joints[:, None])
-        return np.asarray(
-            np.einsum(
-                "ep,mp,pk->emk",
-                beyond,
-                link,
-                moments,
-            )
-        )
+        return np.asarray(np.einsum("ep,mp,pk->emk", beyond, link, moments))
 
     @property
     def bending(self) -> Array:
@@ -151,15 +146,10 @@ class KernelArm:
     def derivatives(self, q: Array) -> tuple[dict[str, Array], Array]:
         """How positions move with each part of it (k, m, n), and with joints (dof, m, n)."""
         motion = move(self.links, self.joints(q))
-        eye = np.eye(3)
-        coordinates = motion.position[:, None]
-        linear = eye[:, None, :, None] * coordinates
-        n = len(q)
-        shifts = np.repeat(eye[:, :, None], n, axis=2)
         chained = self.view @ motion.joints()[0]
         joints = np.tensordot(self.chain.coupling.T, chained, axes=1)
         parts = {
-            "view": np.vstack([linear.reshape(9, 3, n), shifts]),
+            "view": self._by_view(motion),
             "shift": self.view @ np.swapaxes(motion.frames, 1, 2),
             "turn": self.view @ motion.turns()[0],
             "offset": joints,
@@ -172,26 +162,37 @@ class KernelArm:
             parts["load"] = by_load
             parts["tilt"] = by_tilt
         if self.flex is not None:
-            sums = np.cumsum(self.way * q, axis=1).T
-            bent = []
-            for k, angle in enumerate(sums):
-                cosine = np.cos(angle)
-                sine = np.sin(angle)
-                waves = np.stack([cosine, sine])
-                moved = joints[: k + 1, None] * waves[:, None]
-                bent.append(moved.reshape(-1, 3, n))
-            parts["flex"] = np.concatenate(bent)
-        shape = (-1, 3, n)
-        parts = {name: part.reshape(shape) for name, part in parts.items()}
+            parts["flex"] = self._by_flex(q, joints)
+        moved = {
+            name: part.reshape(-1, 3, len(q)) for name, part in parts.items()
+        }
         if self.lens is None:
-            outputs = self.outputs
-            flat = {name: part[:, :outputs] for name, part in parts.items()}
-            return flat, joints[:, :outputs]
+            size = self.outputs
+            by_part = {name: part[:, :size] for name, part in moved.items()}
+            return by_part, joints[:, :size]
         point = self.view @ motion.position + self.shift[:, None]
         sight = pixels(self.lens, point)
-        in_pixels = {name: sight.push(part) for name, part in parts.items()}
-        by_lens = lens_slope(self.lens, point)
-        return in_pixels | {"lens": by_lens}, sight.push(joints)
+        in_pixels = {name: sight.push(part) for name, part in moved.items()}
+        in_pixels["lens"] = lens_slope(self.lens, point)
+        return in_pixels, sight.push(joints)
+
+    def _by_view(self, motion: Motion) -> Array:
+        """How points move with each number of the view's matrix and shift, (12, 3, n)."""
+        outputs = np.eye(3)
+        linear = outputs[:, None, :, None] * motion.position[:, None]
+        n = motion.position.shape[1]
+        shifts = np.repeat(outputs[:, :, None], n, axis=2)
+        return np.vstack([linear.reshape(9, 3, n), shifts])
+
+    def _by_flex(self, q: Array, joints: Array) -> Array:
+        """How points move with what bends a planar arm, (k, 3, n), given how with joints."""
+        sums = np.cumsum(self.way * q, axis=1).T
+        waves = np.stack([np.cos(sums), np.sin(sums)], axis=1)
+        bent = [
+            (joints[: k + 1, None] * wave[:, None]).reshape(-1, 3, len(q))
+            for k, wave in enumerate(waves)
+        ]
+        return np.concatenate(bent)
 
 
 def _curves(structure: Structure, beta: Array) -> Array:
@@ -210,18 +211,18 @@ def _spatial(structure: SpatialStructure, beta: Array) -> KernelArm:
     sensor = structure.sensor(beta)
     coupling = beta[groups["coupling"]]
     return KernelArm(
-        structure,
-        beta,
-        structure.chain,
-        structure.deviations(beta),
-        beta[groups["gain"]],
-        beta[groups["offset"]],
-        sensor.matrix[:, :3],
-        sensor.shift,
-        sensor.rotation,
-        min(structure.outputs, 3),
-        sensor.lens,
-        _curves(structure, beta),
+        structure=structure,
+        beta=beta,
+        chain=structure.chain,
+        deviations=structure.deviations(beta),
+        gain=beta[groups["gain"]],
+        offset=beta[groups["offset"]],
+        view=sensor.matrix[:, :3],
+        shift=sensor.shift,
+        aim=sensor.rotation,
+        outputs=min(structure.outputs, 3),
+        lens=sensor.lens,
+        curves=_curves(structure, beta),
         sag=Sag.of(structure, beta),
         coupling=coupling if coupling.any() else coupling[:0],
     )
@@ -231,23 +232,23 @@ def _planar(structure: PlanarStructure, beta: Array) -> KernelArm:
     """A planar arm: axes along z, links along x; a slide's direction is turned by its offset."""
     groups = structure.groups
     dof = structure.dof
-    turns = np.asarray(structure.revolute)
+    revolute = np.asarray(structure.revolute)
     way = np.asarray(structure.signs, dtype=float)
     offset = beta[groups["offset"]]
     up = np.array([0.0, 0.0, 1.0])
-    turned = np.where(turns, 0.0, offset)
+    slant = np.where(revolute, 0.0, offset)
     # (dof, 3), of each link
-    along = exponential(np.outer(turned, up))[:, :, 0]
+    along = exponential(np.outer(slant, up))[:, :, 0]
     links = beta[groups["length"], None] * along
     ends = np.cumsum(links, axis=0)
     chain = SpatialChain(
-        np.where(turns[:, None], up, along),
-        np.vstack([np.zeros(3), ends[:-1]]),
-        ends[-1],
-        np.eye(3),
-        structure.revolute,
-        np.eye(dof),
-        np.zeros(dof),
+        axes=np.where(revolute[:, None], up, along),
+        points=np.vstack([np.zeros(3), ends[:-1]]),
+        tip=ends[-1],
+        rotation=np.eye(3),
+        revolute=structure.revolute,
+        coupling=np.eye(dof),
+        bias=np.zeros(dof),
     )
     flex = np.zeros((2, dof, dof))
     pairs = structure.loads["elastic"].pairs
@@ -260,18 +261,18 @@ def _planar(structure: PlanarStructure, beta: Array) -> KernelArm:
     view[:size, :2] = sensor.matrix[:, :2]
     view[:size, 3] = sensor.shift
     return KernelArm(
-        structure,
-        beta,
-        chain,
-        Deviations.none(dof),
-        beta[groups["gain"]] * way,
-        np.where(turns, offset, 0.0),
-        view[:, :3],
-        view[:, 3],
-        np.eye(3),
-        2,
-        sensor.lens,
-        _curves(structure, beta),
-        flex,
-        np.where(turns, way, 0.0),
+        structure=structure,
+        beta=beta,
+        chain=chain,
+        deviations=Deviations.none(dof),
+        gain=beta[groups["gain"]] * way,
+        offset=np.where(revolute, offset, 0.0),
+        view=view[:, :3],
+        shift=view[:, 3],
+        aim=np.eye(3),
+        outputs=2,
+        lens=sensor.lens,
+        curves=_curves(structure, beta),
+        flex=flex,
+        way=np.where(revolute, way, 0.0),
     )

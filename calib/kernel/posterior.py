@@ -19,6 +19,7 @@ from ..body.curves import HARMONICS, waves_of
 from ..body.settings import SHARED
 from ..body.structure import Structure
 from ..common.arrays import Array
+from ..common.scale import TURN
 from ..errors import OptionError
 from .arm import KernelArm
 
@@ -70,70 +71,28 @@ class CompactPosterior:
         structure = body.structure
         arm = KernelArm.of(structure, body.beta)
         shape = COMPACT.rows, structure.dof
-        rng = np.random.default_rng(0)
-        q = rng.uniform(lower, upper, shape)
-        outputs = structure.blocks[0]
-        beliefs: list[Body | Second] = [body]
-        if body.second is not None:
-            beliefs.append(body.second)
-        groups = [
-            np.asarray(structure.groups[f"curve.{k}"], int)
-            for k in range(structure.dof)
-        ]
-        curved = np.concatenate(groups)
+        q = np.random.default_rng(0).uniform(lower, upper, shape)
         parts, _ = arm.derivatives(q)
-        stacked = np.concatenate(list(parts.values()))
-        by_row = stacked.transpose(2, 1, 0)
-        basis = by_row.reshape(len(q) * outputs, -1)
-        here = structure.predict(q, body.beta)
-        size = len(beliefs), COMPACT.ways + 1
-        curves = np.zeros((structure.dof, 2 * HARMONICS, *size))
-        geometry = np.zeros((basis.shape[1], *size))
-        alone = []
-        for b, belief in enumerate(beliefs):
-            moves = _moves(structure, belief, q)
-            root = np.zeros((structure.size, belief.root.shape[1]))
-            root[belief.active] = belief.root
-            directions, of_curves = _split(root, curved)
-            alone.append(_curves_alone(of_curves, groups))
-            directions = _principal_root(directions, moves)[:, : COMPACT.ways]
-            ways = directions.shape[1]
-            apart = belief.beta - body.beta
-            for k, group in enumerate(groups):
-                if len(group):
-                    curves[k, :, b, :ways] = directions[group]
-                    curves[k, :, b, -1] = apart[group]
-            moves[:, curved] = 0.0
-            moved = moves @ directions
-            amounts = _amounts(basis, moved, COMPACT.least)
-            left_over = basis @ amounts - moved
-            rest = np.linalg.norm(left_over)
-            most = COMPACT.unexplained * np.linalg.norm(moved)
-            if belief is body and rest > most:  # the basis is at its parameters
-                raise OptionError(
-                    "the body has a parameter that the C source does not know"
-                )
-            geometry[:, b, :ways] = amounts
-            apart[curved] = 0.0
-            there = structure.predict(q, body.beta + apart)
-            gaps = (there - here)[:, :outputs]
-            column = gaps.reshape(-1, 1)
-            geometry[:, b, -1:] = _amounts(basis, column, COMPACT.apart)
-        sizes = [len(part) for part in parts.values()]
-        edges = np.cumsum(sizes)[:-1]
+        moves = np.concatenate(list(parts.values()))
+        basis = moves.transpose(2, 1, 0).reshape(-1, len(moves))
+        compact = [compact_belief(body, body, q, basis)]
+        factors = [(body.kappa, SHARED**2)]
+        if body.second is not None:
+            compact.append(compact_belief(body, body.second, q, basis))
+            # as in `Body.bound`: the first belief is inflated, the second not
+            factors.append((1.0, 1.0))
+        geometry = np.stack([belief.geometry for belief in compact], axis=1)
+        edges = np.cumsum([len(part) for part in parts.values()])[:-1]
         of_parts = np.split(geometry, edges)
-        # as in `Body.bound`: the first belief is inflated, the second not
-        factors = [(body.kappa, SHARED**2), (1.0, 1.0)]
-        scale = np.array(factors[: len(beliefs)])
-        model = body.remaining_variance(noise=False)
+        residual = body.remaining_variance(noise=False)
         return CompactPosterior(
-            arm,
-            dict(zip(parts, of_parts, strict=True)),
-            curves,
-            np.array(alone),
-            scale,
-            model,
-            body.remaining_variance(noise=True) - model,
+            arm=arm,
+            geometry=dict(zip(parts, of_parts, strict=True)),
+            curves=np.stack([belief.curves for belief in compact], axis=2),
+            alone=np.array([belief.alone for belief in compact]),
+            scale=np.array(factors),
+            residual=residual,
+            noise=body.remaining_variance(noise=True) - residual,
         )
 
     def bound(self, q: Array, *, noise: bool) -> Array:
@@ -154,7 +113,7 @@ class CompactPosterior:
 
     def _alone_at(self, q: Array) -> Array:
         """Variances (b, dof, n) of curves by themselves at joint values (n, dof)."""
-        turns = q.T / (2 * np.pi)
+        turns = q.T / TURN
         place = np.mod(turns, 1.0) * COMPACT.knots
         knots = np.arange(COMPACT.knots)
         size = np.zeros((len(self.alone), *place.shape))
@@ -175,25 +134,12 @@ class CompactPosterior:
         cosines = np.cos(angles)
         sines = np.sin(angles)
         waves = np.concatenate([cosines, sines], axis=2)
-        along = np.einsum(
-            "knh,khbw->bnkw",
-            waves,
-            self.curves,
-            optimize=True,
-        )
+        along = np.einsum("knh,khbw->bnkw", waves, self.curves, optimize=True)
         size = self._alone_at(q)
         joints = by_joints.transpose(2, 1, 0)  # (n, m, dof)
         # (b, n, m, w), how each direction moves positions
         along_geometry = np.tensordot(by_geometry, geometry, (0, 0))
-        moves = (
-            along_geometry.transpose(
-                2,
-                1,
-                0,
-                3,
-            )
-            + joints @ along
-        )
+        moves = along_geometry.transpose(2, 1, 0, 3) + joints @ along
         ways = moves[..., :-1]
         spread = ways @ np.swapaxes(ways, 2, 3)
         # (b, n, m, dof), what each curve moves by itself
@@ -203,6 +149,62 @@ class CompactPosterior:
         gaps = moves[..., -1]
         apart = np.linalg.norm(gaps, axis=2).T
         return spread, apart
+
+
+@dataclass(frozen=True, eq=False)
+class CompactBelief:
+    """A belief in w directions, of which the last is by how much its mean is off the first's."""
+
+    geometry: Array  # (D, w) of an arm's parts
+    curves: Array  # (dof, 96, w)
+    alone: (
+        Array  # (dof, knots), variance of each curve by itself, all over a turn
+    )
+
+
+def compact_belief(
+    body: Body, belief: Body | Second, q: Array, basis: Array
+) -> CompactBelief:
+    """A belief of a body in the directions that move positions at joints (n, dof) most.
+
+    basis : (n m, D), how positions move with an arm's parts at the body's parameters
+    Raises OptionError if a parameter moves positions as no part of an arm does.
+    """
+    structure = body.structure
+    groups = [
+        np.asarray(structure.groups[f"curve.{k}"], int)
+        for k in range(structure.dof)
+    ]
+    curved = np.concatenate(groups)
+    root = np.zeros((structure.size, belief.root.shape[1]))
+    root[belief.active] = belief.root
+    shared, of_curves = _split(root, curved)
+    moves = _moves(structure, belief, q)
+    directions = _principal_root(shared, moves)[:, : COMPACT.ways]
+    moves[:, curved] = 0.0
+    moved = moves @ directions
+    amounts = _amounts(basis, moved, COMPACT.least)
+    rest = np.linalg.norm(basis @ amounts - moved)
+    most = COMPACT.unexplained * np.linalg.norm(moved)
+    if belief is body and rest > most:  # the basis is at its parameters
+        raise OptionError(
+            "the body has a parameter that the C source does not know"
+        )
+    ways = amounts.shape[1]
+    geometry = np.zeros((len(amounts), COMPACT.ways + 1))
+    geometry[:, :ways] = amounts
+    curves = np.zeros((structure.dof, 2 * HARMONICS, COMPACT.ways + 1))
+    apart = belief.beta - body.beta
+    for k, group in enumerate(groups):
+        if len(group):
+            curves[k, :, :ways] = directions[group]
+            curves[k, :, -1] = apart[group]
+    apart[curved] = 0.0
+    ahead = structure.predict(q, body.beta + apart)
+    gaps = (ahead - structure.predict(q, body.beta))[:, : structure.blocks[0]]
+    column = gaps.reshape(-1, 1)
+    geometry[:, -1:] = _amounts(basis, column, COMPACT.apart)
+    return CompactBelief(geometry, curves, _curves_alone(of_curves, groups))
 
 
 def _moves(structure: Structure, belief: Body | Second, q: Array) -> Array:
@@ -256,14 +258,8 @@ def _principal_root(root: Array, moves: Array) -> Array:
 def _curves_alone(root: Array, groups: list[NDArray[np.intp]]) -> Array:
     """Variances (dof, knots) of curves by themselves, from a root (d, k) of their covariance."""
     alone = np.zeros((len(groups), COMPACT.knots))
-    whole_turn = 2 * np.pi
-    turn: Array = np.linspace(
-        0.0,
-        whole_turn,
-        COMPACT.knots,
-        endpoint=False,
-    )
-    waves = waves_of(turn).T
+    angles: Array = np.linspace(0.0, TURN, COMPACT.knots, endpoint=False)
+    waves = waves_of(angles).T
     for k, group in enumerate(groups):
         if len(group):
             moved = waves @ root[group]
