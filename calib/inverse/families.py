@@ -13,7 +13,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index, Mask
 from .newton import Newton, lengths, limit_length
-from .settings import SEARCH
+from .settings import SOLVER
 from .slides import settle
 from .ways import Ways, by_middle
 
@@ -36,12 +36,7 @@ def representatives(newton: Newton, ways: Ways, x: Array) -> Ways:
     """Of solutions of targets (n, m) the most central one of each connected family."""
     goals = x[ways.target]
     central = _slide_to_middle(newton, ways, goals)
-    family = _families(
-        newton,
-        ways,
-        goals,
-        central.u,
-    )
+    family = _families(newton, ways, goals, central.u)
     order = by_middle(newton.scale, central.target, central.u)
     _, first = np.unique(family[order], return_index=True)
     first = np.sort(first)
@@ -51,13 +46,7 @@ def representatives(newton: Newton, ways: Ways, x: Array) -> Ways:
 def _slide_to_middle(newton: Newton, ways: Ways, goals: Array) -> Ways:
     """Solutions as far towards the middle of the ranges as they slide."""
     middle = np.full_like(ways.u, 0.5)
-    stand = settle(
-        newton,
-        ways.u,
-        goals,
-        middle,
-        FAMILIES.step,
-    )
+    stand = settle(newton, ways.u, goals, middle, FAMILIES.step)
     u = stand.u
     lost = ~newton.is_met(stand.miss)
     u[lost] = ways.u[lost]
@@ -152,7 +141,7 @@ def _arrives(newton: Newton, start: Array, goal: Array, x: Array) -> Mask:
         ahead = lengths(wish)
         move = newton.tangent(here, wish)
         u = here.u + limit_length(move, FAMILIES.step)
-        trial = newton.refine(u, here.x, SEARCH.close)
+        trial = newton.refine(u, here.x, SOLVER.close)
         stand.put(rows, trial)
         shift = newton.away(trial.u, here.u)
         rest = newton.away(trial.u, goal[rows])

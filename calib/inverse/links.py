@@ -10,8 +10,8 @@ from ..common.arrays import Array, Index
 from ..maps.association import Association
 from ..maps.predictor import Predictor
 from .newton import Newton, limit_length
-from .search import Search
-from .settings import SEARCH
+from .settings import SOLVER
+from .solver import Solver
 from .task import Positions
 from .ways import Ways, distinct, rank_within
 
@@ -41,19 +41,14 @@ class LinkSettings:
 LINKS = LinkSettings()
 
 
-def search_by_links(association: Association, predictor: Predictor) -> Search:
+def solver_by_links(association: Association, predictor: Predictor) -> Solver:
     """The search for positions of a forward map that starts at what links propose."""
     span = association.sensory.scale.span
     extent = float(np.linalg.norm(span))
     task = Positions(predictor.value_and_slope, len(span), extent)
     newton = Newton(task, association.motor.scale)
     starts = LinkStarts(association, newton)
-    return Search(
-        newton,
-        starts,
-        not newton.redundant,
-        LINKS.folded,
-    )
+    return Solver(newton, starts, not newton.redundant, LINKS.folded)
 
 
 class LinkStarts:
@@ -127,7 +122,7 @@ class LinkStarts:
         places = sensory.units[nodes]
         x = sensory.scale.from_unit(places)
         target, u = self._proposals(nodes)
-        stand = self._newton.refine(u, x[target], SEARCH.close)
+        stand = self._newton.refine(u, x[target], SOLVER.close)
         order = np.lexsort((stand.miss, target))
         ways = Ways(target, stand.u, stand.miss)
         return ways.rows(order)
@@ -145,12 +140,7 @@ class LinkStarts:
         solved = LINKS.cell if newton.redundant else LINKS.apart
         met = newton.is_met(ways.miss)
         apart = np.where(met, solved, 1.0) * motor.spacing
-        single = distinct(
-            newton.scale,
-            ways.target,
-            ways.u,
-            apart,
-        )
+        single = distinct(newton.scale, ways.target, ways.u, apart)
         return ways.rows(single)
 
     def _proposals(self, nodes: Index) -> tuple[Index, Array]:
@@ -165,12 +155,7 @@ class LinkStarts:
         node = links.indices[strongest]
         u = self._newton.clip(motor.units[node])
         apart = LINKS.cell * motor.spacing
-        single = distinct(
-            self._newton.scale,
-            target,
-            u,
-            apart,
-        )
+        single = distinct(self._newton.scale, target, u, apart)
         return target[single], u[single]
 
     def _linearise(self, u: Array) -> tuple[Array, Array]:

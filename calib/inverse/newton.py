@@ -8,7 +8,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index, Mask
 from ..common.scale import Scale
-from .settings import SEARCH
+from .settings import SOLVER
 from .task import Task
 
 ROUNDING = 1e-13
@@ -57,7 +57,7 @@ class Newton:
 
     def is_met(self, miss: Array) -> Mask:
         """Whether misses (n,) are as small as a solution's."""
-        return np.asarray(miss <= SEARCH.close * self.task.size)
+        return np.asarray(miss <= SOLVER.close * self.task.size)
 
     def away(self, u: Array, v: Array) -> Array:
         """Distances (n,) between joints (n, dof), the short way round."""
@@ -75,20 +75,14 @@ class Newton:
         u = self.clip(u)
         gap, slope = self.task.residual(u, x)
         miss = lengths(gap)
-        return Stand(
-            x,
-            u,
-            gap,
-            slope,
-            miss,
-        )
+        return Stand(x, u, gap, slope, miss)
 
     def refine(
         self,
         u: Array,
         x: Array,
         tolerance: float = ROUNDING,
-        steps: int = SEARCH.steps,
+        steps: int = SOLVER.steps,
     ) -> Stand:
         """Joints nearest to targets `x` (n, k) from starts `u` (n, dof).
 
@@ -97,12 +91,7 @@ class Newton:
         """
         stand = self.at(u, x)
         everywhere = np.ones(len(u), dtype=bool)
-        self.descend(
-            stand,
-            everywhere,
-            tolerance,
-            steps,
-        )
+        self.descend(stand, everywhere, tolerance, steps)
         return stand
 
     def descend(
@@ -110,7 +99,7 @@ class Newton:
         stand: Stand,
         which: Mask,
         tolerance: float = ROUNDING,
-        steps: int = SEARCH.steps,
+        steps: int = SOLVER.steps,
     ) -> None:
         """Refine some rows (n,) of a stand in place, see `refine`."""
         enough = tolerance * self.task.size
@@ -120,12 +109,12 @@ class Newton:
         if not len(rows):
             return
         here = stand.rows(rows)
-        damping = np.full(len(rows), SEARCH.easy)
+        damping = np.full(len(rows), SOLVER.easy)
         # what the next step leaves, (n,): Newton's steps gain twice as many digits as the last did
         rest = np.full(len(rows), np.inf)
         for _ in range(steps):
             move = self.move(here, damping)
-            step = limit_joints(move, SEARCH.longest)
+            step = limit_joints(move, SOLVER.longest)
             u = here.u + step
             inside = u.min() > 0.0 and u.max() < 1.0
             if inside and rest.max() <= enough:
@@ -136,17 +125,17 @@ class Newton:
             ratio = trial.miss / here.miss
             rest = trial.miss * ratio * ratio
             better = ratio < 1.0
-            slow = ratio > 1.0 - SEARCH.slow
+            slow = ratio > 1.0 - SOLVER.slow
             final = better | (here.miss < rounding)
             ended = slow & final
             if better.all():
                 here = trial
             else:
                 here.put(better, trial.rows(better))
-            eased = np.maximum(damping / SEARCH.easier, SEARCH.easiest)
-            harder = np.maximum(damping * SEARCH.easier, SEARCH.hard)
+            eased = np.maximum(damping / SOLVER.easier, SOLVER.easiest)
+            harder = np.maximum(damping * SOLVER.easier, SOLVER.hard)
             damping = np.where(better, eased, harder)
-            ended |= damping > SEARCH.hardest
+            ended |= damping > SOLVER.hardest
             ended |= here.miss < enough
             if ended.all():
                 break
@@ -166,7 +155,7 @@ class Newton:
         is: steps to what is much further away than joints reach go nowhere.
         """
         stand = self.at(u, x)
-        for _ in range(SEARCH.steps):
+        for _ in range(SOLVER.steps):
             position = x - stand.gap
             ahead = position + limit_length(stand.gap, self.task.size)
             nearer = self.refine(stand.u, ahead)
@@ -186,13 +175,8 @@ class Newton:
         A joint beside a limit that the move would push further stays, as of `move`.
         """
         still = np.zeros(stand.gap.shape)
-        damping = np.full(len(wish), SEARCH.easiest)
-        return self._move_within_limits(
-            stand,
-            still,
-            damping,
-            wish,
-        )
+        damping = np.full(len(wish), SOLVER.easiest)
+        return self._move_within_limits(stand, still, damping, wish)
 
     def _move_within_limits(
         self,
@@ -206,13 +190,8 @@ class Newton:
         Each pass holds the joints that the last one would have pushed beyond their limits.
         """
         slope = stand.slope
-        slack = 0.0 if wish is None else SEARCH.slack
-        move = _nearest_move(
-            slope,
-            gap,
-            damping,
-            wish,
-        )
+        slack = 0.0 if wish is None else SOLVER.slack
+        move = _nearest_move(slope, gap, damping, wish)
         lowest_place = stand.u.min(initial=1.0)
         highest_place = stand.u.max(initial=0.0)
         if lowest_place > slack and highest_place < 1.0 - slack:
@@ -229,12 +208,7 @@ class Newton:
             slope = np.where(stuck[:, None], 0.0, slope)
             if wish is not None:
                 wish = np.where(stuck, 0.0, wish)
-            move = _nearest_move(
-                slope,
-                gap,
-                damping,
-                wish,
-            )
+            move = _nearest_move(slope, gap, damping, wish)
         return move
 
 

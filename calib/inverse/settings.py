@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class SearchSettings:
+class SolverSettings:
     """When a step, a solution and a branch count; measured by ``benchmarks/inverse.py``."""
 
     # Steps.
@@ -39,16 +39,18 @@ class SearchSettings:
     surplus: float = 0.1
     # Branches.
     # least singular value beside a fold, of the Jacobian's squares
-    folded: float = 0.1
-    beyond: float = 0.3  # the far side of a fold is looked for so far away
+    fold: float = 0.1
+    twin_reach: float = 0.3  # the far side of a fold is looked for so far away
     probe: float = 1e-4  # step of the derivative of a singular value
-    beside: float = 0.005  # an answer so near to what was asked is the nearest
-    surely: float = 0.3  # the same, of redundant joints and of poses
+    near_enough: float = (
+        0.005  # an answer so near to what was asked is the nearest
+    )
+    near_enough_spare: float = 0.3  # the same, of redundant joints and of poses
     margin: float = 0.1  # a start may be so much further away than its answer
     drawn: int = 32  # starts all over the ranges where others have failed
     # what is drawn so far beyond a limit is at it: of poses with joints at three limits and more
     # one of 6 lost a way where all were drawn between them, now one of 150
-    aside: float = 0.2
+    overhang: float = 0.2
     tries: int = 48  # starts of a position
     # steps of a search by compiled C from joints and what is near: at most a millisecond
     budget: int = 2000
@@ -70,7 +72,9 @@ class SearchSettings:
     postures: int = 8192
     nearest: int = 192  # of them, those that a pose starts from
     runs: int = 36  # runs without a new branch that end the search
-    apart: float = 0.12  # postures closer to a solution than this lead to it
+    start_spacing: float = (
+        0.12  # postures closer to a solution than this lead to it
+    )
 
 
-SEARCH = SearchSettings()
+SOLVER = SolverSettings()

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index, Mask
 from .newton import Newton, Stand, lengths, limit_joints, limit_length
-from .settings import SEARCH
+from .settings import SOLVER
 
 
 def settle(
@@ -16,7 +16,7 @@ def settle(
     u: Array,
     x: Array,
     near: Array,
-    longest: float = SEARCH.longest,
+    longest: float = SOLVER.longest,
 ) -> Stand:
     """Joints on targets `x` (n, k) from starts `u` (n, dof), near to `near` (n, dof).
 
@@ -25,10 +25,10 @@ def settle(
     """
     if not newton.redundant:
         return newton.refine(u, x)
-    stand = newton.refine(u, x, SEARCH.rough)
+    stand = newton.refine(u, x, SOLVER.rough)
     slides = Slides.of(newton, near)
     rows = np.flatnonzero(slides.close_to(stand))
-    for _ in range(SEARCH.slides):
+    for _ in range(SOLVER.slides):
         rows = slides.next(stand, rows, longest)
         if not len(rows):
             break
@@ -63,13 +63,7 @@ class Slides:
         share = np.ones(len(near))
         pull = np.zeros(near.shape)
         shift = np.zeros(near.shape)
-        return Slides(
-            newton,
-            near,
-            share,
-            pull,
-            shift,
-        )
+        return Slides(newton, near, share, pull, shift)
 
     def next(self, stand: Stand, rows: Index, longest: float) -> Index:
         """Slide some rows of a stand once, and say which have not settled.
@@ -78,43 +72,42 @@ class Slides:
         """
         newton = self.newton
         here = stand.rows(rows)
-        near = self.near[rows]
-        wish = newton.scale.difference(near, here.u)
+        wish = newton.scale.difference(self.near[rows], here.u)
         pull = newton.tangent(here, wish)
         self._adapt_share(rows, pull)
-        unmet = ~newton.is_met(here.miss)
-        unsettled = lengths(pull) > SEARCH.settled
-        going = unsettled | unmet
-        going &= self.share[rows] > SEARCH.stuck
+        unsettled = lengths(pull) > SOLVER.settled
+        unsettled |= ~newton.is_met(here.miss)
+        going = unsettled & (self.share[rows] > SOLVER.stuck)
         rows = rows[going]
-        if not len(rows):
-            return rows
-        here = here.rows(going)
-        unmet = unmet[going]
-        near = near[going]
-        pull = pull[going]
-        easy = np.full(len(rows), SEARCH.easy)
-        step = newton.move(here, easy)
+        if len(rows):
+            self._slide(stand, rows, pull[going], longest)
+        return rows
+
+    def _slide(
+        self, stand: Stand, rows: Index, pull: Array, longest: float
+    ) -> None:
+        """Slide rows (k,) by their shares of pulls (k, dof)."""
+        newton = self.newton
+        here = stand.rows(rows)
+        near = self.near[rows]
+        step = newton.move(here, np.full(len(rows), SOLVER.easy))
         step += self.share[rows, None] * pull
-        step = limit_joints(step, SEARCH.longest)
+        step = limit_joints(step, SOLVER.longest)
         step = limit_length(step, longest)
         step = self._within_limits(here.u, step)
         trial = newton.at(here.u + step, here.x)
-        away = newton.away(here.u, near)
-        closer = newton.away(trial.u, near) < away
-        good = closer | unmet
-        good &= self.close_to(trial)
+        closer = newton.away(trial.u, near) < newton.away(here.u, near)
+        good = self.close_to(trial) & (closer | ~newton.is_met(here.miss))
         stand.put(rows[good], trial.rows(good))
         shift = newton.scale.difference(trial.u, here.u)
         shift[~good] = 0.0
         self.pull[rows] = pull
         self.shift[rows] = shift
         self.share[rows[~good]] /= 4
-        return rows
 
     def close_to(self, stand: Stand) -> Mask:
         """Whether joints (n,) are so close to their targets that they slide."""
-        rough = SEARCH.rough * self.newton.task.size
+        rough = SOLVER.rough * self.newton.task.size
         return np.asarray(stand.miss <= rough)
 
     def _adapt_share(self, rows: Index, pull: Array) -> None:
@@ -139,7 +132,7 @@ class Slides:
         size = np.abs(move)
         free = self.newton.scale.periodic | (size < 1e-12)
         # limits hold the joints beside them
-        free |= room <= SEARCH.slack
+        free |= room <= SOLVER.slack
         size = np.where(free, 1.0, size)
         room = np.where(free, np.inf, room)
         shares = room / size

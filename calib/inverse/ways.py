@@ -10,7 +10,7 @@ import numpy as np
 from ..common.arrays import Array, Index, Mask
 from ..common.rows import row_lengths
 from ..common.scale import Scale
-from .settings import SEARCH
+from .settings import SOLVER
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def rank_within(owner: Index) -> Index:
 def drawn_joints(count: int, dof: int) -> Array:
     """Joints (count, dof) all over the unit box, many of them at a limit; always the same."""
     u = np.random.default_rng(0).random((count, dof))
-    outwards = SEARCH.aside * (2.0 * u - 1.0)
+    outwards = SOLVER.overhang * (2.0 * u - 1.0)
     return np.clip(u + outwards, 0.0, 1.0)
 
 

@@ -13,9 +13,9 @@ from ..common.arrays import Array, Index, Mask
 from ..common.inputs import number_rows, query_rows
 from ..common.rows import row_lengths
 from ..errors import QueryError
-from ..inverse.links import search_by_links
+from ..inverse.links import solver_by_links
 from ..inverse.newton import limit_joints, limit_length
-from ..inverse.settings import SEARCH
+from ..inverse.settings import SOLVER
 from ..inverse.ways import by_middle, slices
 from ..kernel.compiled import Flag
 from ..samples.motion import Motion
@@ -79,7 +79,7 @@ def unit_joints(
         if readout in ("local", model.default_readout):
             joints[readout] = model.solver.solve(target, near)[0]
         elif readout == "body":
-            search = search_by_links(model.association, model.body_predictor)
+            search = solver_by_links(model.association, model.body_predictor)
             joints[readout] = search.solve(target, near)[0]
     if set(readouts) - set(joints):
         v = model.sensory.scale.to_unit(target)
@@ -211,7 +211,7 @@ def _within_reach(model: Parts, bound: Array) -> Array:
     """Distance (n,) to a target at which it counts as reached [unit]."""
     extent = model.solver.extent
     least = ANSWER.reached * extent
-    return np.clip(bound, least, SEARCH.sure * extent)
+    return np.clip(bound, least, SOLVER.sure * extent)
 
 
 def rows_for(
@@ -294,6 +294,6 @@ def servo_step(
     stand = newton.at(scale.to_unit(joints), wanted)
     measured_gap = replace(stand, gap=gain * (wanted - place))
     step = newton.move(measured_gap, np.full(len(joints), ANSWER.calm))
-    step = limit_length(limit_joints(step, SEARCH.longest), ANSWER.longest)
+    step = limit_length(limit_joints(step, SOLVER.longest), ANSWER.longest)
     result = scale.from_unit(newton.clip(stand.u + step))
     return result[0] if single else result

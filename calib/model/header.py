@@ -10,7 +10,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..errors import OptionError
-from ..inverse.settings import SEARCH
+from ..inverse.settings import SOLVER
 from ..kernel.arm import KernelArm
 from ..kernel.source import braces, c_source, source, table
 from . import sections
@@ -30,7 +30,7 @@ _DOUBLE: Words = {
     "real": "double",
     "calm": 1e-12,
     "enough": 2e-15,
-    "close": SEARCH.close,
+    "close": SOLVER.close,
 }
 _SINGLE: Words = {"real": "float", "calm": 1e-7, "enough": 1e-6, "close": 1e-4}
 

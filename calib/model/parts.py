@@ -14,8 +14,8 @@ from ..common.arrays import Array, Mask, Shape, freeze
 from ..common.choices import MAP_READOUTS, READOUTS, check_choice
 from ..common.wording import one_line
 from ..errors import OptionError
-from ..inverse.links import search_by_links
-from ..inverse.search import Search
+from ..inverse.links import solver_by_links
+from ..inverse.solver import Solver
 from ..kernel.compiled import Library
 from ..kernel.posterior import CompactPosterior
 from ..maps.association import Association
@@ -152,9 +152,9 @@ class Parts:
         return Predictor(self.motor, smooth, self.local)
 
     @cached_property
-    def solver(self) -> Search:
-        """Search for joints of positions."""
-        return search_by_links(self.association, self.predictor)
+    def solver(self) -> Solver:
+        """Solver for joints of positions."""
+        return solver_by_links(self.association, self.predictor)
 
     @cached_property
     def body_predictor(self) -> Predictor:

@@ -4,27 +4,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Index
-from ..common.scale import Scale
+from ..common.scale import TURN, Scale
 from ..inverse.closed_form import ClosedForm
 from ..inverse.newton import Newton
-from ..inverse.postures import DrawnPostures, Postures
-from ..inverse.search import Search
-from ..inverse.settings import SEARCH
+from ..inverse.settings import SOLVER
 from ..inverse.slides import settle
-from ..inverse.task import Poses, Positions, Task
-from ..inverse.ways import distinct, rank_within, slices
+from ..inverse.solver import Solver
+from ..inverse.task import Evaluate, Poses, Positions, Task
+from ..inverse.ways import distinct, drawn_joints, rank_within, slices
 from ..kernel.compiled import Flag, Library
 from .compiling import POSES, POSES_ALL, Query, kernel_for
 from .space import REACHED, Space
 
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
+
 _ROWS = 2_000  # poses whose starts are held at a time, 20 MB
 _LONG = 16  # times as many steps of Newton beside a singularity
+_OVERHANG = 0.1  # [rad] by which the drawing's joints may lie beyond the limits
 _SAME = 1e-3  # of the joints' ranges: ways that slide to one place are one way
 _FAMILIES = 4  # ways of redundant joints to a pose that are answered
 
@@ -56,10 +59,10 @@ class Reach:
         return reach
 
     @cached_property
-    def search(self) -> Search:
+    def search(self) -> Solver:
         """The search in NumPy."""
         newton = Newton(self._task, self._scale)
-        return Search(newton, self._starts)
+        return Solver(newton, self._starts)
 
     def beside(self, target: Array, near: Array) -> tuple[Array, Array]:
         """Joints (n, dof) beside `near` (n, dof) for targets, and what is missing.
@@ -73,7 +76,7 @@ class Reach:
         # where two axes are nearly one, a small turn of the tool is a long way for the joints
         late = np.flatnonzero(missing > REACHED * self.space.length)
         if len(late):
-            steps = _LONG * SEARCH.steps
+            steps = _LONG * SOLVER.steps
             stand = newton.refine(stand.u[late], target[late], steps=steps)
             q[late] = self._scale.from_unit(stand.u)
             missing[late] = stand.miss
@@ -109,7 +112,7 @@ class Reach:
         target = Poses.target(p, space.evaluate(near)[1])
         newton = Newton(task, self._scale)
         u = self._unit(near)
-        wish = newton.refine(u, target, steps=4 * SEARCH.steps).u
+        wish = newton.refine(u, target, steps=4 * SOLVER.steps).u
         return self._scale.from_unit(self.search.nearest(p, wish).u)
 
     def branches(self, target: Array, near: Array) -> list[Array]:
@@ -227,3 +230,73 @@ class Reach:
     @property
     def _scale(self) -> Scale:
         return self.space.model.motor.scale
+
+
+@dataclass(frozen=True)
+class Postures:
+    """A table of postures all over the joints' ranges, those nearest to a pose first."""
+
+    evaluate: Evaluate
+    scale: Scale
+    length: float  # [m], of the arm: a radian of turn counts as much
+    columns: tuple[int, ...]  # of a pose (12,), those that a target asks for
+    apart: ClassVar[float] = SOLVER.start_spacing
+
+    def of(self, x: Array) -> tuple[Index, Array]:
+        """The postures nearest to places (n, 3) or poses (n, 12)."""
+        features = self._features(x)
+        _, rows = self._tree.query(features, SOLVER.nearest)
+        targets = np.arange(len(x))
+        owner = np.repeat(targets, SOLVER.nearest)
+        return owner, self._u[rows.ravel()]
+
+    @cached_property
+    def _u(self) -> Array:
+        """Joints (k, dof) of the unit box."""
+        return drawn_joints(SOLVER.postures, len(self.scale.span))
+
+    @cached_property
+    def _tree(self) -> KDTree:
+        from scipy.spatial import KDTree
+
+        q = self.scale.from_unit(self._u)
+        place, turn, _ = self.evaluate(q)
+        numbers = turn.reshape(-1, 9)
+        poses = np.concatenate([place, numbers], axis=1)
+        return KDTree(self._features(poses))
+
+    def _features(self, x: Array) -> Array:
+        place = x[:, :3] / self.length
+        # the distance of matrices is that of angles
+        turn = x[:, 3:] / np.sqrt(2)
+        features = np.concatenate([place, turn], axis=1)
+        return features[:, self.columns]
+
+
+@dataclass(frozen=True)
+class DrawnPostures:
+    """Postures by the closed form of the drawing, whose ways are nearly those of the arm."""
+
+    closed: ClosedForm
+    scale: Scale
+    # (6,) each: the drawing's joints are gain q + offset
+    gain: Array
+    offset: Array
+    apart: ClassVar[float] = SOLVER.same
+
+    def of(self, x: Array) -> tuple[Index, Array]:
+        """Joints of every way to poses (n, 12), without those beyond the limits."""
+        place = x[:, :3]
+        turn = x[:, 3:].reshape(-1, 3, 3)
+        values = self.closed.joints(place, turn)
+        q = (values - self.offset) / self.gain
+        lower = self.scale.lower
+        half = 0.5 * self.scale.span
+        middle = lower + half
+        turns = np.round((q - middle) / TURN)
+        q = q - TURN * turns
+        beyond = np.abs(q - middle) > half + _OVERHANG
+        inside = ~beyond.any(axis=2)
+        target, way = np.nonzero(inside)
+        u = (q[target, way] - lower) / self.scale.span
+        return target, np.clip(u, 0.0, 1.0)

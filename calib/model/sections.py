@@ -15,7 +15,7 @@ from ..body.views import LEAST_DEPTH
 from ..common.arrays import Array
 from ..common.rows import spread_rows
 from ..errors import CalibError
-from ..inverse.settings import SEARCH
+from ..inverse.settings import SOLVER
 from ..inverse.ways import distinct
 from ..kernel.arm import KernelArm
 from ..kernel.compiled import MOST
@@ -42,7 +42,7 @@ class Section:
 
 
 SETTINGS: Words = {
-    **asdict(SEARCH),
+    **asdict(SOLVER),
     **asdict(MOST),
     "rounded": -float(ROUNDED),
     "rounding": ROUNDING,
@@ -254,7 +254,7 @@ def _starts(model: Parts, u: Array, grid: Tables | None = None) -> Section:
         return Section(grid | tables, {"starts": len(u)})
     words = {
         "starts": len(u),
-        "tries": SEARCH.spare_tries,
-        "budget": SEARCH.spare_budget,
+        "tries": SOLVER.spare_tries,
+        "budget": SOLVER.spare_budget,
     }
     return Section(tables, words)

@@ -277,7 +277,7 @@ static inline calib_real calib_flat(int n, const calib_real *J, calib_real y[6],
     squared += v[k] * v[k];
   }
   for (i = 0; i < n * CALIB_DOF; ++i) power += J[i] * J[i];
-  if (!(squared > 0) || squared > @folded@ * power) return 0;
+  if (!(squared > 0) || squared > @fold@ * power) return 0;
   for (k = 0; k < CALIB_DOF; ++k) v[k] /= sqrt(squared);
   return sqrt(squared);
 }
@@ -301,7 +301,7 @@ static inline int calib_twin(const calib_task *task, const calib_real q[CALIB_DO
   }
   if (!(fabs(rate) > 0)) return 0;
   reach = -2 * size / rate;
-  if (!(fabs(reach) < @beyond@)) return 0;
+  if (!(fabs(reach) < @twin_reach@)) return 0;
   for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + reach * calib_span[k] * v[k];
   return 1;
 }

@@ -111,7 +111,7 @@ static inline int calib_try(calib_search *search, const calib_real start[CALIB_D
       gain = 1;
     }
     calib_copy(trial, way);
-    if (CALIB_DOF > calib_rows(search->task) || (one && away <= @beside@)) return gain;
+    if (CALIB_DOF > calib_rows(search->task) || (one && away <= @near_enough@)) return gain;
     if (search->count == search->most && !one) return gain;
     if (!calib_twin(search->task, way, &gap, trial)) return gain;
     if (one && calib_apart(trial, search->from, 0) > search->away + @margin@) return gain;
@@ -142,7 +142,7 @@ static inline int calib_try_near(calib_search *search, const calib_task *task,
   }
   calib_clipped(search->from);
   calib_try(search, search->from);
-  return search->count && search->away <= (spare || task->kind ? @surely@ : @beside@) ? 1 : 2;
+  return search->count && search->away <= (spare || task->kind ? @near_enough_spare@ : @near_enough@) ? 1 : 2;
 }
 
 /* The same of starts, but for those that can lead to no new or nearer way. */

@@ -1,4 +1,4 @@
-"""Search: of all joints that do a task the nearest to some, or every one."""
+"""Solver: of all joints that do a task the nearest to some, or every one."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from .families import representatives
-from .folds import twins
 from .newton import Newton, Stand
-from .settings import SEARCH
+from .settings import SOLVER
 from .slides import settle
 from .ways import Ways, distinct, drawn_joints
 
@@ -55,8 +54,8 @@ class Nearest:
         """Try those starts (k, dof) of targets (k,) that may lead to nearer ways."""
         away = self.newton.away(start, self.near[owner])
         furthest = self.rank.copy()
-        np.minimum.at(furthest, owner, away + 2 * SEARCH.margin)
-        likely = away <= furthest[owner] + SEARCH.margin
+        np.minimum.at(furthest, owner, away + 2 * SOLVER.margin)
+        likely = away <= furthest[owner] + SOLVER.margin
         self.try_starts(owner[likely], start[likely])
 
     def try_starts(self, owner: Index, start: Array) -> None:
@@ -87,7 +86,7 @@ def _rank(newton: Newton, stand: Stand, near: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Search:
+class Solver:
     """One search for every task: starts, Newton steps, and what lies across a fold."""
 
     newton: Newton
@@ -95,7 +94,7 @@ class Search:
     # whether few starts, and the joints asked for, are led to a target together
     together: bool = False
     # least singular value of the Jacobian's squares, beside a fold that starts overlook
-    folded: float = SEARCH.folded
+    folded: float = SOLVER.fold
 
     @property
     def extent(self) -> float:
@@ -147,7 +146,7 @@ class Search:
         else:
             stand = settle(newton, near, x, near)
             best = Nearest.of(newton, stand, near)
-            rows = best.further(SEARCH.surely)
+            rows = best.further(SOLVER.near_enough_spare)
             if len(rows):
                 target, start = self.starts.of(x[rows])
                 best.try_likely(rows[target], start)
@@ -155,7 +154,7 @@ class Search:
         if len(rows):
             target, start = self._starts_everywhere(x[rows])
             best.try_starts(rows[target], start)
-        rows = best.further(SEARCH.beside)
+        rows = best.further(SOLVER.near_enough)
         if len(rows) and not self.redundant:
             place, start = twins(newton, best.stand.rows(rows), self.folded)
             best.try_likely(rows[place], start)
@@ -169,7 +168,7 @@ class Search:
         owner = np.concatenate([np.arange(count), target])
         u = np.concatenate([near, start])
         stand = newton.at(u, x[owner])
-        hopeful = stand.miss <= SEARCH.rough * newton.task.size
+        hopeful = stand.miss <= SOLVER.rough * newton.task.size
         hopeful[count:] = True
         newton.descend(stand, hopeful)
         first = stand.rows(slice(count))
@@ -193,20 +192,55 @@ class Search:
         if newton.redundant:
             ways = ways.sorted(newton.scale)
         else:  # where branches meet
-            place, across = twins(newton, stand, SEARCH.folded)
+            place, across = twins(newton, stand, SOLVER.fold)
             other = newton.refine(across, stand.x[place])
             others = Ways(target[place], other.u, other.miss)
             ways = ways.joined(others, self.newton.scale)
         met = newton.is_met(ways.miss)
         ways = ways.rows(met)
-        single = distinct(self.newton.scale, ways.target, ways.u, SEARCH.same)
+        single = distinct(self.newton.scale, ways.target, ways.u, SOLVER.same)
         return ways.rows(single)
 
     def _starts_everywhere(self, x: Array) -> tuple[Index, Array]:
         """All starts of targets (n, m), and joints at random all over their ranges."""
         target, start = self.starts.of(x)
-        drawn = drawn_joints(SEARCH.drawn, start.shape[1])
+        drawn = drawn_joints(SOLVER.drawn, start.shape[1])
         owner = np.repeat(np.arange(len(x)), len(drawn))
         targets = np.concatenate([target, owner])
         joints = np.concatenate([start, np.tile(drawn, (len(x), 1))])
         return targets, joints
+
+
+def twins(newton: Newton, stand: Stand, folded: float) -> tuple[Index, Array]:
+    """Rows (k,) near a fold, and starts (k, dof) for the ways across it.
+
+    Along the direction v that hardly moves the tip the least singular value s = w' J v falls
+    linearly to zero, at a rate ``w' (dJ/dv) v``, and the other way lies about as far beyond as this
+    one lies before.
+
+    folded : least singular value beside a fold, of the Jacobian's squares
+    """
+    sides, size, directions = np.linalg.svd(stand.slope, full_matrices=False)
+    squares = size * size
+    power = squares.sum(axis=1)
+    folds = squares[:, -1] <= folded * power
+    rows = np.flatnonzero(folds)
+    if not len(rows):
+        return rows, stand.u[rows]
+    here = stand.rows(rows)
+    flat = directions[rows, -1]
+    side = sides[rows, :, -1]
+    probe = here.u + SOLVER.probe * flat
+    _, ahead = newton.task.residual(probe, here.x)
+    change = (ahead - here.slope) / SOLVER.probe
+    columns = change @ flat[:, :, None]
+    along = columns[:, :, 0]
+    rate = (side * along).sum(axis=1)
+    rate[rate == 0.0] = np.inf
+    least = size[rows, -1]
+    reach = -2.0 * least / rate
+    near = np.abs(reach) < SOLVER.twin_reach
+    near &= reach != 0.0
+    shift = reach[near, None] * flat[near]
+    across = here.u[near] + shift
+    return rows[near], newton.clip(across)
