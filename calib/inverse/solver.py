@@ -14,7 +14,7 @@ from .settings import SOLVER
 from .slides import settle
 from .ways import Ways, distinct, drawn_joints
 
-_FURTHER = 1e3
+_UNMET = 1e3
 """What is missed ranks behind whatever is met."""
 
 
@@ -35,25 +35,25 @@ class Nearest:
     near: Array
     stand: Stand
     # (n,), how far the joints are from `near`; more than any distance where they miss the target
-    rank: Array
+    cost: Array
 
     @staticmethod
     def of(newton: Newton, stand: Stand, near: Array) -> Nearest:
         """Begin with one way to each target."""
-        rank = _rank(newton, stand, near)
-        return Nearest(newton, near, stand, rank)
+        cost = _cost(newton, stand, near)
+        return Nearest(newton, near, stand, cost)
 
-    def further(self, distance: float) -> Index:
+    def rows_beyond(self, distance: float) -> Index:
         """Targets whose joints are further from `near` than that, or miss them.
 
-        Those that no way has met are `_FURTHER`.
+        Those that no way has met are `_UNMET`.
         """
-        return (self.rank >= distance).nonzero()[0]
+        return (self.cost >= distance).nonzero()[0]
 
     def try_likely(self, owner: Index, start: Array) -> None:
         """Try those starts (k, dof) of targets (k,) that may lead to nearer ways."""
         away = self.newton.away(start, self.near[owner])
-        furthest = self.rank.copy()
+        furthest = self.cost.copy()
         np.minimum.at(furthest, owner, away + 2 * SOLVER.margin)
         likely = away <= furthest[owner] + SOLVER.margin
         self.try_starts(owner[likely], start[likely])
@@ -69,19 +69,19 @@ class Nearest:
 
     def take(self, owner: Index, trial: Stand) -> None:
         """Take ways (k,) to targets (k,) that are better than the best so far."""
-        rank = _rank(self.newton, trial, self.near[owner])
-        before = self.rank[owner]
-        np.minimum.at(self.rank, owner, rank)
-        best = rank == self.rank[owner]
-        better = best & (rank < before)
+        cost = _cost(self.newton, trial, self.near[owner])
+        before = self.cost[owner]
+        np.minimum.at(self.cost, owner, cost)
+        best = cost == self.cost[owner]
+        better = best & (cost < before)
         self.stand.put(owner[better], trial.rows(better))
 
 
-def _rank(newton: Newton, stand: Stand, near: Array) -> Array:
+def _cost(newton: Newton, stand: Stand, near: Array) -> Array:
     """How bad answers are, (n,): how far from `near` if they are met, else by the miss."""
     met = newton.is_met(stand.miss)
     away = newton.away(stand.u, near)
-    behind = _FURTHER + stand.miss / newton.task.size
+    behind = _UNMET + stand.miss / newton.task.size
     return np.where(met, away, behind)
 
 
@@ -146,15 +146,15 @@ class Solver:
         else:
             stand = settle(newton, near, x, near)
             best = Nearest.of(newton, stand, near)
-            rows = best.further(SOLVER.near_enough_spare)
+            rows = best.rows_beyond(SOLVER.near_enough_spare)
             if len(rows):
                 target, start = self.starts.of(x[rows])
                 best.try_likely(rows[target], start)
-        rows = best.further(_FURTHER)
+        rows = best.rows_beyond(_UNMET)
         if len(rows):
             target, start = self._starts_everywhere(x[rows])
             best.try_starts(rows[target], start)
-        rows = best.further(SOLVER.near_enough)
+        rows = best.rows_beyond(SOLVER.near_enough)
         if len(rows) and not self.redundant:
             place, start = twins(newton, best.stand.rows(rows), self.folded)
             best.try_likely(rows[place], start)

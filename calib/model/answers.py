@@ -79,8 +79,8 @@ def unit_joints(
         if readout in ("local", model.default_readout):
             joints[readout] = model.solver.solve(target, near)[0]
         elif readout == "body":
-            search = solver_by_links(model.association, model.body_predictor)
-            joints[readout] = search.solve(target, near)[0]
+            solver = solver_by_links(model.association, model.body_predictor)
+            joints[readout] = solver.solve(target, near)[0]
     if set(readouts) - set(joints):
         v = model.sensory.scale.to_unit(target)
         linked = model.association.inverses(v, near)

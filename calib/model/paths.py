@@ -108,10 +108,10 @@ def follow_path(
             f"a path needs 2 waypoints or more, got {len(corners)}: add rows, or ask for the "
             "inverse of a single one"
         )
-    search = model.solver
-    extent = search.extent
+    solver = model.solver
+    extent = solver.extent
     if space is not None:
-        search = Reach.of(space, posed=False).search
+        solver = Reach.of(space, posed=False).solver
         extent = 2 * space.length
     if step is None:
         step = PATHS.step * extent
@@ -127,7 +127,7 @@ def follow_path(
         away = np.linalg.norm(targets, axis=1)
         close = away <= PATHS.furthest * space.length
     first = None if start is None else anchor(model, start, 1)[0]
-    u, jumps = follow_targets(search, targets, close, first)
+    u, jumps = follow_targets(solver, targets, close, first)
     answers = answer(model, u, x) if space is None else _in_base(space, u, x)
     begin = answers.q[0]
     if start is not None:
@@ -177,7 +177,7 @@ def _lines(corners: Array, step: float) -> tuple[Array, Index]:
 
 
 def follow_targets(
-    search: Solver, x: Array, close: Mask, start: Array | None
+    solver: Solver, x: Array, close: Mask, start: Array | None
 ) -> tuple[Array, Index]:
     """Joints (k, dof) that follow targets `x` (k, m) in their order, with as few jumps as possible.
 
@@ -195,22 +195,22 @@ def follow_targets(
         near = np.array([0])
     targets = x[near]
     if start is None and not lost:
-        front = _front(search, targets[0])
+        front = _front(solver, targets[0])
     else:
         wish = start
         if wish is None:
-            wish = np.full(search.newton.scale.span.shape, 0.5)
-        front, _ = search.solve(targets[:1], wish[None])
-    rows = _furthest(search, targets, front)
+            wish = np.full(solver.newton.scale.span.shape, 0.5)
+        front, _ = solver.solve(targets[:1], wish[None])
+    rows = _furthest(solver, targets, front)
     jumps: list[int] = []
     while len(rows) < len(targets):
         rest = targets[len(rows) :]
         jumps.append(len(rows))
-        front = _front(search, rest[0])
+        front = _front(solver, rest[0])
         # of branches that are as good the closest one: the first counts
-        gap = search.newton.away(front, rows[-1])
+        gap = solver.newton.away(front, rows[-1])
         order = np.argsort(gap, kind="stable")
-        further = _furthest(search, rest, front[order])
+        further = _furthest(solver, rest, front[order])
         rows = np.concatenate([rows, further])
     # where joints wait: at the last target that is close
     places = np.arange(len(x))
@@ -230,17 +230,17 @@ def close_to_map(sensory: Map, x: Array) -> Mask:
     return np.asarray(away[:, 0] <= furthest)
 
 
-def _front(search: Solver, x: Array) -> Array:
+def _front(solver: Solver, x: Array) -> Array:
     """Solutions of one target, of redundant joints some of each family, (n, dof)."""
-    families = search.solve_all(x[None]).u
-    if not search.redundant:
+    families = solver.solve_all(x[None]).u
+    if not solver.redundant:
         return families
-    others = search.every(x[None]).u
+    others = solver.every(x[None]).u
     front = np.concatenate([families, others])
     return front[: PATHS.front]
 
 
-def _furthest(search: Solver, x: Array, front: Array) -> Array:
+def _furthest(solver: Solver, x: Array, front: Array) -> Array:
     """Rows of the joints (n, dof) that follow targets (k, m) furthest, (at most k, dof)."""
     history = [front]
     length = np.zeros(len(front))
@@ -248,11 +248,11 @@ def _furthest(search: Solver, x: Array, front: Array) -> Array:
     for before, target in itertools.pairwise(x):
         rows = history[-1].copy()
         u = rows[alive]
-        moved, going = _advance(search, u, before, target)
+        moved, going = _advance(solver, u, before, target)
         if not going.any():
             break
         rows[alive] = moved
-        length[alive] += search.newton.away(moved, u)
+        length[alive] += solver.newton.away(moved, u)
         alive = alive[going]
         history.append(rows)
     lengths = length[alive].round(6)
@@ -262,10 +262,10 @@ def _furthest(search: Solver, x: Array, front: Array) -> Array:
 
 
 def _advance(
-    search: Solver, start: Array, begin: Array, end: Array
+    solver: Solver, start: Array, begin: Array, end: Array
 ) -> tuple[Array, Mask]:
     """Joints (n, dof) moved along a line, in pieces if far, and whether they kept to it."""
-    newton = search.newton
+    newton = solver.newton
     line = end - begin
     u = start.copy()
     share = np.zeros(len(u))  # of the line that joints have followed
@@ -280,7 +280,7 @@ def _advance(
         smooth = shift <= PATHS.smooth
         met = newton.is_met(stand.miss)
         smooth &= met | (ahead < 1.0)
-        if first and not smooth.all() and not _reaches(search, end):
+        if first and not smooth.all() and not _reaches(solver, end):
             smooth[:] = True  # joints are as close as they can be
         first = False
         moved = rows[smooth]
@@ -304,11 +304,11 @@ def _step(newton: Newton, u: Array, targets: Array) -> Stand:
     return newton.refine(u, targets, SOLVER.close, PATHS.few)
 
 
-def _reaches(search: Solver, x: Array) -> bool:
+def _reaches(solver: Solver, x: Array) -> bool:
     """Whether the links lead to joints that meet a target (m,)."""
-    newton = search.newton
+    newton = solver.newton
     targets = x[None]
-    owner, start = search.starts.of(targets)
+    owner, start = solver.starts.of(targets)
     stand = newton.refine(start, targets[owner], SOLVER.close)
     met = newton.is_met(stand.miss)
     return bool(met.any())

@@ -59,17 +59,17 @@ class Reach:
         return reach
 
     @cached_property
-    def search(self) -> Solver:
-        """The search in NumPy."""
+    def solver(self) -> Solver:
+        """The solver in NumPy."""
         newton = Newton(self._task, self._scale)
         return Solver(newton, self._starts)
 
-    def beside(self, target: Array, near: Array) -> tuple[Array, Array]:
-        """Joints (n, dof) beside `near` (n, dof) for targets, and what is missing.
+    def lead(self, target: Array, near: Array) -> tuple[Array, Array]:
+        """Lead joints `near` (n, dof) to targets; joints (n, dof), and what is missing.
 
         Of a pose a radian of turn counts as the arm's length.
         """
-        newton = self.search.newton
+        newton = self.solver.newton
         stand = newton.refine(self._scale.to_unit(near), target)
         q = self._scale.from_unit(stand.u)
         missing = stand.miss
@@ -98,7 +98,7 @@ class Reach:
             rest = np.flatnonzero(flags == Flag.NONE)
         if len(rest):
             wish = self._unit(near[rest])
-            stand = self.search.nearest(target[rest], wish)
+            stand = self.solver.nearest(target[rest], wish)
             q[rest] = self._scale.from_unit(stand.u)
         return q
 
@@ -113,7 +113,7 @@ class Reach:
         newton = Newton(task, self._scale)
         u = self._unit(near)
         wish = newton.refine(u, target, steps=4 * SOLVER.steps).u
-        return self._scale.from_unit(self.search.nearest(p, wish).u)
+        return self._scale.from_unit(self.solver.nearest(p, wish).u)
 
     def branches(self, target: Array, near: Array) -> list[Array]:
         """Joints (k, dof) of every way to targets, nearest to `near` (n, dof) first.
@@ -121,10 +121,10 @@ class Reach:
         Of the infinitely many of redundant joints some that are near.
         """
         kernel = None
-        if not self.search.redundant:
+        if not self.solver.redundant:
             kernel = self._kernel(POSES_ALL, len(target))
         if kernel is None:
-            every = self.search.every(target)
+            every = self.solver.every(target)
             rows = slices(every.target, len(target))
             ways = [self._scale.from_unit(every.u[part]) for part in rows]
         else:
@@ -150,9 +150,9 @@ class Reach:
 
         Where there is none, joints that come near to the goal.
         """
-        newton = self.search.newton
+        newton = self.solver.newton
         if not len(q):
-            stand = self.search.nearest(goal[None], wish[None])
+            stand = self.solver.nearest(goal[None], wish[None])
             return self._scale.from_unit(stand.u)
         if not newton.redundant:
             away = newton.away(self._unit(q), wish)
@@ -225,7 +225,7 @@ class Reach:
         ]
 
     def _unit(self, q: Array) -> Array:
-        return self.search.newton.clip(self._scale.to_unit(q))
+        return self.solver.newton.clip(self._scale.to_unit(q))
 
     @property
     def _scale(self) -> Scale:

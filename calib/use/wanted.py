@@ -122,7 +122,7 @@ class Wanted:
             place, turn = self.pose(start)
             reach = Reach.of(self.space, posed=self.posed)
             goal = Poses.target(place, turn) if self.posed else place
-            start, distance = reach.beside(goal, start)
+            start, distance = reach.lead(goal, start)
             placed = distance <= REACHED * self.space.length
         about = self.model.about
         return np.clip(start, about.lower, about.upper), placed
