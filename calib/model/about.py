@@ -39,17 +39,16 @@ class About(ReadOnly):
     tip: str  # the frame whose position is sensed
     joint_names: tuple[str, ...]  # active joints from base to tip
     revolute: tuple[bool, ...]  # whether each joint turns (rad) or slides (m)
-    lower: Annotated[
-        Array, Shape("dof")
-    ]  # [rad or m], learned range of each joint
+    # [rad or m], learned range of each joint
+    lower: Annotated[Array, Shape("dof")]
     upper: Annotated[Array, Shape("dof")]
-    locked: Mapping[
-        str, float
-    ]  # other joints and where they are held [rad or m]
+    # other joints and where they are held [rad or m]
+    locked: Mapping[str, float]
     # its "origin", "x" and "y" in the root link's frame [m]
     plane: Mapping[str, tuple[float, float, float]] | None
     unit: str  # unit of the positions
-    bound_of: str  # "true position" or "sensor reading": what the expected error bounds
+    # "true position" or "sensor reading": what the expected error bounds
+    bound_of: str
     source: str  # "simulation" or "log"
     samples: int  # number of training samples
     seed: int
@@ -62,9 +61,8 @@ class About(ReadOnly):
     within: Mapping[str, float] = field(default_factory=dict)
     tested: int = 0  # samples behind those errors
     left_out: int = 0  # samples outside of what was learned from the others
-    notes: tuple[
-        str, ...
-    ] = ()  # notes that were printed while the model was made
+    # notes that were printed while the model was made
+    notes: tuple[str, ...] = ()
     # columns of its log that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict)
     # whether its log, and so later ones, has turning joints in degrees

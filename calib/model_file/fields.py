@@ -139,37 +139,33 @@ class Codec:
 
     def value_of(self, data: object, hint: Hint, path: str) -> object:
         """Return the value at a place."""
-        if data is None and hint.optional:
-            return None
         kind = hint.kinds[0]
-        parts = get_args(kind)
-        if kind is Any:
+        if kind is Any or (data is None and hint.optional):
             return data
-        if get_origin(kind) is tuple and isinstance(data, list):
-            if parts[-1] is ...:
-                parts = (parts[0],) * len(data)
-            if len(parts) == len(data):
-                return tuple(
-                    self.value_of(part, hint_of(parts[k]), _under(path, str(k)))
-                    for k, part in enumerate(data)
-                )
-        elif get_origin(kind) is Mapping and isinstance(data, Mapping):
-            item = hint_of(parts[1])
-            return {
-                str(key): self.value_of(part, item, path)
-                for key, part in data.items()
-            }
-        elif isinstance(data, Mapping):
+        if isinstance(data, list) and get_origin(kind) is tuple:
+            return self._tuple_of(data, get_args(kind), path)
+        if not isinstance(data, Mapping):
+            return _plain_value(data, kind, path)
+        if get_origin(kind) is not Mapping:
             return self.object_of(data, hint, path)
-        elif kind is float and data is None:
-            return math.inf
-        elif type(data) is int or type(data) is float:
-            # nor are infinities and NaN below the largest
-            if kind in (type(data), float) and abs(data) < LARGEST:
-                return kind(data)
-        elif type(data) is kind:
-            return data
-        raise ModelError(f"{path} is {data!r:.60}, expected {kind}")
+        item = hint_of(get_args(kind)[1])
+        return {
+            str(key): self.value_of(part, item, path)
+            for key, part in data.items()
+        }
+
+    def _tuple_of(
+        self, data: list[object], kinds: tuple[object, ...], path: str
+    ) -> tuple[object, ...]:
+        """Return a tuple of some types, the first of them repeated before an ellipsis."""
+        if kinds[-1] is ...:
+            kinds = (kinds[0],) * len(data)
+        if len(kinds) != len(data):
+            raise ModelError(f"{path} has {len(data)} items, expected {kinds}")
+        return tuple(
+            self.value_of(part, hint_of(kind), _under(path, str(k)))
+            for k, (part, kind) in enumerate(zip(data, kinds, strict=True))
+        )
 
     def object_of(
         self, data: Mapping[str, object], hint: Hint, path: str
@@ -198,6 +194,19 @@ class Codec:
             else:
                 raise ModelError(f"array {place!r} is missing")
         return kind(**values)
+
+
+def _plain_value(data: object, kind: type, path: str) -> object:
+    """Return a number, a word or a truth value of a type."""
+    if kind is float and data is None:
+        return math.inf
+    if type(data) is int or type(data) is float:
+        # nor are infinities and NaN below the largest
+        if kind in (type(data), float) and abs(data) < LARGEST:
+            return kind(data)
+    elif type(data) is kind:
+        return data
+    raise ModelError(f"{path} is {data!r:.60}, expected {kind}")
 
 
 def _under(path: str, name: str) -> str:
