@@ -19,12 +19,18 @@ static inline calib_real calib_radius_95(const calib_real S[6], calib_real share
   return sqrt(trace * r * r * r);
 }
 
-/* Adds a motion times a row of what beliefs vary together in. */
+/* Adds an amount of a row of what beliefs vary together in. */
+static inline void calib_add_row(calib_real amount, const calib_real row[CALIB_TOGETHER],
+                                 calib_real sum[CALIB_TOGETHER]) {
+  int r;
+  for (r = 0; r < CALIB_TOGETHER; ++r) sum[r] += amount * row[r];
+}
+
+/* The same of a motion's three coordinates. */
 static inline void calib_spread(const calib_real by[3], const calib_real row[CALIB_TOGETHER],
                                 calib_real z[3 * CALIB_TOGETHER]) {
-  int k, r;
-  for (k = 0; k < 3; ++k)
-    for (r = 0; r < CALIB_TOGETHER; ++r) z[k * CALIB_TOGETHER + r] += by[k] * row[r];
+  int k;
+  for (k = 0; k < 3; ++k) calib_add_row(by[k], row, z + k * CALIB_TOGETHER);
 }
 
 /* Adds how the tip moves as the origins of joints shift and turn along their own axes. */
@@ -86,19 +92,20 @@ static inline void calib_joints_off(const calib_real q[CALIB_DOF],
 #endif
   for (b = 0; b < CALIB_BELIEFS; ++b)
     for (i = 0; i < CALIB_DOF; ++i) alone[b][i] = 0;
-  for (i = 0; i < CALIB_DOF; ++i)
-    for (r = 0; r < CALIB_TOGETHER; ++r)
-      off[i][r] = calib_by_offset[i][r] + q[i] * calib_by_gain[i][r];
+  for (i = 0; i < CALIB_DOF; ++i) {
+    for (r = 0; r < CALIB_TOGETHER; ++r) off[i][r] = calib_by_offset[i][r];
+    calib_add_row(q[i], calib_by_gain[i], off[i]);
 #if @neighbour@
-  for (i = 1; i < CALIB_DOF; ++i)
-    for (r = 0; r < CALIB_TOGETHER; ++r) off[i][r] += q[i - 1] * calib_by_neighbour[i - 1][r];
+    if (i > 0) calib_add_row(q[i - 1], calib_by_neighbour[i - 1], off[i]);
 #endif
+  }
 #if @way@
   for (k = 0; k < CALIB_DOF; ++k) {
     angle += calib_way[k] * q[k];
-    for (i = 0; i <= k; ++i, row += 2)
-      for (r = 0; r < CALIB_TOGETHER; ++r)
-        off[i][r] += cos(angle) * calib_by_flex[row][r] + sin(angle) * calib_by_flex[row + 1][r];
+    for (i = 0; i <= k; ++i, row += 2) {
+      calib_add_row(cos(angle), calib_by_flex[row], off[i]);
+      calib_add_row(sin(angle), calib_by_flex[row + 1], off[i]);
+    }
   }
 #endif
 #if @by_cos@
@@ -115,8 +122,8 @@ static inline void calib_joints_off(const calib_real q[CALIB_DOF],
       t = c * cosine[i] - s * sine[i];
       s = c * sine[i] + s * cosine[i];
       c = t;
-      for (r = 0; r < CALIB_TOGETHER; ++r)
-        off[i][r] += c * calib_by_cos[i][n][r] + s * calib_by_sin[i][n][r];
+      calib_add_row(c, calib_by_cos[i][n], off[i]);
+      calib_add_row(s, calib_by_sin[i][n], off[i]);
     }
   }
 #endif
@@ -151,11 +158,10 @@ static inline void calib_moves(const calib_real q[CALIB_DOF],
   }
   calib_product(3, calib_view, CALIB_TOGETHER, there, z);
   calib_product(3, calib_view, CALIB_DOF, motion, joints);
-  for (k = 0; k < 3; ++k) /* the view's matrix and shift */
-    for (r = 0; r < CALIB_TOGETHER; ++r)
-      z[k * CALIB_TOGETHER + r] += calib_by_view[9 + k][r] + p[0] * calib_by_view[3 * k][r] +
-                                   p[1] * calib_by_view[3 * k + 1][r] +
-                                   p[2] * calib_by_view[3 * k + 2][r];
+  for (k = 0; k < 3; ++k) { /* the view's matrix and shift */
+    for (i = 0; i < 3; ++i) calib_add_row(p[i], calib_by_view[3 * k + i], z + k * CALIB_TOGETHER);
+    calib_add_row(1, calib_by_view[9 + k], z + k * CALIB_TOGETHER);
+  }
 #if @lens@
   {
     calib_real at_view[3], x[2], L[9] = {0}, u[2], in_view[3 * CALIB_TOGETHER];
@@ -165,11 +171,13 @@ static inline void calib_moves(const calib_real q[CALIB_DOF],
     for (r = 0; r < 3 * CALIB_DOF; ++r) motion[r] = joints[r];
     calib_product(3, L, CALIB_TOGETHER, in_view, z);
     calib_product(3, L, CALIB_DOF, motion, joints);
-    for (k = 0; k < 2; ++k)
-      for (r = 0; r < CALIB_TOGETHER; ++r)
-        z[k * CALIB_TOGETHER + r] += (x[k] - calib_lens[1 + k]) / calib_lens[0] * calib_by_lens[0][r] +
-                                     calib_by_lens[1 + k][r] +
-                                     calib_lens[0] * u[k] * (u[0] * u[0] + u[1] * u[1]) * calib_by_lens[3][r];
+    for (k = 0; k < 2; ++k) {
+      const calib_real cubic = calib_lens[0] * u[k] * (u[0] * u[0] + u[1] * u[1]);
+      calib_real *seen = z + k * CALIB_TOGETHER;
+      calib_add_row((x[k] - calib_lens[1 + k]) / calib_lens[0], calib_by_lens[0], seen);
+      calib_add_row(1, calib_by_lens[1 + k], seen);
+      calib_add_row(cubic, calib_by_lens[3], seen);
+    }
   }
 #endif
   for (k = CALIB_OUT; k < 3; ++k) {

@@ -36,12 +36,22 @@ typedef struct {
 @tables@
 static inline calib_real calib_not_a_number(void) { return (calib_real)NAN; }
 
+/* Where a joint is in its range, of which it is 1 from end to end. */
+static inline calib_real calib_share_of(int k, calib_real value) {
+  return (value - calib_lower[k]) / calib_span[k];
+}
+
+/* A way of a joint in shares of its range, the short one where it goes round. */
+static inline calib_real calib_short(int k, calib_real way) {
+  return calib_periodic[k] ? way - floor(way + (calib_real)0.5) : way;
+}
+
 /* Joints with those of full turns moved into their range; 0 where they are outside of what the model
  * was learned for. */
 static inline int calib_inside(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
   int i, inside = 1;
   for (i = 0; i < CALIB_DOF; ++i) {
-    const calib_real u = (q[i] - calib_lower[i]) / calib_span[i];
+    const calib_real u = calib_share_of(i, q[i]);
     const calib_real more = calib_periodic[i] ? 1 : 0; /* at most a turn beyond */
     if (!(u >= @rounded@ - more && u <= 1 - @rounded@ + more)) inside = 0;
     out[i] = calib_periodic[i] ? calib_lower[i] + (u - floor(u)) * calib_span[i] : q[i];

@@ -14,11 +14,7 @@ static inline void calib_local(const calib_real q[CALIB_DOF], calib_real *x, cal
   int node[CALIB_NEAR], i, k, t, o;
   calib_near(q, node, weight, u);
   for (k = 0; k < CALIB_NEAR; ++k) {
-    for (i = 0; i < CALIB_DOF; ++i) {
-      calib_real g = u[i] - calib_node[node[k]][i];
-      if (calib_periodic[i]) g -= floor(g + (calib_real)0.5);
-      gap[k][i] = g;
-    }
+    for (i = 0; i < CALIB_DOF; ++i) gap[k][i] = calib_short(i, u[i] - calib_node[node[k]][i]);
     if (calib_talks[node[k]]) loud += weight[k];
   }
   loud = calib_heard(loud);

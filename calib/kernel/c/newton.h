@@ -40,8 +40,7 @@ static inline calib_real calib_apart(const calib_real a[CALIB_DOF], const calib_
   calib_real squared = 0;
   int k;
   for (k = 0; k < CALIB_DOF; ++k) {
-    calib_real u = (a[k] - b[k]) / calib_span[k];
-    if (calib_periodic[k]) u -= floor(u + (calib_real)0.5);
+    const calib_real u = calib_short(k, (a[k] - b[k]) / calib_span[k]);
     if (way) way[k] = u;
     squared += u * u;
   }
@@ -52,7 +51,7 @@ static inline calib_real calib_apart(const calib_real a[CALIB_DOF], const calib_
 static inline int calib_clipped(calib_real q[CALIB_DOF]) {
   int k, inside = 1;
   for (k = 0; k < CALIB_DOF; ++k) {
-    const calib_real u = (q[k] - calib_lower[k]) / calib_span[k];
+    const calib_real u = calib_share_of(k, q[k]);
     if (calib_periodic[k]) {
       q[k] = calib_lower[k] + (u - floor(u)) * calib_span[k];
     } else if (!(u > 0 && u < 1)) {
@@ -79,7 +78,7 @@ static inline int calib_move(int n, const calib_real *J, const calib_real *r,
     }
     if (!calib_forces(n, own, lacking, damping, y)) return 0;
     for (again = 0, k = 0; k < CALIB_DOF; ++k) {
-      const calib_real u = (q[k] - calib_lower[k]) / calib_span[k];
+      const calib_real u = calib_share_of(k, q[k]);
       move[k] = wish && !(held >> k & 1) ? wish[k] : 0;
       for (i = 0; i < n; ++i) move[k] += own[i * CALIB_DOF + k] * y[i];
       if (calib_periodic[k] || held >> k & 1) continue;
@@ -180,7 +179,7 @@ static inline int calib_slide(const calib_search *search, const calib_real q[CAL
     if (fabs(move[k]) * part > @longest@) part = @longest@ / fabs(move[k]);
   }
   for (k = 0; k < CALIB_DOF; ++k) { /* no joint beyond its limit */
-    const calib_real u = (q[k] - calib_lower[k]) / calib_span[k];
+    const calib_real u = calib_share_of(k, q[k]);
     const calib_real room = move[k] > 0 ? 1 - u : u;
     if (!calib_periodic[k] && room > @slack@ && fabs(part * move[k]) > room)
       part = room / fabs(move[k]);

@@ -8,14 +8,13 @@ static inline void calib_near(const calib_real *q, int *node, calib_real *weight
   calib_real far[CALIB_NEAR + 1], total = 0;
   int place[CALIB_NEAR + 1], found = 0, i, n, k;
   for (i = 0; i < CALIB_DOF; ++i) {
-    u[i] = (q[i] - calib_lower[i]) / calib_span[i];
+    u[i] = calib_share_of(i, q[i]);
     if (calib_periodic[i]) u[i] -= floor(u[i]);
   }
   for (n = 0; n < CALIB_NODES; ++n) {
     calib_real d = 0;
     for (i = 0; i < CALIB_DOF; ++i) {
-      calib_real g = u[i] - calib_node[n][i];
-      if (calib_periodic[i]) g -= floor(g + (calib_real)0.5);
+      const calib_real g = calib_short(i, u[i] - calib_node[n][i]);
       d += g * g;
     }
     if (found == CALIB_NEAR + 1 && !(d < far[CALIB_NEAR])) continue;

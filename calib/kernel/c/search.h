@@ -137,7 +137,7 @@ static inline int calib_try_near(calib_search *search, const calib_task *task,
   int k;
   *search = calib_begin(task, near, 1, budget, way);
   for (k = 0; k < CALIB_DOF; ++k) {
-    const calib_real u = (near[k] - calib_lower[k]) / calib_span[k];
+    const calib_real u = calib_share_of(k, near[k]);
     if (!(u - u == 0) || (!calib_periodic[k] && !(u >= -1 && u <= 2))) return 0;
   }
   calib_clipped(search->from);
@@ -302,9 +302,8 @@ CALIB_API int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CALIB_
     }
 #endif
     for (k = 0; k < CALIB_DOF; ++k) {
-      calib_real change = out[k] - start[k];
-      if (calib_periodic[k])
-        change -= calib_span[k] * floor(change / calib_span[k] + (calib_real)0.5);
+      const calib_real change =
+          calib_span[k] * calib_short(k, (out[k] - start[k]) / calib_span[k]);
       if (!(fabs(change) <= calib_limit[k])) good = 0;
       out[k] = q[k] + change; /* on q's own turn, not beyond a stop */
       if (calib_allowed(k, q[k]) && !calib_allowed(k, out[k])) good = 0;
