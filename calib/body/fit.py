@@ -9,7 +9,7 @@ import numpy as np
 
 from ..common.arrays import Array, Mask
 from .covariance import autocorrelation_time
-from .normal import Factor, with_prior
+from .normal import Factor
 from .parameters import Hyper, Indices, Prior
 from .rows import Part, Rows
 from .settings import FIT
@@ -29,8 +29,8 @@ class Fit:
     ----------
     beta, active : (d,) and (k,)
         All parameters, and the indices of those that are fitted.
-    sd, prior_precision : (k,) and (k, k) or None
-        Prior sds, with the scales that the evidence chose; or the prior's precision instead.
+    sd : (k,)
+        Prior sds, with the scales that the evidence chose.
     parts : list of Part
         Residuals, weights and noise of each sensor.
     """
@@ -58,7 +58,7 @@ class Fit:
         self.nu = nu
         self.active = prior.active
         self.mean = prior.mean
-        self.prior_precision = prior.precision
+        self._precision = prior.precision
         self.sd = prior.sd[self.active].copy()
         self.beta = np.where(prior.sd > 0, beta, prior.mean)
         place = np.full(len(prior.sd), -1)
@@ -78,6 +78,13 @@ class Fit:
     def noise(self) -> Array:
         """Noise sd (m,) of each output."""
         return self.parts[0].noise
+
+    @property
+    def prior_precision(self) -> Array:
+        """Precision (k, k) of the prior, with the scales that the evidence chose."""
+        if self._precision is not None:
+            return self._precision
+        return np.diag(self.sd**-2.0)
 
     def beginning(self, rows: Sequence[Rows], prior: Prior) -> Fit:
         """A fit of rows of the same sensors under another prior, from what was found on."""
@@ -109,8 +116,7 @@ class Fit:
     def softer(self, gram: Array) -> Factor:
         """Factor of the precision that is left of rows of information `gram` (k, k), and prior."""
         information = self.information_share * gram
-        precision = with_prior(information, self.sd, self.prior_precision)
-        return Factor(precision)
+        return Factor(information + self.prior_precision)
 
     def without(self, blocks: slice) -> tuple[Array, Array]:
         """The information (k, k) of all rows but those of some blocks, and the step (k,) to it."""
@@ -120,8 +126,7 @@ class Fit:
         # is, has a prior that is lost in the rounding of a difference
         gram = np.tensordot(others, self.grams, axes=1)
         gradient = others @ self.moments - self._pull(self.beta)
-        precision = with_prior(gram.copy(), self.sd, self.prior_precision)
-        return gram, Factor(precision).solve(gradient)
+        return gram, Factor(gram + self.prior_precision).solve(gradient)
 
     # The search.
 
@@ -161,12 +166,10 @@ class Fit:
 
     def _log_evidence(self) -> float:
         """Laplace approximation of the logarithm of the evidence."""
-        if self.prior_precision is None:
-            prior_volume = 2 * float(np.log(self.sd).sum())
-        else:
-            prior_volume = -Factor(self.prior_precision).log_determinant()
-        volume = prior_volume + Factor(self.precision).log_determinant()
-        return -self._energy(self.beta) - 0.5 * volume
+        prior = Factor(self.prior_precision)
+        posterior = Factor(self.precision)
+        shrinkage = posterior.log_determinant() - prior.log_determinant()
+        return -self._energy(self.beta) - 0.5 * shrinkage
 
     def settle(self, steps: int) -> tuple[Array, float, float]:
         """Damped steps from anywhere, until one gains next to nothing.
@@ -242,10 +245,10 @@ class Fit:
         grams, moments = self._information(
             beta, residuals, self.active[linear], 1
         )
-        precision = with_prior(grams[0], self.sd[linear], None)
+        prior = self.prior_precision[np.ix_(linear, linear)]
         gradient = moments[0] - self._pull(beta)[linear]
         step = np.zeros(len(linear))
-        step[linear] = Factor(precision).solve(gradient)
+        step[linear] = Factor(grams[0] + prior).solve(gradient)
         return step
 
     def _linearise(self, *, by_blocks: bool = False) -> None:
@@ -255,10 +258,8 @@ class Fit:
         self.grams, self.moments = self._information(
             self.beta, residuals, self.active, blocks
         )
-        gram = self.grams.sum(axis=0)
-        self.precision = with_prior(gram, self.sd, self.prior_precision)
-        moment = self.moments.sum(axis=0)
-        self.gradient = moment - self._pull(self.beta)
+        self.precision = self.grams.sum(axis=0) + self.prior_precision
+        self.gradient = self.moments.sum(axis=0) - self._pull(self.beta)
 
     def _information(
         self,
@@ -272,7 +273,7 @@ class Fit:
         grams = np.zeros((blocks, size, size))
         moments = np.zeros((blocks, size))
         for part, residual in zip(self.parts, residuals, strict=True):
-            root = part.weigh()
+            root = part.root_weights()
             misfit = root * residual
             derivatives = part.by_blocks(beta, indices)
             for k, (rows, slope) in enumerate(derivatives):
@@ -287,10 +288,7 @@ class Fit:
         """One step of EM: scales and noise; `covariance` (k, k) is that of the posterior."""
         away = (self.beta - self.mean)[self.active]
         variance = np.diag(covariance)
-        if self.prior_precision is None:
-            prior_share = float((variance / self.sd**2).sum())
-        else:
-            prior_share = float((covariance * self.prior_precision).sum())
+        prior_share = float((covariance * self.prior_precision).sum())
         determined = len(away) - prior_share  # numbers that the rows determine
         for hyper in self.hypers:
             index = hyper.indices
@@ -312,11 +310,7 @@ class Fit:
 
     def _pull(self, beta: Array) -> Array:
         """Gradient (k,) of the prior's energy."""
-        away = (beta - self.mean)[self.active]
-        if self.prior_precision is not None:
-            return self.prior_precision @ away
-        gradient: Array = away / self.sd**2
-        return gradient
+        return self.prior_precision @ (beta - self.mean)[self.active]
 
     def _energy(
         self, beta: Array, residuals: list[Array] | None = None

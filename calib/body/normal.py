@@ -68,12 +68,3 @@ def positive_root(matrix: Array) -> Array:
         if np.isfinite(np.diag(root)).all():  # a NaN spreads there
             return np.asarray(root)
     raise np.linalg.LinAlgError("the matrix is not positive")
-
-
-def with_prior(gram: Array, sd: Array, precision: Array | None) -> Array:
-    """Add a prior's precision to an information (k, k), in place: `precision`, else of sds (k,)."""
-    if precision is not None:
-        gram += precision
-    else:
-        gram.flat[:: len(gram) + 1] += sd**-2.0
-    return gram

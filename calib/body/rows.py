@@ -58,7 +58,6 @@ class Part:
     """
 
     residual: Array  # (n, m), at the fit's parameters
-    weight: Array  # (n, m)
     noise: Array  # (m,)
 
     def __init__(
@@ -137,15 +136,18 @@ class Part:
             noise[columns] = np.sqrt(variance)
         self.noise = noise
 
-    def weigh(self) -> Array:
-        """Set the weights, one for each row and block of outputs; their roots over the noise."""
-        self.weight = np.ones_like(self.residual)
+    @property
+    def weight(self) -> Array:
+        """Weights (n, m), the same of a row's block of outputs."""
+        weight = np.empty_like(self.residual)
         for columns, p, squares in self._squares(self.residual):
             away = squares / self.noise[columns.start] ** 2
-            weights = self._weights(away, p)
-            self.weight[:, columns] = weights[:, None]
-        roots: Array = np.sqrt(self.weight) / self.noise
-        return roots
+            weight[:, columns] = self._weights(away, p)[:, None]
+        return weight
+
+    def root_weights(self) -> Array:
+        """Roots (n, m) of the weights, over the noise."""
+        return np.asarray(np.sqrt(self.weight) / self.noise)
 
     def _weights(self, away: Array, p: int) -> Array:
         """Weights (n,) of p residuals each, whose squared lengths over the noise's are `away`."""

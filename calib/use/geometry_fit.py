@@ -16,7 +16,7 @@ from ..arm.rotations import similarity
 from ..body.belief import Body, knows_orientation
 from ..body.fit import Fit
 from ..body.frame_starts import frame_of_drawing
-from ..body.normal import Factor, with_prior
+from ..body.normal import Factor
 from ..body.parameters import Hyper, Indices, Prior
 from ..body.rows import Rows
 from ..body.settings import FREE, PRIOR, PRIOR_SHARE, SHIFT, STUDENT
@@ -338,13 +338,13 @@ def _covariance(fit: Fit) -> Array:
     others = np.flatnonzero(other_sd)
     a = slice(len(active))
     c = slice(len(active), None)
-    root_weight = (np.sqrt(measured.weight) / fit.noise).ravel()
+    root_weight = measured.root_weights().ravel()
     both = np.concatenate([active, others])
     _, slope = structure.linearise(measured.q, fit.beta, both)
     x = slope.reshape(len(root_weight), -1) * root_weight[:, None]
     pull = x[:, c].T @ (root_weight * measured.residual.ravel())
     precision = fit.information_share * (x.T @ x)
-    precision[a, a] = with_prior(precision[a, a], fit.sd, fit.prior_precision)
+    precision[a, a] += fit.prior_precision
     precision[c, c] += np.diag(other_sd[others] ** -2.0)
     inverse = Factor(precision).inverse()
     shift = inverse[a, c] @ (fit.information_share * pull)
