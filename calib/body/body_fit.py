@@ -184,28 +184,28 @@ def _with_bound(
     root : (k, k), of its covariance
     sensor : number of the sensor
     """
-    part = final.parts[sensor]
-    structure = part.structure
+    readings = final.readings[sensor]
+    structure = readings.structure
     held_out = leave_blocks_out(final, sensor=sensor)
     body = Body(
         structure=structure,
         beta=final.beta,
         active=final.active,
         root=root,
-        noise=part.noise,
+        noise=readings.noise,
         kappa=max(1.0, held_out.ratio),
         tau=held_out.tau,
         residual=np.zeros(structure.outputs),
         nu=final.nu,
         autocorrelation=final.autocorrelation,
         scales=member.fit.scales,
-        rows=len(part.z),
+        rows=len(readings.z),
         simulated=structure.simulated,
         member=member.name,
         second=second,
     )
     # where the other blocks determine nothing, they predict their mean
-    unknown = part.z - part.z.mean(axis=0)
+    unknown = readings.z - readings.z.mean(axis=0)
     residual = held_out.residual
     errors = np.where(np.isfinite(residual), residual, unknown)
     return BodyFit(body, errors, held_out.widening)
@@ -239,7 +239,8 @@ def _second_fits(
         share = float(np.clip(ratio, FIT.least_share, 1.0))
     root = as_kept(share * root_of(wide.covariance))
     return [
-        Second(wide.beta, wide.active, root, part.noise) for part in wide.parts
+        Second(wide.beta, wide.active, root, readings.noise)
+        for readings in wide.readings
     ]
 
 

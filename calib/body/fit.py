@@ -11,7 +11,7 @@ from ..common.arrays import Array, Mask
 from .covariance import autocorrelation_time
 from .normal import Factor
 from .parameters import Hyper, Indices, Prior
-from .rows import Part, Rows
+from .rows import Readings, Rows
 from .settings import FIT
 from .structure import Structure
 
@@ -31,7 +31,7 @@ class Fit:
         All parameters, and the indices of those that are fitted.
     sd : (k,)
         Prior sds, with the scales that the evidence chose.
-    parts : list of Part
+    readings : list of Readings
         Residuals, weights and noise of each sensor.
     """
 
@@ -70,14 +70,14 @@ class Fit:
                 self.hypers.append(hyper._replace(indices=index))
         self.scales = {hyper.name: float(hyper.scale) for hyper in self.hypers}
         blocks = min(FIT.blocks, len(rows[0]))
-        self.parts = [
-            Part(structure, some, self.beta, nu, blocks) for some in rows
+        self.readings = [
+            Readings(structure, some, self.beta, nu, blocks) for some in rows
         ]
 
     @property
     def noise(self) -> Array:
         """Noise sd (m,) of each output."""
-        return self.parts[0].noise
+        return self.readings[0].noise
 
     @property
     def prior_precision(self) -> Array:
@@ -89,8 +89,8 @@ class Fit:
     def beginning(self, rows: Sequence[Rows], prior: Prior) -> Fit:
         """A fit of rows of the same sensors under another prior, from what was found on."""
         noisy = [
-            replace(some, noise=part.noise)
-            for some, part in zip(rows, self.parts, strict=True)
+            replace(some, noise=readings.noise)
+            for some, readings in zip(rows, self.readings, strict=True)
         ]
         return Fit(self.structure, noisy, self.beta, prior, nu=self.nu)
 
@@ -159,7 +159,8 @@ class Fit:
         if np.isfinite(self.nu):
             # rows that err together count once for the time that they do
             self.autocorrelation = max(
-                autocorrelation_time(part.residual) for part in self.parts
+                autocorrelation_time(readings.residual)
+                for readings in self.readings
             )
         self.evidence = self._log_evidence()
         return self
@@ -181,16 +182,16 @@ class Fit:
         linear = np.isin(self.active, self.structure.linear)
         damping = 1e-3
         for _ in range(steps):
-            for part in self.parts:
-                part.learn_noise()
+            for readings in self.readings:
+                readings.learn_noise()
             self._linearise()
             dampings = damping * 8.0 ** np.arange(8)
             gain, _, damping = self.descend(dampings, linear)
             if gain < 1e-3:
                 break
             damping = max(damping / 10, 1e-12)
-        for part in self.parts:
-            part.learn_noise()
+        for readings in self.readings:
+            readings.learn_noise()
         share = float((self.noise / self.structure.extents).max())
         return self.beta, self._energy(self.beta), share
 
@@ -222,13 +223,17 @@ class Fit:
                     beta = self._after_step(beta, step)
             except np.linalg.LinAlgError:
                 continue
-            residuals = [part.residual_at(beta) for part in self.parts]
+            residuals = [
+                readings.residual_at(beta) for readings in self.readings
+            ]
             gain = before - self._energy(beta, residuals)
             is_even = gain >= -1e-9 * abs(before)
             if gain > 0 or (damping == 0 and is_even):
                 self.beta = beta
-                for part, residual in zip(self.parts, residuals, strict=True):
-                    part.residual = residual
+                for readings, residual in zip(
+                    self.readings, residuals, strict=True
+                ):
+                    readings.residual = residual
                 return gain, delta, damping
         return 0.0, delta, damping
 
@@ -241,7 +246,7 @@ class Fit:
 
     def _linear_step(self, beta: Array, linear: Mask) -> Array:
         """The step (k,) from parameters (d,) to the best of those that outputs are linear in."""
-        residuals = [part.residual_at(beta) for part in self.parts]
+        residuals = [readings.residual_at(beta) for readings in self.readings]
         grams, moments = self._information(
             beta, residuals, self.active[linear], 1
         )
@@ -253,8 +258,8 @@ class Fit:
 
     def _linearise(self, *, by_blocks: bool = False) -> None:
         """Set the precision and the gradient; what each block of rows adds may stay apart."""
-        blocks = len(self.parts[0].edges) - 1 if by_blocks else 1
-        residuals = [part.residual for part in self.parts]
+        blocks = len(self.readings[0].edges) - 1 if by_blocks else 1
+        residuals = [readings.residual for readings in self.readings]
         self.grams, self.moments = self._information(
             self.beta, residuals, self.active, blocks
         )
@@ -272,10 +277,10 @@ class Fit:
         size = len(indices)
         grams = np.zeros((blocks, size, size))
         moments = np.zeros((blocks, size))
-        for part, residual in zip(self.parts, residuals, strict=True):
-            root = part.root_weights()
+        for readings, residual in zip(self.readings, residuals, strict=True):
+            root = readings.root_weights()
             misfit = root * residual
-            derivatives = part.by_blocks(beta, indices)
+            derivatives = readings.by_blocks(beta, indices)
             for k, (rows, slope) in enumerate(derivatives):
                 weighted = slope * root[rows, :, None]
                 flat = weighted.reshape(-1, size)
@@ -304,9 +309,9 @@ class Fit:
             scale = float(np.clip(scale, least, most))
             self.scales[hyper.name] = scale
             self.sd[index] = scale * np.sqrt(hyper.shape)
-        share = determined / sum(part.z.size for part in self.parts)
-        for part in self.parts:
-            part.learn_noise(share)
+        share = determined / sum(readings.z.size for readings in self.readings)
+        for readings in self.readings:
+            readings.learn_noise(share)
 
     def _pull(self, beta: Array) -> Array:
         """Gradient (k,) of the prior's energy."""
@@ -317,11 +322,13 @@ class Fit:
     ) -> float:
         """Negative log posterior of parameters and residuals, up to a constant, or infinite."""
         if residuals is None:
-            residuals = [part.residual for part in self.parts]
+            residuals = [readings.residual for readings in self.readings]
         with np.errstate(all="ignore"):
             energy = 0.0
-            for part, residual in zip(self.parts, residuals, strict=True):
-                energy += part.energy(residual)
+            for readings, residual in zip(
+                self.readings, residuals, strict=True
+            ):
+                energy += readings.energy(residual)
             away = (beta - self.mean)[self.active]
             energy += 0.5 * float(away @ self._pull(beta))
         return energy if np.isfinite(energy) else np.inf

@@ -125,7 +125,7 @@ def _wins(richer: Member, simpler: Member) -> bool:
 
 def _is_exact(fit: Fit) -> bool:
     """Whether a fit's noise is next to the least that rows have."""
-    least = 1.5 * fit.parts[0].floor
+    least = 1.5 * fit.readings[0].floor
     return bool((fit.noise <= least).all())
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arm.rotations import similarity
 from ..common.arrays import Array
-from .drawing import Complex, PlanarDrawing, drawing_of, waves
+from .drawing import Complex, PlanarDrawing, offsets_of
 from .planar import PlanarStructure
 from .settings import FIT, START
 from .start import Start
@@ -50,28 +50,20 @@ def _miss(start: Start, q: Array, z: Array) -> float:
 def _free_starts(
     structure: PlanarStructure, q: Array, z: Array
 ) -> Iterator[Start]:
-    """Chains of all signs and both sides that they are seen from."""
-    for signs in product((1, -1), repeat=structure.dof):
-        if _differs(signs, structure.revolute):
-            turned = structure.with_fields(signs=signs)
-            for mirror in (1, -1):
-                side = turned.with_sensor(mirror=mirror)
-                beta = _linear(side, q, z)
-                yield Start(side, beta)
-
-
-def _differs(signs: tuple[int, ...], revolute: tuple[bool, ...]) -> bool:
-    """Whether signs make a chain of their own.
+    """Chains of all signs and both sides that they are seen from.
 
     A first turning joint that turns the other way is a mirror; a slide that is reversed is another
     offset: both are +1.
     """
-    first = revolute.index(True) if any(revolute) else 0
-    for joint, sign in enumerate(signs):
-        is_free = revolute[joint] and joint != first
-        if sign < 0 and not is_free:
-            return False
-    return True
+    revolute = structure.revolute
+    choices = [(1, -1) if turns else (1,) for turns in revolute]
+    if any(revolute):
+        choices[revolute.index(True)] = (1,)
+    for signs in product(*choices):
+        turned = structure.with_fields(signs=signs)
+        for mirror in (1, -1):
+            side = turned.with_sensor(mirror=mirror)
+            yield Start(side, _linear_fit(side, q, z))
 
 
 def _starts_of_drawing(
@@ -107,37 +99,33 @@ def side_and_frame(
     return structure.with_sensor(mirror=side), beta
 
 
-def _linear(structure: PlanarStructure, q: Array, z: Array) -> Array:
+def _linear_fit(structure: PlanarStructure, q: Array, z: Array) -> Array:
     """Parameters (d,) of the chain that fits positions z (n, 2) best.
 
-    As complex numbers positions are the sum of links, each turned by the joints before it (its
-    wave, see `waves`), and of the base's shift::
+    As complex numbers positions are the sum of links, each turned by the joints before it as one
+    of unit length, and of the base's shift; seen from behind they are conjugate::
 
-        x + i y = sum_k link_k wave_k(q) + shift
+        x + i y = sum_k link_k unit_k(q) + shift
     """
-    signs = structure.signs
-    mirror = structure.mirror
+    groups = structure.groups
     revolute = structure.revolute
-    tip: Complex = z @ np.array([1, 1j])
-    columns = waves(q, signs, mirror, revolute)
-    ones = np.ones(len(q))
-    columns = np.column_stack([columns, ones])
-    solution = _shared_solution(columns, tip)
-    links = solution[:-1]
-    shift = complex(solution[-1])
-    drawing = drawing_of(links, shift, signs, mirror, revolute)
+    mirror = structure.mirror
+    beta = structure.neutral()
+    beta[groups["length"]] = revolute
+    motion = structure.move(structure.joint_values(q, beta), beta)
+    columns = np.vstack([motion.terms, np.ones(len(q))])
+    tip: Complex = z @ np.array([1, 1j * mirror])
+    *links, shift = _shared_solution(columns.T, tip)
     # of a slide how far it moves the tip
     sizes = np.abs(links) / structure.metre
-    groups = structure.groups
-    beta = structure.neutral()
     if structure.viewpoint.view_kind.has_scale:
         unit = _unit_length(structure, sizes)
         beta[groups["view.scale"]] = np.log(unit)
         sizes = sizes / unit
     beta[groups["length"]] = np.where(revolute, sizes, 0.0)
-    beta[groups["offset"]] = drawing.offsets
-    beta[groups["view.rotation"]] = drawing.rotation
-    beta[groups["view.shift"]] = drawing.shift
+    beta[groups["offset"]] = offsets_of(np.array(links), revolute)
+    beta[groups["view.rotation"]] = mirror * np.angle(links[0])
+    beta[groups["view.shift"]] = (shift.real, mirror * shift.imag)
     return beta
 
 

@@ -50,7 +50,7 @@ def edges_of(count: int, blocks: int) -> Indices:
     return np.linspace(0, count, blocks + 1).round().astype(int)
 
 
-class Part:
+class Readings:
     """Rows of one sensor within a fit: residuals, noise, and weights under Student noise.
 
     nu : degrees of freedom of the noise; infinite for Gaussian

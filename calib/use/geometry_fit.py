@@ -331,7 +331,7 @@ def _covariance(fit: Fit) -> Array:
     As noise alone, waves of 1 mrad left 1 of 4 displacements within its interval.
     """
     structure = fit.structure
-    measured = fit.parts[0]
+    measured = fit.readings[0]
     active = fit.active
     other_sd = structure.prior(("gain", "elastic", "curve")).sd
     other_sd[active] = 0.0
@@ -356,7 +356,7 @@ def _covariance(fit: Fit) -> Array:
 def _misfit(fit: Fit, beta: Array) -> float:
     """Root mean square distance that parameters leave unexplained [unit]."""
     positions = slice(fit.structure.blocks[0])
-    return _rms(fit.parts[0].residual_at(beta)[:, positions])
+    return _rms(fit.readings[0].residual_at(beta)[:, positions])
 
 
 def _rms(rows: Array) -> float:
