@@ -108,8 +108,7 @@ class Body(OfStructure):
             variance = np.maximum(variance - self.repeat**2, 0.0)
             if self.simulated:
                 variance = np.zeros_like(variance)
-        total: Array = self.residual[self._position] ** 2 + variance
-        return total
+        return self.residual[self._position] ** 2 + variance
 
     def spread(self, q: Array) -> Array:
         """Covariance (n, m, m) of the predictions from the parameters alone, without kappa."""

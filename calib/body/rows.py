@@ -153,8 +153,7 @@ class Readings:
         """Weights (n,) of p residuals each, whose squared lengths over the noise's are `away`."""
         if np.isinf(self.nu):
             return np.ones_like(away)
-        weights: Array = (self.nu + p) / (self.nu + away)
-        return weights
+        return (self.nu + p) / (self.nu + away)
 
     def energy(self, residual: Array) -> float:
         """Negative log likelihood of residuals (n, m), up to a constant."""

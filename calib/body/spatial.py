@@ -235,8 +235,7 @@ class SpatialStructure(Structure):
     def gravity_at(self, beta: Array) -> Array:
         """Direction (3,) of gravity in the root frame."""
         angles = beta[self.groups["gravity"]]
-        direction: Array = self._down + angles @ self.tilts["gravity"]
-        return direction
+        return self._down + angles @ self.tilts["gravity"]
 
     def chain_values(self, values: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""

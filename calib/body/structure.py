@@ -240,8 +240,7 @@ class Structure(Layout):
         gravity = constants_at(self, beta).gravity
         bending = self.loads[block]
         loads = loads_at(bending, q[:, : self.dof], gravity)
-        by_elasticity: Array = chain_slope[bending.joints] * loads[:, None]
-        return by_elasticity
+        return chain_slope[bending.joints] * loads[:, None]
 
     def _by_gravity(self, q: Array, beta: Array, chain_slope: Array) -> Array:
         """How outputs (t, m, n) move as gravity tilts."""
