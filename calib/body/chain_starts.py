@@ -79,7 +79,7 @@ def _ends(
 def _after_steps(start: Start, rows: Rows, steps: int) -> Start:
     """Return a start after damped steps of the chain, which may be anywhere."""
     prior = start.structure.prior(("placement", "tool"))
-    return start.run(rows.q, rows.z, prior, steps)
+    return start.run(rows, prior, steps)
 
 
 def _agreeing(ends: list[Start], near: float) -> int:

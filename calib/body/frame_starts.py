@@ -12,68 +12,58 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm, nearest_rotation, similarity
 from ..common.arrays import Array
-from ..common.rows import median_length, spread_rows
+from ..common.rows import median_length, row_lengths, spread_rows
 from ..errors import LogError
 from .parameters import Prior
+from .rows import Rows
 from .sensors import PLACE
 from .settings import START
 from .spatial import SpatialStructure
 from .start import Start
 
 
-def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> Array:
-    """Return parameters (d,) of an arm whose sensor and tool are found anew.
+def best_frame(structure: SpatialStructure, rows: Rows, arm: Array) -> Start:
+    """Return an arm whose sensor and tool are found anew.
 
     arm : (d,), the arm's parameters, which stay
     """
-    return _best_place(structure, q, z, arm).beta
+    groups = [group for group in structure.frame_groups if group != "lens"]
+    sd = structure.prior(groups).sd
+    some = rows.take(spread_rows(len(rows), START.guessed_rows))
+    runs: list[Start] = []
+    for guess in _guesses(structure, rows, arm):
+        prior = Prior(guess, sd)
+        start = Start(structure, guess)
+        runs.append(start.run(some, prior, START.guess_steps))
+    best = min(runs, key=lambda run: run.cost)
+    return best.run(rows, Prior(best.beta, sd), START.steps)
 
 
-def frame_of_drawing(structure: SpatialStructure, q: Array, z: Array) -> Array:
+def frame_of_drawing(structure: SpatialStructure, rows: Rows) -> Array:
     """Return parameters (d,) of the nominal arm in the sensor frame that fits rows best.
 
     Raises LogError where even these leave most of what the rows spread.
     """
-    start = _best_place(structure, q, z, structure.neutral())
+    start = best_frame(structure, rows, structure.neutral())
     if structure.camera:
         # a camera's pose and its focal length help each other
         free = [*structure.frame_groups, "offset"]
         sd = structure.prior(free).sd
         sd[structure.groups["offset"]] *= 20.0
-        prior = Prior(start.beta, sd)
-        start = start.run(q, z, prior, 60)
+        start = start.run(rows, Prior(start.beta, sd), 60)
     if not structure.viewpoint.view_kind.has_scale:
-        _refuse_misfit(structure, q, z, start.beta)
+        _refuse_misfit(structure, rows, start.beta)
     return start.beta
 
 
-def _best_place(
-    structure: SpatialStructure, q: Array, z: Array, arm: Array
-) -> Start:
-    """Return the best guess of where the sensor stands, carried on over all rows."""
-    groups = [group for group in structure.frame_groups if group != "lens"]
-    sd = structure.prior(groups).sd
-    some = spread_rows(len(q), START.guessed_rows)
-    runs: list[Start] = []
-    for guess in _guesses(structure, q, z, arm):
-        start = Start(structure, guess)
-        prior = Prior(guess, sd)
-        run = start.run(q[some], z[some], prior, START.guess_steps)
-        runs.append(run)
-    best = min(runs, key=lambda run: run.cost)
-    prior = Prior(best.beta, sd)
-    return best.run(q, z, prior, START.steps)
-
-
 def _refuse_misfit(
-    structure: SpatialStructure, q: Array, z: Array, beta: Array
+    structure: SpatialStructure, rows: Rows, beta: Array
 ) -> None:
     """Refuse rows that the nominal arm does not explain; the log's reader says why."""
-    misfit = structure.residual(z, structure.predict(q, beta))
+    misfit = structure.residual(rows.z, structure.predict(rows.q, beta))
     off = median_length(misfit[:, :3])
-    positions = z[:, :3]
-    away = positions - np.median(positions, axis=0)
-    lengths = np.linalg.norm(away, axis=1)
+    positions = rows.z[:, :3]
+    lengths = row_lengths(positions - np.median(positions, axis=0))
     size = float(lengths.max())
     most = START.other_arm
     what = "positions"
@@ -95,7 +85,7 @@ def _refuse_misfit(
 
 
 def _guesses(
-    structure: SpatialStructure, q: Array, z: Array, arm: Array
+    structure: SpatialStructure, rows: Rows, arm: Array
 ) -> Iterator[Array]:
     """Yield rough parameters (d,) from which the sensor's place is fitted."""
     beta = arm.copy()
@@ -103,13 +93,13 @@ def _guesses(
     for group in (*PLACE, "tool", "tool.rotation"):
         indices = structure.groups[group]
         beta[indices] = neutral[indices]
-    points, rotations = structure.pose(q, beta)
+    points, rotations = structure.pose(rows.q, beta)
     if structure.camera:
-        yield from _cameras(structure, points, z, beta)
+        yield from _cameras(structure, points, rows.z, beta)
     elif structure.view.startswith("base"):
-        yield _with_hand(structure, beta, rotations, z)
+        yield _with_tool_turn(structure, beta, rotations, rows.z)
     else:
-        yield from _trackers(structure, points, rotations, z, beta)
+        yield from _trackers(structure, points, rotations, rows.z, beta)
 
 
 def _trackers(
@@ -141,20 +131,22 @@ def _trackers(
         shift = seen.mean(axis=0) - scale * turn @ tip.mean(axis=0)
         guess = structure.placed(arm, turn, shift, scale)
         guess[structure.groups["tool"]] = tool
-        yield _with_hand(structure, guess, turn @ rotations, z)
+        yield _with_tool_turn(structure, guess, turn @ rotations, z)
 
 
-def _with_hand(
-    structure: SpatialStructure, guess: Array, turned: Array, z: Array
+def _with_tool_turn(
+    structure: SpatialStructure, guess: Array, flange: Array, z: Array
 ) -> Array:
-    """Return parameters (d,) with the turn of the tool, of orientations (n, 3, 3) without it."""
+    """Return parameters (d,) with the turn of the tool.
+
+    flange : (n, 3, 3), orientations without it, in the sensor's frame
+    """
     out = guess.copy()
     if structure.outputs == 6:
         # A' X' Z of every row, averaged and made a rotation again
-        back = np.swapaxes(turned, 1, 2)
-        turns = back @ exponential(z[:, 3:])
-        hand = nearest_rotation(turns.sum(axis=0))
-        out[structure.groups["tool.rotation"]] = logarithm(hand)
+        turns = np.swapaxes(flange, 1, 2) @ exponential(z[:, 3:])
+        mean = nearest_rotation(turns.sum(axis=0))
+        out[structure.groups["tool.rotation"]] = logarithm(mean)
     return out
 
 

@@ -29,10 +29,9 @@ def matern(q: Array, other: Array, lengths: Array) -> Array:
 def lengths_of(body: Body, q: Array) -> Array:
     """Correlation lengths (dof,) [rad or m] of the residual of a log with joints (n, dof)."""
     structure = body.structure
-    turning = np.asarray(structure.revolute)
     span = np.maximum(np.ptp(q, axis=0), 1e-9)
     smooth = _SMOOTH * np.sqrt(structure.dof / 2)
-    lengths: Array = np.where(turning, smooth, 0.3 * span)
+    lengths: Array = np.where(structure.is_revolute, smooth, 0.3 * span)
     return lengths
 
 

@@ -26,7 +26,7 @@ class PlanarMotion:
 
     direction: Complex  # (dof, n), of each link or slide
     terms: Complex  # (dof, n), the links
-    turning: Array  # (dof, 1), whether each joint turns
+    turning: Mask  # (dof, 1), whether each joint turns
 
     @property
     def position(self) -> Array:
@@ -221,11 +221,10 @@ class PlanarStructure(Structure):
     def _unknown_joints(self) -> tuple[Block, ...]:
         """Lengths, offsets and gains of which no drawing tells."""
         names = self.joint_names
-        turning = np.asarray(self.revolute, dtype=float)
         size, unit = self._link
-        length = size * turning
+        length = np.where(self.is_revolute, size, 0.0)
         sd = 2.0 * length
-        if self.sensors[0].view_kind.has_scale and turning.all():
+        if self.sensors[0].view_kind.has_scale and all(self.revolute):
             sd[0] = 0.0  # the view's scale is the first length
         anywhere = np.where(self._has_offset, 10.0, 0.0)
         gain = 2.0 * PRIOR.gain
@@ -251,9 +250,9 @@ class PlanarStructure(Structure):
         offsets = beta[self.groups["offset"]]
         return np.where(self.revolute, offsets, 0.0)
 
-    def links(self, beta: Array) -> tuple[Array, Array, Array]:
+    def links(self, beta: Array) -> tuple[Array, Array, Mask]:
         """The links' lengths (dof, 1), the slides' directions [rad], and which joints turn."""
-        turning = np.asarray(self.revolute)[:, None]
+        turning = self.is_revolute[:, None]
         length = beta[self.groups["length"], None]
         offset = beta[self.groups["offset"], None]
         way = np.where(turning, 0.0, offset)
@@ -273,7 +272,7 @@ class PlanarStructure(Structure):
         """How the tip moves with each part of the geometry."""
         yield self.groups["length"], lambda: (_pairs(motion.direction), None)
         # turning a slide's direction turns no other link
-        slides = np.flatnonzero(np.logical_not(self.revolute))
+        slides = np.flatnonzero(~self.is_revolute)
         offsets = self.groups["offset"][slides]
         yield offsets, lambda: (_pairs(1j * motion.terms[slides]), None)
 

@@ -16,40 +16,37 @@ from ..arm.rotations import similarity
 from ..common.arrays import Array
 from .drawing import Complex, PlanarDrawing, offsets_of
 from .planar import PlanarStructure
+from .rows import Rows
 from .settings import FIT, START
 from .start import Start
 
 
-def planar_starts(
-    structure: PlanarStructure, q: Array, z: Array
-) -> list[Start]:
-    """Starts of positions z (n, 2) [unit] at joint values q (n, dof), the best fits first."""
+def planar_starts(structure: PlanarStructure, rows: Rows) -> list[Start]:
+    """Starts of rows of positions (n, 2) [unit], the best fits first."""
     drawing = structure.nominal
     if drawing is None:
-        starts = [*_free_starts(structure, q, z)]
+        starts = [*_free_starts(structure, rows)]
     else:
-        starts = [*_starts_of_drawing(structure, drawing, q, z)]
-    starts.sort(key=lambda start: _miss(start, q, z))
+        starts = [*_starts_of_drawing(structure, drawing, rows)]
+    starts.sort(key=lambda start: _miss(start, rows))
     if drawing is not None and not structure.viewpoint.view_kind.has_scale:
         # lengths tell whether the joints turn as drawn; a camera says nothing of the servos
         signs = drawing.signs
         as_drawn = [s for s in starts if s.structure.directions == signs]
-        miss = _miss(as_drawn[0], q, z)
+        miss = _miss(as_drawn[0], rows)
         if miss <= FIT.doubted * structure.extent:
             return as_drawn
     return starts[: START.turned_ways]
 
 
-def _miss(start: Start, q: Array, z: Array) -> float:
+def _miss(start: Start, rows: Rows) -> float:
     """Error [unit] of a start, rms."""
-    miss = z - start.structure.predict(q, start.beta)
+    miss = rows.z - start.structure.predict(rows.q, start.beta)
     total = np.linalg.norm(miss)
-    return float(total / np.sqrt(len(z)))
+    return float(total / np.sqrt(len(rows)))
 
 
-def _free_starts(
-    structure: PlanarStructure, q: Array, z: Array
-) -> Iterator[Start]:
+def _free_starts(structure: PlanarStructure, rows: Rows) -> Iterator[Start]:
     """Chains of all signs and both sides that they are seen from.
 
     A first turning joint that turns the other way is a mirror; a slide that is reversed is another
@@ -63,44 +60,42 @@ def _free_starts(
         turned = structure.with_fields(signs=signs)
         for mirror in (1, -1):
             side = turned.with_sensor(mirror=mirror)
-            yield Start(side, _linear_fit(side, q, z))
+            yield Start(side, _linear_fit(side, rows))
 
 
 def _starts_of_drawing(
-    structure: PlanarStructure, drawing: PlanarDrawing, q: Array, z: Array
+    structure: PlanarStructure, drawing: PlanarDrawing, rows: Rows
 ) -> Iterator[Start]:
     """The drawing with all signs of its joints, in front of the sensor."""
     for turns in product((1, -1), repeat=structure.dof):
         signs = np.multiply(turns, drawing.signs)
         turned = structure.with_fields(signs=tuple(signs.tolist()))
         turned = turned.with_sensor(mirror=drawing.mirror)
-        arm = turned.neutral()
-        side, beta = side_and_frame(turned, q, z, arm)
+        side, beta = side_and_frame(turned, rows, turned.neutral())
         yield Start(side, beta)
 
 
 def side_and_frame(
-    structure: PlanarStructure, q: Array, z: Array, arm: Array
+    structure: PlanarStructure, rows: Rows, arm: Array
 ) -> tuple[PlanarStructure, Array]:
     """The side and the frame from which a sensor sees an arm.
 
-    q, z : (n, dof) and (n, 2), joint values and what the sensor saw of them
     arm : (d,), the arm's parameters, which stay
     Returns the structure with its mirror, and parameters (d,) with the sensor's frame.
     """
     if structure.view == "base":
         return structure, arm
-    motion, _ = structure.motion_and_sight(q, arm)
+    motion, _ = structure.motion_and_sight(rows.q, arm)
     points = motion.position.T
     scale = structure.known_scale
-    turn, shift, scale = similarity(points, z, mirrored=True, scale=scale)
+    turn, shift, scale = similarity(points, rows.z, mirrored=True, scale=scale)
     beta = structure.placed(arm, turn, shift, scale)
     side = 1 if np.linalg.det(turn) > 0 else -1
     return structure.with_sensor(mirror=side), beta
 
 
-def _linear_fit(structure: PlanarStructure, q: Array, z: Array) -> Array:
-    """Parameters (d,) of the chain that fits positions z (n, 2) best.
+def _linear_fit(structure: PlanarStructure, rows: Rows) -> Array:
+    """Parameters (d,) of the chain that fits rows of positions (n, 2) best.
 
     As complex numbers positions are the sum of links, each turned by the joints before it as one
     of unit length, and of the base's shift; seen from behind they are conjugate::
@@ -112,9 +107,9 @@ def _linear_fit(structure: PlanarStructure, q: Array, z: Array) -> Array:
     mirror = structure.mirror
     beta = structure.neutral()
     beta[groups["length"]] = revolute
-    motion = structure.move(structure.joint_values(q, beta), beta)
-    columns = np.vstack([motion.terms, np.ones(len(q))])
-    tip: Complex = z @ np.array([1, 1j * mirror])
+    motion = structure.move(structure.joint_values(rows.q, beta), beta)
+    columns = np.vstack([motion.terms, np.ones(len(rows))])
+    tip: Complex = rows.z @ np.array([1, 1j * mirror])
     *links, shift = _shared_solution(columns.T, tip)
     # of a slide how far it moves the tip
     sizes = np.abs(links) / structure.metre
@@ -143,7 +138,7 @@ def _shared_solution(columns: Complex, tip: Complex) -> Complex:
 
 def _unit_length(structure: PlanarStructure, sizes: Array) -> float:
     """Unit of a camera's lengths (dof,) [px]: the first, or metres where joints slide."""
-    slides = ~np.asarray(structure.revolute)
+    slides = ~structure.is_revolute
     unit = float(sizes[0])
     if slides.any():
         logarithms = np.log(sizes[slides] + 1e-300)

@@ -116,9 +116,7 @@ class SpatialStructure(Structure):
     @property
     def _has_motor_before(self) -> Mask:
         """Whether each joint from the second on (dof - 1,) turns, and the one before it, too."""
-        turning = np.asarray(self.revolute)
-        both: Mask = turning[1:] & turning[:-1]
-        return both
+        return self.is_revolute[1:] & self.is_revolute[:-1]
 
     @property
     def _first(self) -> int:
@@ -157,7 +155,7 @@ class SpatialStructure(Structure):
 
     def _offset(self) -> Block:
         """The joints' zeros."""
-        turning = np.asarray(self.revolute)
+        turning = self.is_revolute
         free = np.arange(self.dof) >= self._first
         angles = np.flatnonzero(free & turning)
         lengths = np.flatnonzero(free & ~turning)

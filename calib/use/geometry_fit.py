@@ -171,7 +171,8 @@ def fit_in_space(
     if not simulated:  # a simulation's point is the tip, in the base frame
         parts += structure.frame_groups
         if start is None:
-            nominal = frame_of_drawing(structure, points.q, z)
+            rows = Rows(points.q, z)
+            nominal = frame_of_drawing(structure, rows)
         prior = structure.prior(parts)
         nominal = _maximum(structure, points, z, nominal, prior).beta
     parts.append("offset")
