@@ -9,6 +9,7 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 import numpy as np
 
 from ..common.arrays import TRIANGLE, Array, Shape
+from ..common.rows import row_lengths
 from .covariance import as_kept, radius_95, spread_of
 from .parameters import Gaussian, Indices
 from .sensor_pose import SensorPose
@@ -92,8 +93,9 @@ class Body(OfStructure):
         noise : whether the sensor's noise is part of the distance
         """
         q = np.asarray(q, dtype=float)
-        parts = np.split(q, range(_CHUNK, len(q), _CHUNK))
-        bounds = [self._bound(part, noise) for part in parts]
+        limits = range(_CHUNK, len(q), _CHUNK)
+        chunks = np.split(q, limits)
+        bounds = [self._bound(chunk, noise) for chunk in chunks]
         return np.concatenate(bounds)
 
     def remaining_variance(self, *, noise: bool) -> Array:
@@ -132,7 +134,7 @@ class Body(OfStructure):
         if second is not None:
             there, slope = structure.linearise(q, second.beta, second.active)
             away = structure.residual(here, there)[:, part]
-            apart = np.linalg.norm(away, axis=1)
+            apart = row_lengths(away)
             spread = spread_of(slope[:, part], second.root)
             bound_of_second = apart + radius_95(spread + remaining)
             bound = np.maximum(bound, bound_of_second)
@@ -155,7 +157,7 @@ class Body(OfStructure):
     def deviations(self) -> Array:
         """Posterior sd (d,) of each parameter, zero where nothing was fitted."""
         sd = np.zeros(self.structure.size)
-        sd[self.active] = np.linalg.norm(self.root, axis=1)
+        sd[self.active] = row_lengths(self.root)
         return sd
 
     @property
@@ -246,4 +248,7 @@ def knows_orientation(body: Body | None) -> bool:
     if body is None:
         return False
     turns = body.structure.groups.get("tool.rotation")
-    return turns is not None and bool(np.isin(turns, body.active).all())
+    if turns is None:
+        return False
+    is_fitted = np.isin(turns, body.active)
+    return bool(is_fitted.all())

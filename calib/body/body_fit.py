@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.rows import median_length
+from ..common.rows import median_length, row_lengths
 from .belief import Body, Second
 from .covariance import as_kept, root_of
 from .fit import Fit
@@ -67,7 +67,7 @@ class BodyFit:
             residual=body.residual[:3],
             second=second,
         )
-        turned = np.linalg.norm(self.held_out[:, 3:], axis=1)
+        turned = row_lengths(self.held_out[:, 3:])
         held_out = self.held_out[:, :3]
         return replace(self, body=positions, held_out=held_out, turned=turned)
 
@@ -225,8 +225,7 @@ def _second_fits(
         return none
     blocks = {*chain}
     if len(rows[0]) >= FIT.guarded_rows:
-        groups = structure.groups
-        blocks |= {block for block in _GUARDED if len(groups.get(block, ()))}
+        blocks |= {*_GUARDED} & structure.groups.keys()
     if "curve" in member.free or member.against_curves < FIT.no_curves:
         blocks.add("curve")
     elif blocks <= {*member.free}:
@@ -268,5 +267,6 @@ def _wide_prior(member: Member, blocks: set[str]) -> Prior:
         elif not np.isin(hyper.indices, first.active).any():
             hypers.append(hyper)
     for hyper in hypers:
-        sd[hyper.indices] = hyper.scale * np.sqrt(hyper.shape)
+        relative = np.sqrt(hyper.shape)
+        sd[hyper.indices] = hyper.scale * relative
     return Prior(prior.mean, sd, tuple(hypers))

@@ -13,6 +13,7 @@ from itertools import islice
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from .rows import Rows
 from .settings import START
 from .spatial import SpatialStructure
@@ -72,7 +73,8 @@ def _ends(
             break
     for count, steps in START.further_steps:
         ends.sort(key=lambda end: end.cost)
-        ends = [_after_steps(end, rows, steps) for end in ends[:count]]
+        best = ends[:count]
+        ends = [_after_steps(end, rows, steps) for end in best]
     return ends
 
 
@@ -96,7 +98,7 @@ def _with_fitted_chain(end: Start) -> Start:
     zero = np.zeros((structure.chain.joints, 1))
     still = structure.move(zero, end.beta)
     axes = still.axes[..., 0]
-    lengths = np.linalg.norm(axes, axis=1, keepdims=True)
+    lengths = row_lengths(axes)[:, None]
     chain = replace(
         structure.chain,
         axes=axes / lengths,
@@ -114,7 +116,7 @@ def _random_chain(
     """Draw a chain: axes of any direction, links as long as the workspace suggests."""
     dof = structure.dof
     axes = rng.normal(size=(dof, 3))
-    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    axes /= row_lengths(axes)[:, None]
     extent = structure.extent / structure.metre
     link = extent / np.sqrt(3 * dof)
     steps = link * rng.normal(size=(dof, 3))
@@ -122,6 +124,7 @@ def _random_chain(
     middle = z[:, :3].mean(axis=0)
     middle /= structure.metre
     points += middle - points.mean(axis=0)
-    tip = points[-1] + link * rng.normal(size=3)
+    last = link * rng.normal(size=3)
+    tip = points[-1] + last
     chain = replace(structure.chain, axes=axes, points=points, tip=tip)
     return replace(structure, chain=chain)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.arm import Arm, PlanarArm
+from ..common.rows import row_lengths
 from ..errors import OptionError
 
 Complex = NDArray[np.complex128]
@@ -51,7 +52,7 @@ class PlanarDrawing:
         tip = complex(plane.project(chain.tip) @ number)
         turns = np.sign(chain.axes @ plane.normal).astype(int)
         slides: Complex = chain.axes @ plane.basis[:2].T @ number
-        vectors = slides / np.linalg.norm(chain.axes, axis=1)
+        vectors = slides / row_lengths(chain.axes)
         end = tip
         for joint in reversed(np.flatnonzero(turning)):
             vectors[joint] = end - origins[joint]
@@ -59,8 +60,9 @@ class PlanarDrawing:
         mirror = int(turns[turning][0]) if turning.any() else 1
         signs = np.where(turning, turns * mirror, 1)
         from_front = vectors if mirror > 0 else vectors.conj()
+        lengths = np.where(turning, np.abs(vectors), 0.0)
         return PlanarDrawing(
-            lengths=tuple(np.where(turning, np.abs(vectors), 0.0).tolist()),
+            lengths=tuple(lengths.tolist()),
             offsets=tuple(offsets_of(from_front, arm.revolute)),
             rotation=float(np.angle(vectors[0])),
             shift=(end.real, end.imag),
@@ -72,15 +74,16 @@ class PlanarDrawing:
 def offsets_of(links: Complex, revolute: tuple[bool, ...]) -> list[float]:
     """Angles (dof,) [rad] of links against the last one that turns; 0 of one without a length."""
     sizes = np.abs(links)
-    angles = np.angle(links) - np.angle(links[0])
+    angles = np.angle(links)
+    angles -= angles[0]
     offsets: list[float] = []
     before = 0.0
     for angle, size, turns in zip(angles, sizes, revolute, strict=True):
         along = before
         if size > 1e-9 * sizes.max():
             along = float(angle)
-        offset = (along - before + np.pi) % (2 * np.pi)
-        offsets.append(offset - np.pi)
+        turn = along - before + np.pi
+        offsets.append(turn % (2 * np.pi) - np.pi)
         if turns:
             before = along
     return offsets

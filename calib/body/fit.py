@@ -111,7 +111,8 @@ class Fit:
     @property
     def covariance(self) -> Array:
         """Posterior covariance (k, k)."""
-        return self.softer(self.grams.sum(axis=0)).inverse()
+        gram = self.grams.sum(axis=0)
+        return self.softer(gram).inverse()
 
     def softer(self, gram: Array) -> Factor:
         """Factor of the precision that is left of rows of information `gram` (k, k), and prior."""
@@ -192,8 +193,9 @@ class Fit:
             damping = max(damping / 10, 1e-12)
         for readings in self.readings:
             readings.learn_noise()
-        share = float((self.noise / self.structure.extents).max())
-        return self.beta, self._energy(self.beta), share
+        shares = self.noise / self.structure.extents
+        cost = self._energy(self.beta)
+        return self.beta, cost, float(shares.max())
 
     def descend(
         self, dampings: Iterable[float], linear: Mask | None = None
@@ -253,18 +255,23 @@ class Fit:
         prior = self.prior_precision[np.ix_(linear, linear)]
         gradient = moments[0] - self._pull(beta)[linear]
         step = np.zeros(len(linear))
-        step[linear] = Factor(grams[0] + prior).solve(gradient)
+        factor = Factor(grams[0] + prior)
+        step[linear] = factor.solve(gradient)
         return step
 
     def _linearise(self, *, by_blocks: bool = False) -> None:
         """Set the precision and the gradient; what each block of rows adds may stay apart."""
-        blocks = len(self.readings[0].edges) - 1 if by_blocks else 1
+        blocks = 1
+        if by_blocks:
+            blocks = len(self.readings[0].edges) - 1
         residuals = [readings.residual for readings in self.readings]
         self.grams, self.moments = self._information(
             self.beta, residuals, self.active, blocks
         )
-        self.precision = self.grams.sum(axis=0) + self.prior_precision
-        self.gradient = self.moments.sum(axis=0) - self._pull(self.beta)
+        gram = self.grams.sum(axis=0)
+        self.precision = gram + self.prior_precision
+        moment = self.moments.sum(axis=0)
+        self.gradient = moment - self._pull(self.beta)
 
     def _information(
         self,
@@ -303,13 +310,15 @@ class Fit:
             if count <= 0.0:  # the rows tell nothing of it
                 continue
             squares = away[index] ** 2 / hyper.shape
-            total = float(squares.sum()) + hyper.pseudo * hyper.scale**2
+            total = float(squares.sum())
+            total += hyper.pseudo * hyper.scale**2
             least, most = hyper.scale * np.array(hyper.within)
             scale = np.sqrt(total / count)
             scale = float(np.clip(scale, least, most))
             self.scales[hyper.name] = scale
             self.sd[index] = scale * np.sqrt(hyper.shape)
-        share = determined / sum(readings.z.size for readings in self.readings)
+        numbers = sum(readings.z.size for readings in self.readings)
+        share = determined / numbers
         for readings in self.readings:
             readings.learn_noise(share)
 

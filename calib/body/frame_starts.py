@@ -36,7 +36,8 @@ def best_frame(structure: SpatialStructure, rows: Rows, arm: Array) -> Start:
         start = Start(structure, guess)
         runs.append(start.run(some, prior, START.guess_steps))
     best = min(runs, key=lambda run: run.cost)
-    return best.run(rows, Prior(best.beta, sd), START.steps)
+    prior = Prior(best.beta, sd)
+    return best.run(rows, prior, START.steps)
 
 
 def frame_of_drawing(structure: SpatialStructure, rows: Rows) -> Array:
@@ -50,7 +51,8 @@ def frame_of_drawing(structure: SpatialStructure, rows: Rows) -> Array:
         free = [*structure.frame_groups, "offset"]
         sd = structure.prior(free).sd
         sd[structure.groups["offset"]] *= 20.0
-        start = start.run(rows, Prior(start.beta, sd), 60)
+        prior = Prior(start.beta, sd)
+        start = start.run(rows, prior, 60)
     if not structure.viewpoint.view_kind.has_scale:
         _refuse_misfit(structure, rows, start.beta)
     return start.beta
@@ -60,7 +62,8 @@ def _refuse_misfit(
     structure: SpatialStructure, rows: Rows, beta: Array
 ) -> None:
     """Refuse rows that the nominal arm does not explain; the log's reader says why."""
-    misfit = structure.residual(rows.z, structure.predict(rows.q, beta))
+    predicted = structure.predict(rows.q, beta)
+    misfit = structure.residual(rows.z, predicted)
     off = median_length(misfit[:, :3])
     positions = rows.z[:, :3]
     lengths = row_lengths(positions - np.median(positions, axis=0))
@@ -121,14 +124,16 @@ def _trackers(
     turns = [similarity(points + rotations @ tool, seen)[0] for tool in tools]
     if structure.outputs == 6:
         # without it 2 of 48 mountings of long tools were not found
-        turns.append(_turn_of_poses(rotations, exponential(z[:, 3:])))
+        orientations = exponential(z[:, 3:])
+        turns.append(_turn_of_poses(rotations, orientations))
         tools = np.vstack([tools, np.zeros(3)])
     for tool, turn in zip(tools, turns, strict=True):
         tip = points + rotations @ tool
         scale = structure.known_scale
         if scale is None:
             _, _, scale = similarity(tip, seen)
-        shift = seen.mean(axis=0) - scale * turn @ tip.mean(axis=0)
+        middle = tip.mean(axis=0)
+        shift = seen.mean(axis=0) - scale * turn @ middle
         guess = structure.placed(arm, turn, shift, scale)
         guess[structure.groups["tool"]] = tool
         yield _with_tool_turn(structure, guess, turn @ rotations, z)
@@ -144,7 +149,8 @@ def _with_tool_turn(
     out = guess.copy()
     if structure.outputs == 6:
         # A' X' Z of every row, averaged and made a rotation again
-        turns = np.swapaxes(flange, 1, 2) @ exponential(z[:, 3:])
+        back = np.swapaxes(flange, 1, 2)
+        turns = back @ exponential(z[:, 3:])
         mean = nearest_rotation(turns.sum(axis=0))
         out[structure.groups["tool.rotation"]] = logarithm(mean)
     return out

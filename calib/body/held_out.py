@@ -117,9 +117,11 @@ def _prediction(
     work = len(readings.z) * len(fit.active)
     every = max(1, round(work / FIT.spread_work))
     residual = np.full_like(readings.residual, np.nan)
-    spread = np.full((len(residual), *noise.shape), np.nan)
+    shape = (len(residual), *noise.shape)
+    spread = np.full(shape, np.nan)
     groups = max(min(count, len(slopes)), 1)
-    for first, last in pairwise(edges_of(len(slopes), groups).tolist()):
+    limits = edges_of(len(slopes), groups)
+    for first, last in pairwise(limits.tolist()):
         left_out = slice(first, last) if count else slice(0)
         try:
             gram, step = fit.without(left_out)
@@ -138,7 +140,8 @@ def _predicted_covariance(precision: Factor, slope: Array) -> Array:
     """Covariance (n, p, p) of predictions that move with parameters by (n, p, k)."""
     n, p, k = slope.shape
     flat = slope.reshape(n * p, k)
-    white = precision.whiten(flat.T).reshape(k, n, p)
+    white = precision.whiten(flat.T)
+    white = white.reshape(k, n, p)
     covariance: Array = np.einsum("kni,knj->nij", white, white)
     return covariance
 
@@ -158,7 +161,8 @@ def _largest_ratio(
         ratio = prediction.error / prediction.radius
         ratios.append(np.where(outlier, np.nan, ratio))
     quantiles = _quantiles(ratios)
-    of_blocks = _quantiles(np.split(ratios[-1], readings.edges[1:-1]))
+    blocks = np.split(ratios[-1], readings.edges[1:-1])
+    of_blocks = _quantiles(blocks)
     if len(of_blocks) > 1:
         beyond = np.mean(of_blocks) + np.std(of_blocks)
         quantiles.append(float(beyond))
@@ -188,5 +192,6 @@ def _tau(readings: Readings, residual: Array) -> Array:
             limited = np.minimum(lengths, 4 * np.median(lengths))
             square = (limited**2).mean()
         beyond = square / p - 1.3 * variance
-        tau[columns] = np.sqrt(max(beyond, 0.05**2 * variance))
+        least = 0.05**2 * variance
+        tau[columns] = np.sqrt(max(beyond, least))
     return tau

@@ -20,7 +20,8 @@ def matern(q: Array, other: Array, lengths: Array) -> Array:
     scaled = q / lengths
     others = other / lengths
     away = scaled[:, None] - others
-    d = np.sqrt(5.0) * np.linalg.norm(away, axis=2)
+    distance = np.linalg.norm(away, axis=2)
+    d = np.sqrt(5.0) * distance
     rising = 1 + d + d * d / 3
     correlation: Array = rising * np.exp(-d)
     return correlation
@@ -29,7 +30,8 @@ def matern(q: Array, other: Array, lengths: Array) -> Array:
 def lengths_of(body: Body, q: Array) -> Array:
     """Correlation lengths (dof,) [rad or m] of the residual of a log with joints (n, dof)."""
     structure = body.structure
-    span = np.maximum(np.ptp(q, axis=0), 1e-9)
+    span = np.ptp(q, axis=0)
+    span = np.maximum(span, 1e-9)
     smooth = _SMOOTH * np.sqrt(structure.dof / 2)
     lengths: Array = np.where(structure.is_revolute, smooth, 0.3 * span)
     return lengths
@@ -46,7 +48,8 @@ def most_telling(body: Body, q: Array, n: int) -> Index:
     structure = body.structure
     p = structure.blocks[0]
     # what no parameter explains counts as noise
-    noise = np.hypot(body.noise, body.tau)[:p]
+    noise = np.hypot(body.noise, body.tau)
+    noise = noise[:p]
     _, slope = structure.linearise(q, body.beta, body.active)
     positions = slope[:, :p]
     directions = positions @ body.root

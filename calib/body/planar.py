@@ -38,7 +38,8 @@ class PlanarMotion:
         # a joint turns all that comes after it about its own place
         from_tip = self.terms[::-1].cumsum(axis=0)
         beyond = from_tip[::-1]
-        moved = np.where(self.turning, 1j * beyond, self.direction)
+        swung = 1j * beyond
+        moved = np.where(self.turning, swung, self.direction)
         return _pairs(moved), None
 
 
@@ -52,7 +53,8 @@ class PlanarLoads:
     def pairs(self) -> Indices:
         """Joints that bend, and the links (by their joints) that bend them, (p, 2)."""
         turning = self.turns != 0
-        return np.argwhere(np.triu(np.outer(turning, turning)))
+        both = np.outer(turning, turning)
+        return np.argwhere(np.triu(both))
 
     @property
     def joints(self) -> Indices:
@@ -316,17 +318,19 @@ def planar_structure(
     """The structure that the rows and options ask for, signs and mirror still open."""
     if view == "auto":
         view = "rigid" if unit in METRES else "homography"
-    centre = z.mean(axis=0)
+    x, y = z.mean(axis=0).tolist()
     variance = z.var(axis=0).sum()
     extent = float(np.sqrt(variance))
     size = float(np.abs(z).max())
-    signs = (1,) * len(joint_names) if nominal is None else nominal.signs
+    signs = (1,) * len(joint_names)
+    if nominal is not None:
+        signs = nominal.signs
     sensor = InPlane(
         view=view,
         unit=unit,
         metre=METRES.get(unit, 1.0),
         extent=max(extent, 1e-9 * (1e-3 + size)),
-        centre=(float(centre[0]), float(centre[1])),
+        centre=(x, y),
     )
     return PlanarStructure(
         joint_names=tuple(joint_names),

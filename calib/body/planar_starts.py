@@ -41,8 +41,8 @@ def planar_starts(structure: PlanarStructure, rows: Rows) -> list[Start]:
 
 def _miss(start: Start, rows: Rows) -> float:
     """Error [unit] of a start, rms."""
-    miss = rows.z - start.structure.predict(rows.q, start.beta)
-    total = np.linalg.norm(miss)
+    predicted = start.structure.predict(rows.q, start.beta)
+    total = np.linalg.norm(rows.z - predicted)
     return float(total / np.sqrt(len(rows)))
 
 
@@ -86,9 +86,12 @@ def side_and_frame(
     if structure.view == "base":
         return structure, arm
     motion, _ = structure.motion_and_sight(rows.q, arm)
-    points = motion.position.T
-    scale = structure.known_scale
-    turn, shift, scale = similarity(points, rows.z, mirrored=True, scale=scale)
+    turn, shift, scale = similarity(
+        motion.position.T,
+        rows.z,
+        mirrored=True,
+        scale=structure.known_scale,
+    )
     beta = structure.placed(arm, turn, shift, scale)
     side = 1 if np.linalg.det(turn) > 0 else -1
     return structure.with_sensor(mirror=side), beta
@@ -107,9 +110,12 @@ def _linear_fit(structure: PlanarStructure, rows: Rows) -> Array:
     mirror = structure.mirror
     beta = structure.neutral()
     beta[groups["length"]] = revolute
-    motion = structure.move(structure.joint_values(rows.q, beta), beta)
-    columns = np.vstack([motion.terms, np.ones(len(rows))])
-    tip: Complex = rows.z @ np.array([1, 1j * mirror])
+    values = structure.joint_values(rows.q, beta)
+    motion = structure.move(values, beta)
+    ones = np.ones(len(rows))
+    columns = np.vstack([motion.terms, ones])
+    number = np.array([1, 1j * mirror])
+    tip: Complex = rows.z @ number
     *links, shift = _shared_solution(columns.T, tip)
     # of a slide how far it moves the tip
     sizes = np.abs(links) / structure.metre
@@ -119,7 +125,8 @@ def _linear_fit(structure: PlanarStructure, rows: Rows) -> Array:
         sizes = sizes / unit
     beta[groups["length"]] = np.where(revolute, sizes, 0.0)
     beta[groups["offset"]] = offsets_of(np.array(links), revolute)
-    beta[groups["view.rotation"]] = mirror * np.angle(links[0])
+    angle = np.angle(links[0])
+    beta[groups["view.rotation"]] = mirror * angle
     beta[groups["view.shift"]] = (shift.real, mirror * shift.imag)
     return beta
 
@@ -130,8 +137,9 @@ def _shared_solution(columns: Complex, tip: Complex) -> Complex:
     A joint that hardly moves makes columns alike.
     """
     size = np.linalg.norm(columns, axis=0) + 1e-300
+    unit_columns = columns / size
     alike = START.one_column
-    fit, *_ = np.linalg.lstsq(columns / size, tip, rcond=alike)
+    fit, *_ = np.linalg.lstsq(unit_columns, tip, rcond=alike)
     solution: Complex = fit / size
     return solution
 

@@ -32,7 +32,9 @@ class Rows:
 
     def take(self, rows: Indices | slice) -> Rows:
         """Some of the rows."""
-        return replace(self, q=self.q[rows], z=self.z[rows])
+        q = self.q[rows]
+        z = self.z[rows]
+        return replace(self, q=q, z=z)
 
 
 def with_measurements(structure: S, rows: Sequence[Rows]) -> S:
@@ -47,7 +49,8 @@ def with_measurements(structure: S, rows: Sequence[Rows]) -> S:
 
 def edges_of(count: int, blocks: int) -> Indices:
     """Limits (b + 1,) of contiguous blocks of rows."""
-    return np.linspace(0, count, blocks + 1).round().astype(int)
+    edges = np.linspace(0, count, blocks + 1)
+    return edges.round().astype(int)
 
 
 class Readings:
@@ -72,8 +75,11 @@ class Readings:
         self.q = rows.q
         self.z = rows.z
         self.nu = nu
-        ends = np.cumsum((0, *self.structure.blocks)).tolist()
-        self.outputs = [slice(first, last) for first, last in pairwise(ends)]
+        self.outputs: list[slice] = []
+        first = 0
+        for size in self.structure.blocks:
+            self.outputs.append(slice(first, first + size))
+            first += size
         self.edges = edges_of(len(rows), blocks)
         stated = self.structure.measurement.noise
         self.stated = stated is not None
@@ -142,12 +148,14 @@ class Readings:
         weight = np.empty_like(self.residual)
         for columns, p, squares in self._squares(self.residual):
             away = squares / self.noise[columns.start] ** 2
-            weight[:, columns] = self._weights(away, p)[:, None]
+            weights = self._weights(away, p)
+            weight[:, columns] = weights[:, None]
         return weight
 
     def root_weights(self) -> Array:
         """Roots (n, m) of the weights, over the noise."""
-        return np.asarray(np.sqrt(self.weight) / self.noise)
+        roots: Array = np.sqrt(self.weight)
+        return roots / self.noise
 
     def _weights(self, away: Array, p: int) -> Array:
         """Weights (n,) of p residuals each, whose squared lengths over the noise's are `away`."""

@@ -18,6 +18,7 @@ from ..arm.gravity import GRAVITY, Loads
 from ..arm.rotations import logarithm
 from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array, Mask
+from ..common.rows import row_lengths
 from .curves import curve_shape
 from .parameters import Block, Hyper, Indices
 from .sensors import InSpace
@@ -74,24 +75,29 @@ class SpatialStructure(Structure):
         return max(self.chain.reach, 1e-9)
 
     @property
+    def placements(self) -> Indices:
+        """Parameters (c, 2, 3) that shift and turn the joint origins."""
+        return self.groups["placement"].reshape(-1, 2, 3)
+
+    @property
     def shifts(self) -> Indices:
-        """Parameters (c, 3) that shift the joint origins."""
-        placements = self.groups["placement"].reshape(-1, 2, 3)
-        return placements[:, 0]
+        """Those (c, 3) that shift them."""
+        return self.placements[:, 0]
 
     @property
     def turns(self) -> Indices:
-        """Parameters (c, 3) that turn the joint origins."""
-        placements = self.groups["placement"].reshape(-1, 2, 3)
-        return placements[:, 1]
+        """Those (c, 3) that turn them."""
+        return self.placements[:, 1]
 
     @property
     def linear(self) -> Indices:
         """What shifts the tip: where the sensor stands, the tool, joint origins; not in pixels."""
         if self.outputs == 2:
             return super().linear
-        sensor = [self.groups[name] for name in ("view.shift", "tool")]
-        return np.concatenate([*sensor, self.shifts.ravel()])
+        shift = self.groups["view.shift"]
+        tool = self.groups["tool"]
+        origins = self.shifts.ravel()
+        return np.concatenate([shift, tool, origins])
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the tip, the joint origins and the joints."""
@@ -197,14 +203,14 @@ class SpatialStructure(Structure):
         """
         if not self.informed:
             return {}
-        units = Loads.of_unit_weights(self.chain).scaled(1.0 / self._reach)
+        weights = Loads.of_unit_weights(self.chain)
+        units = weights.scaled(1.0 / self._reach)
         if not self.has_masses:
             return {"elastic": units}
         chain = self.chain
         arms = chain.centres - chain.points[0]
-        lengths = np.linalg.norm(arms, axis=1)
         # [kg m], on the first joint
-        largest = float(chain.masses @ lengths)
+        largest = float(chain.masses @ row_lengths(arms))
         largest = max(largest, 1e-12)
         masses = Loads.of_masses(chain).scaled(1.0 / largest)
         return {"elastic": masses, "payload": units}
@@ -212,8 +218,9 @@ class SpatialStructure(Structure):
     @property
     def _across(self) -> tuple[int, int]:
         """The root frame's axes that are the least along the drawing's gravity."""
-        least = np.argsort(np.abs(self.gravity), kind="stable")
-        first, second = np.sort(least[:2]).tolist()
+        sizes = np.abs(self.gravity)
+        order = np.argsort(sizes, kind="stable")
+        first, second = sorted(order[:2].tolist())
         return first, second
 
     @cached_property
@@ -284,7 +291,8 @@ class SpatialStructure(Structure):
                 step = delta[indices]
                 if step.any():
                     moved[indices] = compose(step, beta[indices])
-        turns = np.vstack([self.groups["tool.rotation"], self.turns])
+        tool = self.groups["tool.rotation"]
+        turns = np.vstack([tool, self.turns])
         step = delta[turns]
         if step.any():
             moved[turns] = compose(beta[turns], step)

@@ -39,7 +39,11 @@ def best_start(
     if len(runs) == 1:  # nothing to choose from: the gate goes on from here
         return runs[0]
     for steps in START.run_steps:
-        runs = [run.run(some, run.structure.prior(free), steps) for run in runs]
+        ends: list[Start] = []
+        for run in runs:
+            prior = run.structure.prior(free)
+            ends.append(run.run(some, prior, steps))
+        runs = ends
         runs.sort(key=lambda run: run.cost)
         runs = runs[: START.runs]
     # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
@@ -75,7 +79,8 @@ def _refuse_open(structure: SpatialStructure, z: Array) -> None:
         )
     size = float(np.abs(z).max())
     size = max(size, 1e-12)
-    spread = float(np.ptp(z, axis=0).max())
+    spans = np.ptp(z, axis=0)
+    spread = float(spans.max())
     if spread <= 1e-9 * size:
         raise LogError(
             "the positions are the same in every row: the sensor saw no motion"

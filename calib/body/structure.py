@@ -132,7 +132,8 @@ class Structure(Layout):
         constants = constants_at(self, beta)
         if gravity is None:
             gravity = constants.gravity
-        bends = np.zeros((len(self.chain_names), len(q)))
+        joints = len(self.chain_names)
+        bends = np.zeros((joints, len(q)))
         for block, elastic in constants.elastic.items():
             bending = self.loads[block]
             loads = loads_at(bending, q[:, : self.dof], gravity)
@@ -199,7 +200,8 @@ class Structure(Layout):
             places = column[indices.ravel()]
             is_active = places >= 0
             if is_active.any():
-                columns = derivative().reshape(len(places), outputs, n)
+                columns = derivative()
+                columns = columns.reshape(len(places), outputs, n)
                 columns = columns[is_active]
                 places = places[is_active]
                 slope[:, :, places] = columns.transpose(2, 1, 0)
