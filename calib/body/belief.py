@@ -124,19 +124,19 @@ class Body(OfStructure):
         return slice(self.structure.blocks[0])
 
     def _bound(self, q: Array, noise: bool) -> Array:
-        part = self._position
+        positions = self._position
         structure = self.structure
         second = self.second
         remaining = np.diag(self.remaining_variance(noise=noise))
-        here, slope = structure.linearise(q, self.beta, self.active)
-        spread = SHARED**2 * spread_of(slope[:, part], self.root)
+        predicted, slope = structure.linearise(q, self.beta, self.active)
+        spread = SHARED**2 * spread_of(slope[:, positions], self.root)
         bound = self.kappa * radius_95(spread + remaining)
         if second is not None:
-            there, slope = structure.linearise(q, second.beta, second.active)
-            away = structure.residual(here, there)[:, part]
-            apart = row_lengths(away)
-            spread = spread_of(slope[:, part], second.root)
-            bound_of_second = apart + radius_95(spread + remaining)
+            other, slope = structure.linearise(q, second.beta, second.active)
+            difference = structure.residual(predicted, other)
+            distance = row_lengths(difference[:, positions])
+            spread = spread_of(slope[:, positions], second.root)
+            bound_of_second = distance + radius_95(spread + remaining)
             bound = np.maximum(bound, bound_of_second)
         return bound
 

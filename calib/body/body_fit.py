@@ -158,11 +158,11 @@ def _gate_rows(
 
 def _least_noise(structure: Structure, rows: Rows) -> Array:
     """Return the least noise (m,) [unit, rad] that rows are taken to have."""
-    seen = structure.as_seen_by(rows.sensor)
-    share = LOG_FLOOR if seen.outputs <= 3 else POSE_FLOOR
+    as_seen = structure.as_seen_by(rows.sensor)
+    share = LOG_FLOOR if as_seen.outputs <= 3 else POSE_FLOOR
     if structure.simulated:
         share = SIMULATED_FLOOR
-    return share * seen.extents
+    return share * as_seen.extents
 
 
 def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:

@@ -96,18 +96,18 @@ def _with_fitted_chain(end: Start) -> Start:
     structure = end.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - chains are in space
     zero = np.zeros((structure.chain.joints, 1))
-    still = structure.move(zero, end.beta)
-    axes = still.axes[..., 0]
+    motion = structure.move(zero, end.beta)
+    axes = motion.axes[..., 0]
     lengths = row_lengths(axes)[:, None]
     chain = replace(
         structure.chain,
         axes=axes / lengths,
-        points=still.origins[..., 0],
-        tip=still.position[..., 0],
-        rotation=still.rotation[..., 0],
+        points=motion.origins[..., 0],
+        tip=motion.position[..., 0],
+        rotation=motion.rotation[..., 0],
     )
-    there = replace(structure, chain=chain)
-    return replace(end, structure=there, beta=there.neutral())
+    fitted = replace(structure, chain=chain)
+    return replace(end, structure=fitted, beta=fitted.neutral())
 
 
 def _random_chain(

@@ -298,10 +298,11 @@ class Fit:
 
     def _learn(self, covariance: Array) -> None:
         """One step of EM: scales and noise; `covariance` (k, k) is that of the posterior."""
-        away = (self.beta - self.mean)[self.active]
+        deviation = (self.beta - self.mean)[self.active]
         variance = np.diag(covariance)
         prior_share = float((covariance * self.prior_precision).sum())
-        determined = len(away) - prior_share  # numbers that the rows determine
+        # numbers that the rows determine
+        determined = len(deviation) - prior_share
         for hyper in self.hypers:
             index = hyper.indices
             # MacKay's (1992) fixed point: that of EM, in a third of the steps
@@ -309,12 +310,12 @@ class Fit:
             count = len(index) - float(shares.sum()) + hyper.pseudo
             if count <= 0.0:  # the rows tell nothing of it
                 continue
-            squares = away[index] ** 2 / hyper.shape
+            squares = deviation[index] ** 2 / hyper.shape
             total = float(squares.sum())
             total += hyper.pseudo * hyper.scale**2
-            least, most = hyper.scale * np.array(hyper.within)
+            smallest, largest = hyper.scale * np.array(hyper.within)
             scale = np.sqrt(total / count)
-            scale = float(np.clip(scale, least, most))
+            scale = float(np.clip(scale, smallest, largest))
             self.scales[hyper.name] = scale
             self.sd[index] = scale * np.sqrt(hyper.shape)
         numbers = sum(readings.z.size for readings in self.readings)
@@ -338,6 +339,6 @@ class Fit:
                 self.readings, residuals, strict=True
             ):
                 energy += readings.energy(residual)
-            away = (beta - self.mean)[self.active]
-            energy += 0.5 * float(away @ self._pull(beta))
+            deviation = (beta - self.mean)[self.active]
+            energy += 0.5 * float(deviation @ self._pull(beta))
         return energy if np.isfinite(energy) else np.inf

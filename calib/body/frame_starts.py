@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm, nearest_rotation, similarity
 from ..common.arrays import Array
-from ..common.rows import median_length, row_lengths, spread_rows
+from ..common.rows import median_length, row_lengths
 from ..errors import LogError
 from .parameters import Prior
 from .rows import Rows
@@ -29,7 +29,7 @@ def best_frame(structure: SpatialStructure, rows: Rows, arm: Array) -> Start:
     """
     groups = [group for group in structure.frame_groups if group != "lens"]
     sd = structure.prior(groups).sd
-    some = rows.take(spread_rows(len(rows), START.guessed_rows))
+    some = rows.spread(START.guessed_rows)
     runs: list[Start] = []
     for guess in _guesses(structure, rows, arm):
         prior = Prior(guess, sd)
@@ -64,25 +64,25 @@ def _refuse_misfit(
     """Refuse rows that the nominal arm does not explain; the log's reader says why."""
     predicted = structure.predict(rows.q, beta)
     misfit = structure.residual(rows.z, predicted)
-    off = median_length(misfit[:, :3])
+    error = median_length(misfit[:, :3])
     positions = rows.z[:, :3]
     lengths = row_lengths(positions - np.median(positions, axis=0))
     size = float(lengths.max())
-    most = START.other_arm
+    most_share = START.other_arm
     what = "positions"
     if structure.camera:
-        most = START.no_camera
+        most_share = START.no_camera
         what = "pixels"
-    if off > most * size:
+    if error > most_share * size:
         raise LogError(
-            f"the robot does not explain the {what}: half of the rows are more than {off:.3g} off, "
-            f"of {size:.3g} that they spread; check the order of the joints, their unit and that "
-            f"of the {what}, mirrored axes, times, and whether it is this robot"
+            f"the robot does not explain the {what}: half of the rows are more than {error:.3g} "
+            f"off, of {size:.3g} that they spread; check the order of the joints, their unit and "
+            f"that of the {what}, mirrored axes, times, and whether it is this robot"
         )
-    turned = median_length(misfit[:, 3:])
-    if turned > START.other_turns:
+    turn = median_length(misfit[:, 3:])
+    if turn > START.other_turns:
         raise LogError(
-            f"the orientations do not turn as the joints do: {np.degrees(turned):.0f} deg are left "
+            f"the orientations do not turn as the joints do: {np.degrees(turn):.0f} deg are left "
             "(median); check their order and unit, or leave them out"
         )
 
@@ -116,12 +116,15 @@ def _trackers(
 
     points, rotations : (n, 3) [m] and (n, 3, 3), the arm's tip in its root frame
     """
-    seen = z[:, :3]
-    aside = START.tool * structure.chain.reach
+    readings = z[:, :3]
+    side = START.tool * structure.chain.reach
     # from the tip alone 2 of 96 mountings of long tools were not found
-    sides = [0.0, aside, -aside]
+    sides = [0.0, side, -side]
     tools = np.outer(sides, [1.0, 0.0, 0.0])
-    turns = [similarity(points + rotations @ tool, seen)[0] for tool in tools]
+    turns: list[Array] = []
+    for tool in tools:
+        turn, _, _ = similarity(points + rotations @ tool, readings)
+        turns.append(turn)
     if structure.outputs == 6:
         # without it 2 of 48 mountings of long tools were not found
         orientations = exponential(z[:, 3:])
@@ -131,9 +134,9 @@ def _trackers(
         tip = points + rotations @ tool
         scale = structure.known_scale
         if scale is None:
-            _, _, scale = similarity(tip, seen)
+            _, _, scale = similarity(tip, readings)
         middle = tip.mean(axis=0)
-        shift = seen.mean(axis=0) - scale * turn @ middle
+        shift = readings.mean(axis=0) - scale * turn @ middle
         guess = structure.placed(arm, turn, shift, scale)
         guess[structure.groups["tool"]] = tool
         yield _with_tool_turn(structure, guess, turn @ rotations, z)
@@ -181,9 +184,9 @@ def _cameras(
     principal = np.asarray(camera.lens[1:3])
     middle = points.mean(axis=0)
     centred = points - middle
-    seen = z.mean(axis=0)
+    mean_pixel = z.mean(axis=0)
     # points in a plane tell nothing across it
-    affine, *_ = np.linalg.lstsq(centred, z - seen, rcond=1e-3)
+    affine, *_ = np.linalg.lstsq(centred, z - mean_pixel, rcond=1e-3)
     # the rotation nearest to the affine camera's two rows; its third axis looks ahead
     u, s, vt = np.linalg.svd(affine.T, full_matrices=False)
     right, down = u @ vt
@@ -196,7 +199,7 @@ def _cameras(
         focal = factor * camera.lens[0]
         pixels_a_metre = max(float(s.mean()), 1e-9)
         depth = focal / pixels_a_metre
-        centre = np.append((seen - principal) / focal, 1.0) * depth
+        centre = np.append((mean_pixel - principal) / focal, 1.0) * depth
         shift = centre - turn @ middle
         guess = structure.placed(arm, turn, shift, structure.metre)
         guess[structure.groups["lens"][0]] = focal

@@ -130,8 +130,8 @@ def _prediction(
             continue
         for rows, slope in slopes[first:last]:
             residual[rows] = readings.residual[rows] - slope @ step
-            some = slope[::every, positions]
-            predicted = _predicted_covariance(precision, some)
+            position_slope = slope[::every, positions]
+            predicted = _predicted_covariance(precision, position_slope)
             spread[rows][::every] = predicted + noise
     return Prediction(residual, spread)
 

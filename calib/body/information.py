@@ -19,8 +19,8 @@ def matern(q: Array, other: Array, lengths: Array) -> Array:
     """Matern 5/2 correlation (n, k) of joints (n, dof) and (k, dof)."""
     scaled = q / lengths
     others = other / lengths
-    away = scaled[:, None] - others
-    distance = np.linalg.norm(away, axis=2)
+    differences = scaled[:, None] - others
+    distance = np.linalg.norm(differences, axis=2)
     d = np.sqrt(5.0) * distance
     rising = 1 + d + d * d / 3
     correlation: Array = rising * np.exp(-d)
@@ -87,10 +87,10 @@ def _gains(directions: Array) -> Array:
 
 def _after_reading(directions: Array, reading: Array) -> Array:
     """Directions (k, p, r) after a reading of directions (p, r), whose unknowns it narrows."""
-    ways, sizes, _ = np.linalg.svd(reading.T, full_matrices=False)
+    axes, sizes, _ = np.linalg.svd(reading.T, full_matrices=False)
     # of sd one before, along each way
     sd = 1 / np.sqrt(1 + sizes**2)
-    along_ways = directions @ ways
-    explained = (1 - sd) * along_ways @ ways.T
+    along_axes = directions @ axes
+    explained = (1 - sd) * along_axes @ axes.T
     remaining: Array = directions - explained
     return remaining

@@ -306,11 +306,11 @@ class Layout:
             indices = self.groups[block.name]
             sd[indices] = block.sd
             for hyper in block.scales:
-                some = indices[hyper.indices]
-                shape = np.broadcast_to(hyper.shape, some.shape)
-                sd[some] = hyper.scale * np.sqrt(shape)
-                if len(some):
-                    hypers.append(hyper._replace(indices=some, shape=shape))
+                group = indices[hyper.indices]
+                shape = np.broadcast_to(hyper.shape, group.shape)
+                sd[group] = hyper.scale * np.sqrt(shape)
+                if len(group):
+                    hypers.append(hyper._replace(indices=group, shape=shape))
         return Prior(self.neutral(), sd, tuple(hypers))
 
     def curves(

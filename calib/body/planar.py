@@ -137,8 +137,8 @@ class PlanarStructure(Structure):
     def reversals(self) -> int:
         """How many joints turn against their drawing, and whether the sensor sees a mirror."""
         drawn = self.nominal.signs if self.nominal else self.signs
-        turned = np.not_equal(drawn, self.signs)
-        return int(turned.sum()) + (self.mirror < 0)
+        is_reversed = np.not_equal(drawn, self.signs)
+        return int(is_reversed.sum()) + (self.mirror < 0)
 
     @cached_property
     def loads(self) -> Mapping[str, PlanarLoads]:
@@ -257,16 +257,16 @@ class PlanarStructure(Structure):
         turning = self.is_revolute[:, None]
         length = beta[self.groups["length"], None]
         offset = beta[self.groups["offset"], None]
-        way = np.where(turning, 0.0, offset)
-        return length, way, turning
+        slide_angle = np.where(turning, 0.0, offset)
+        return length, slide_angle, turning
 
     def move(self, values: Array, beta: Array) -> PlanarMotion:  # type: ignore[override]
         """Where the chain is at the true values (dof, n) of its joints."""
-        length, way, turning = constants_at(self, beta).links
+        length, slide_angle, turning = constants_at(self, beta).links
         if not all(self.revolute):
             length = length + np.where(turning, 0.0, values)
             values = np.where(turning, values, 0.0)
-        angles = values.cumsum(axis=0) + way
+        angles = values.cumsum(axis=0) + slide_angle
         direction = np.exp(1j * angles)
         return PlanarMotion(direction, direction * length, turning)
 

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import spread_rows
 from .parameters import Indices
 from .settings import FIT
 from .structure import S, Structure
@@ -35,6 +36,10 @@ class Rows:
         q = self.q[rows]
         z = self.z[rows]
         return replace(self, q=q, z=z)
+
+    def spread(self, count: int) -> Rows:
+        """At most `count` of the rows, spread over all."""
+        return self.take(spread_rows(len(self), count))
 
 
 def with_measurements(structure: S, rows: Sequence[Rows]) -> S:
@@ -147,8 +152,8 @@ class Readings:
         """Weights (n, m), the same of a row's block of outputs."""
         weight = np.empty_like(self.residual)
         for columns, p, squares in self._squares(self.residual):
-            away = squares / self.noise[columns.start] ** 2
-            weights = self._weights(away, p)
+            ratios = squares / self.noise[columns.start] ** 2
+            weights = self._weights(ratios, p)
             weight[:, columns] = weights[:, None]
         return weight
 
@@ -169,10 +174,10 @@ class Readings:
         for columns, p, squares in self._squares(residual):
             noise = float(self.noise[columns.start])
             total += len(squares) * p * np.log(noise)
-            away = squares / noise**2
+            ratios = squares / noise**2
             if np.isfinite(self.nu):
-                away = (self.nu + p) * np.log1p(away / self.nu)
-            total += 0.5 * float(away.sum())
+                ratios = (self.nu + p) * np.log1p(ratios / self.nu)
+            total += 0.5 * float(ratios.sum())
         return total
 
     def _squares(self, residual: Array) -> Iterator[tuple[slice, int, Array]]:

@@ -210,13 +210,13 @@ def without_gauge(
     # of independent standard normals
     flat = slope.reshape(len(wanted), -1)
     columns = flat @ belief.root[of_arm]
-    ways, *_ = np.linalg.lstsq(columns, wanted, rcond=1e-9)
-    misfit = columns @ ways - wanted
+    combinations, *_ = np.linalg.lstsq(columns, wanted, rcond=1e-9)
+    misfit = columns @ combinations - wanted
     sizes = np.linalg.norm(wanted, axis=0)
-    alike = np.linalg.norm(misfit, axis=0) < _ALIKE * sizes
-    ways, _ = np.linalg.qr(ways[:, alike])
-    along_ways = (belief.root @ ways) @ ways.T
-    root: Array = belief.root - along_ways
+    is_gauge = np.linalg.norm(misfit, axis=0) < _ALIKE * sizes
+    combinations, _ = np.linalg.qr(combinations[:, is_gauge])
+    gauge = (belief.root @ combinations) @ combinations.T
+    root: Array = belief.root - gauge
     return root
 
 
@@ -232,7 +232,7 @@ def without_sensor(
     base = structure.with_sensor(
         view="base", unit="m", metre=1.0, extent=structure.chain.reach
     )
-    alone = beta.copy()
+    arm = beta.copy()
     sensor = sensor_of(structure)
-    alone[sensor] = structure.neutral()[sensor]
-    return base, alone
+    arm[sensor] = structure.neutral()[sensor]
+    return base, arm

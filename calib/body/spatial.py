@@ -125,7 +125,7 @@ class SpatialStructure(Structure):
         return self.is_revolute[1:] & self.is_revolute[:-1]
 
     @property
-    def _first(self) -> int:
+    def _first_free(self) -> int:
         """The first joint with an offset and an origin of its own.
 
         In a free frame the first turning joint's offset and a turn of the frame about its axis
@@ -142,7 +142,7 @@ class SpatialStructure(Structure):
         scales: tuple[Hyper, ...] = ()
         if self.informed:
             within = self.others[0].within if self.others else PRIOR.wider
-            free = np.arange(6 * self._first, len(sd))
+            free = np.arange(6 * self._first_free, len(sd))
             places = free.reshape(-1, 2, 3)
             shifts = places[:, 0].ravel()
             turns = places[:, 1].ravel()
@@ -162,7 +162,7 @@ class SpatialStructure(Structure):
     def _offset(self) -> Block:
         """The joints' zeros."""
         turning = self.is_revolute
-        free = np.arange(self.dof) >= self._first
+        free = np.arange(self.dof) >= self._first_free
         angles = np.flatnonzero(free & turning)
         lengths = np.flatnonzero(free & ~turning)
         scales = (
@@ -186,7 +186,7 @@ class SpatialStructure(Structure):
                 labels.append((names[joint], name, "rad"))
             scale = Hyper(block, PRIOR.elastic, pseudo=1.0)
             yield Block(block, tuple(labels), scales=(scale,))
-        axes = ["xyz"[axis] for axis in self._across]
+        axes = ["xyz"[axis] for axis in self._level_axes]
         yield Block.of("gravity", "rad", axes, PRIOR.tilt)
 
     @property
@@ -216,7 +216,7 @@ class SpatialStructure(Structure):
         return {"elastic": masses, "payload": units}
 
     @property
-    def _across(self) -> tuple[int, int]:
+    def _level_axes(self) -> tuple[int, int]:
         """The root frame's axes that are the least along the drawing's gravity."""
         sizes = np.abs(self.gravity)
         order = np.argsort(sizes, kind="stable")
@@ -226,12 +226,12 @@ class SpatialStructure(Structure):
     @cached_property
     def tilts(self) -> Mapping[str, Array]:
         """The ways (2, 3) in which the block of gravity's two angles moves its direction."""
-        down = self._down
-        across = np.eye(3)[list(self._across)]
+        down = self._drawn_gravity
+        across = np.eye(3)[list(self._level_axes)]
         return {"gravity": across - np.outer(across @ down, down)}
 
     @property
-    def _down(self) -> Array:
+    def _drawn_gravity(self) -> Array:
         """The drawing's direction (3,) of gravity."""
         gravity = np.asarray(self.gravity, dtype=float)
         size = float(np.linalg.norm(gravity))
@@ -240,7 +240,7 @@ class SpatialStructure(Structure):
     def gravity_at(self, beta: Array) -> Array:
         """Direction (3,) of gravity in the root frame."""
         angles = beta[self.groups["gravity"]]
-        return self._down + angles @ self.tilts["gravity"]
+        return self._drawn_gravity + angles @ self.tilts["gravity"]
 
     def chain_values(self, values: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
@@ -273,11 +273,12 @@ class SpatialStructure(Structure):
 
     def moving(self, motion: Motion) -> Moving:
         """How the tip moves with each part of the geometry."""
-        still = np.zeros((3, *motion.position.shape))
+        no_motion = np.zeros((3, *motion.position.shape))
         groups = self.groups
         for tool in groups.keys() & {"tool", "marker"}:
             yield groups[tool], lambda: (_axes(motion.flange), None)
-        yield groups["tool.rotation"], lambda: (still, _axes(motion.rotation))
+        tool_turn = groups["tool.rotation"]
+        yield tool_turn, lambda: (no_motion, _axes(motion.rotation))
         frames = motion.frames[:-1]
         yield self.shifts, lambda: (_axes(frames), None)
         yield self.turns, motion.turns

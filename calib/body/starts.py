@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.rows import spread_rows
 from ..errors import LogError
 from .chain_starts import chains
 from .frame_starts import best_frame, frame_of_drawing
@@ -62,7 +61,7 @@ def candidates(structure: Structure, rows: Rows) -> list[Start]:
     assert isinstance(structure, SpatialStructure)  # noqa: S101
     _refuse_open(structure, rows.z)
     if not structure.informed:
-        some = rows.take(spread_rows(len(rows), START.chain_rows))
+        some = rows.spread(START.chain_rows)
         return chains(structure, some)
     return [_start_of_drawing(structure, rows)]
 
@@ -101,27 +100,27 @@ def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
     """Return a start with the further sensors placed where its arm, and their rows, say."""
     structure = start.structure
     beta = start.beta
-    for further in rows[1:]:
-        if not isinstance(further.sensor, str):
+    for rows_of_sensor in rows[1:]:
+        if not isinstance(rows_of_sensor.sensor, str):
             continue
-        seen = structure.as_seen_by(further.sensor)
-        some = further.take(spread_rows(len(further), START.rows))
-        if isinstance(seen, PlanarStructure):
-            seen, beta = side_and_frame(seen, some, beta)
-        elif isinstance(seen, SpatialStructure):
-            beta = _with_sensor(seen, some, beta)
-        structure = seen.as_seen_by(structure.viewpoint.name)
+        other = structure.as_seen_by(rows_of_sensor.sensor)
+        some = rows_of_sensor.spread(START.rows)
+        if isinstance(other, PlanarStructure):
+            other, beta = side_and_frame(other, some, beta)
+        elif isinstance(other, SpatialStructure):
+            beta = _with_sensor(other, some, beta)
+        structure = other.as_seen_by(structure.viewpoint.name)
     return replace(start, structure=structure, beta=beta)
 
 
 def _with_sensor(structure: SpatialStructure, rows: Rows, arm: Array) -> Array:
     """Return parameters (d,) of an arm with the sensor and its marker where rows say."""
     groups = structure.groups
-    alone = best_frame(structure, rows, arm).beta
+    fitted = best_frame(structure, rows, arm).beta
     beta = arm.copy()
     for block in PLACE:
-        beta[groups[block]] = alone[groups[block]]
+        beta[groups[block]] = fitted[groups[block]]
     tool = groups["tool"]
     marker = groups["marker"]
-    beta[marker] = alone[marker] + alone[tool] - arm[tool]
+    beta[marker] = fitted[marker] + fitted[tool] - arm[tool]
     return beta

@@ -247,8 +247,8 @@ class Structure(Layout):
     def _by_gravity(self, q: Array, beta: Array, chain_slope: Array) -> Array:
         """How outputs (t, m, n) move as gravity tilts."""
         moved: list[Array] = []
-        for way in self.tilts["gravity"]:
-            bends = self.bends(q, beta, way)
+        for tilt in self.tilts["gravity"]:
+            bends = self.bends(q, beta, tilt)
             by_joints = chain_slope * bends[:, None]
             moved.append(by_joints.sum(axis=0))
         return np.array(moved)
