@@ -35,7 +35,7 @@ class Fit:
         Residuals, weights and noise of each sensor.
     """
 
-    # of a search that has ended: what each block of rows adds to information and gradient
+    # what each block of rows adds to information and gradient
     grams: Array  # (b, k, k)
     moments: Array  # (b, k)
     precision: Array  # (k, k), weighted information and prior
@@ -155,7 +155,7 @@ class Fit:
                 break
             if damping > 0 and gain <= 0.05:
                 break
-        self._linearise(by_blocks=True)
+        self._linearise()
         self.autocorrelation = 1.0
         if np.isfinite(self.nu):
             # rows that err together count once for the time that they do
@@ -225,9 +225,7 @@ class Fit:
                     beta = self._after_step(beta, step)
             except np.linalg.LinAlgError:
                 continue
-            residuals = [
-                readings.residual_at(beta) for readings in self.readings
-            ]
+            residuals = self._residuals(beta)
             gain = before - self._energy(beta, residuals)
             is_even = gain >= -1e-9 * abs(before)
             if gain > 0 or (damping == 0 and is_even):
@@ -248,25 +246,25 @@ class Fit:
 
     def _linear_step(self, beta: Array, linear: Mask) -> Array:
         """The step (k,) from parameters (d,) to the best of those that outputs are linear in."""
-        residuals = [readings.residual_at(beta) for readings in self.readings]
-        grams, moments = self._information(
-            beta, residuals, self.active[linear], 1
-        )
+        residuals = self._residuals(beta)
+        indices = self.active[linear]
+        grams, moments = self._information(beta, residuals, indices)
         prior = self.prior_precision[np.ix_(linear, linear)]
-        gradient = moments[0] - self._pull(beta)[linear]
+        factor = Factor(grams.sum(axis=0) + prior)
+        gradient = moments.sum(axis=0) - self._pull(beta)[linear]
         step = np.zeros(len(linear))
-        factor = Factor(grams[0] + prior)
         step[linear] = factor.solve(gradient)
         return step
 
-    def _linearise(self, *, by_blocks: bool = False) -> None:
-        """Set the precision and the gradient; what each block of rows adds may stay apart."""
-        blocks = 1
-        if by_blocks:
-            blocks = len(self.readings[0].edges) - 1
+    def _residuals(self, beta: Array) -> list[Array]:
+        """Residuals (n, m) of each sensor at parameters (d,)."""
+        return [readings.residual_at(beta) for readings in self.readings]
+
+    def _linearise(self) -> None:
+        """Set what each block of rows tells, the precision and the gradient."""
         residuals = [readings.residual for readings in self.readings]
         self.grams, self.moments = self._information(
-            self.beta, residuals, self.active, blocks
+            self.beta, residuals, self.active
         )
         gram = self.grams.sum(axis=0)
         self.precision = gram + self.prior_precision
@@ -274,24 +272,20 @@ class Fit:
         self.gradient = moment - self._pull(self.beta)
 
     def _information(
-        self,
-        beta: Array,
-        residuals: list[Array],
-        indices: Indices,
-        blocks: int,
+        self, beta: Array, residuals: list[Array], indices: Indices
     ) -> tuple[Array, Array]:
         """What blocks of rows tell of some parameters: information (b, k, k), moments (b, k)."""
         size = len(indices)
+        blocks = len(self.readings[0].edges) - 1
         grams = np.zeros((blocks, size, size))
         moments = np.zeros((blocks, size))
         for readings, residual in zip(self.readings, residuals, strict=True):
             root = readings.root_weights()
             misfit = root * residual
             derivatives = readings.by_blocks(beta, indices)
-            for k, (rows, slope) in enumerate(derivatives):
+            for block, (rows, slope) in enumerate(derivatives):
                 weighted = slope * root[rows, :, None]
                 flat = weighted.reshape(-1, size)
-                block = k % blocks
                 grams[block] += flat.T @ flat
                 moments[block] += flat.T @ misfit[rows].ravel()
         return grams, moments
