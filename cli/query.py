@@ -13,7 +13,8 @@ import calib
 from calib.common.arrays import Array, Mask
 from calib.common.scale import METRES
 from calib.common.wording import for_people, listing
-from calib.samples.tables import Batch, read_batch, write_table
+from calib.samples.batch import Batch, read_batch
+from calib.samples.tables import write_table
 
 from .output import NO, Outcome, TextTable, note, number, say, with_decimals
 from .parsing import TABLES, BadOption, bad_value, check_file, refuse

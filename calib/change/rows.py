@@ -22,7 +22,7 @@ from ..samples.motion import OfRows
 from ..samples.other_readings import readings
 from ..samples.samples import Samples
 from ..training.preparation import sound_log
-from ..training.touch_positions import as_positions
+from ..training.socket_places import as_positions
 
 # fewest different rows that a judgement or a correction can rest on
 LEAST_ROWS = 10

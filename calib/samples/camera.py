@@ -101,20 +101,20 @@ def _camera_with_lens(lens: Document) -> Camera:
             "the lens has impossible values: expected size, focal, centre and distortion of a "
             "calibration"
         ) from None
-    places = np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1])
-    grid = np.stack(places, axis=-1).reshape(-1, 2)
+    corners = np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1])
+    grid = np.stack(corners, axis=-1).reshape(-1, 2)
     n = (grid * (width, height) - centre) / (fx, fy) * 0.9
     f = float(fx + fy) / 2.0
     k1 = float(distortion[0])
-    off = f * distort(n, (k1, 0, 0, 0, 0)) - distort(n, distortion) * (fx, fy)
-    wrong = float(np.abs(off).max())
-    simple = (f, float(centre[0]), float(centre[1]), k1)
-    if wrong <= _BENT:
-        return Camera((width, height), simple)
-    note = f"the lens bends by up to {wrong:.2g} px otherwise than k1 says: it is fitted again"
-    share = wrong / width
-    sd = (2 * share * f, wrong, wrong, 4 * share)
-    return Camera((width, height), simple, sd, note)
+    by_k1 = f * distort(n, (k1, 0, 0, 0, 0))
+    miss = float(np.abs(by_k1 - distort(n, distortion) * (fx, fy)).max())
+    of_k1 = (f, float(centre[0]), float(centre[1]), k1)
+    if miss <= _BENT:
+        return Camera((width, height), of_k1)
+    note = f"the lens bends by up to {miss:.2g} px otherwise than k1 says: it is fitted again"
+    relative = miss / width
+    sd = (2 * relative * f, miss, miss, 4 * relative)
+    return Camera((width, height), of_k1, sd, note)
 
 
 def distort(n: ArrayLike, distortion: ArrayLike) -> Array:

@@ -31,7 +31,7 @@ class Cells(OfRows):
     # NaN where no number stands
     q: Array  # (n, dof) [rad or m], joint values
     x: Array  # (n, m), positions; none in a log of touches alone
-    turns: Array  # (n, 4) quaternions, (n, 3) angles or (n, 0)
+    orientation: Array  # (n, 4) quaternions, (n, 3) angles or (n, 0)
     numbers: Index  # (n,), of the rows in the file
     # (n, 2), names of setup and point, "" where there is none
     points: NDArray[np.object_]
@@ -86,7 +86,7 @@ def read_cells(
     some = replace(source, table=source.table[rows])
     values, numbers = some.numbers(roles.columns(roles.names))
     counts = (len(roles.joints), len(roles.axes))
-    q, x, turns = np.split(values, np.cumsum(counts), axis=1)
+    q, x, orientation = np.split(values, np.cumsum(counts), axis=1)
     q *= [joint.factor for joint in joints]
     points = np.full((len(q), 2), "", dtype=object)
     if roles.touched:
@@ -103,7 +103,7 @@ def read_cells(
         len(q),
         q,
         x,
-        turns,
+        orientation,
         numbers,
         points,
         side,
@@ -121,7 +121,7 @@ def read_cells(
 
 def complete_rows(cells: Cells, roles: Roles) -> Cells:
     """Leave out rows that miss a number."""
-    values = np.hstack([cells.q, cells.x, cells.turns])
+    values = np.hstack([cells.q, cells.x, cells.orientation])
     finite = np.abs(values) < LARGEST
     touched = ~cells.of_sensor
     dof = len(roles.joints)
@@ -134,9 +134,7 @@ def complete_rows(cells: Cells, roles: Roles) -> Cells:
 
 
 def rows_in_ranges(
-    cells: Cells,
-    joints: Sequence[JointColumn],
-    ranges: Mapping[str, Range],
+    cells: Cells, joints: Sequence[JointColumn], ranges: Mapping[str, Range]
 ) -> Cells:
     """Leave out rows outside of ranges of some joints [rad or m]; others are wrapped into them."""
     for k, joint in enumerate(joints):
@@ -168,9 +166,9 @@ def rows_in_sight(cells: Cells) -> Cells:
             "holds its last value"
         )
         cells = cells.without(repeated_readings(cells.q, cells.x), words)
-    if cells.turns.shape[1] != len(QUATERNION):
+    if cells.orientation.shape[1] != len(QUATERNION):
         return cells
-    length = row_lengths(cells.turns)
+    length = row_lengths(cells.orientation)
     wrong = np.abs(length - 1) > ROUNDING
     words = (
         f"qx, qy, qz, qw of length {length[np.argmax(wrong)]:.4g}, expected 1"

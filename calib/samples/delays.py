@@ -158,10 +158,7 @@ def estimate_delay(
     # the prior adds a row for each parameter
     target = np.append(weight * rest.ravel(), root * pull)
     beside = np.vstack(
-        [
-            weight[:, None] * columns[rows].reshape(rest.size, -1),
-            np.diag(root),
-        ]
+        [weight[:, None] * columns[rows].reshape(rest.size, -1), np.diag(root)]
     )
 
     def explain(cause: Array) -> tuple[Array, Array, Array]:

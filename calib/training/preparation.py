@@ -28,7 +28,7 @@ from .fitted_log import (
 from .late_clock import samples_in_time
 from .options import TrainingOptions
 from .settings import DISAGREEMENT
-from .touched import fit_sockets
+from .socket_fit import fit_sockets
 from .wrong_rows import contradictions
 
 

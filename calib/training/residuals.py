@@ -21,7 +21,7 @@ from .fitted_log import FittedLog, SoundLog
 from .maps import maps_of
 from .options import TrainingOptions
 from .settings import TESTING
-from .touch_scatter import NOT_LEARNED
+from .socket_places import NOT_LEARNED
 
 Sizes = dict[str, float]
 """Mean, largest and 99th percentile of some errors, as "mean", "max" and "p99"."""
@@ -162,10 +162,7 @@ def _answers_to_missed(
 
 
 def _cross_validated_maps(
-    model: Model,
-    log: SoundLog,
-    options: TrainingOptions,
-    rows: Index,
+    model: Model, log: SoundLog, options: TrainingOptions, rows: Index
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Errors (k, m) and answers (k, dof) of the maps' readouts at some rows (k,).
 

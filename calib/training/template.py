@@ -23,7 +23,6 @@ from ..common.arrays import Array, Index
 from ..common.choices import VIEWS
 from ..common.scale import METRES
 from ..errors import OptionError
-from ..samples.camera import Camera
 from ..samples.samples import Samples
 from .options import TrainingOptions
 
@@ -104,76 +103,50 @@ def _in_plane(samples: Samples, rows: Index, view: str) -> Template:
 
 
 def _in_space(samples: Samples, rows: Index, view: str) -> Template:
-    """The template of an arm in space; only a log's URDF is a prior."""
-    measured = Rows(samples.q[rows], samples.x[rows])
+    """The template of an arm in space: only a log's URDF is a prior, a simulation's a start."""
     arm = samples.arm
+    simulation = samples.simulation
+    measured = Rows(samples.q[rows], samples.x[rows])
+    extent = _extent(measured.z)
+    unit = samples.unit
+    metre = METRES.get(unit, 1.0)
     if not isinstance(arm, SpatialArm):
         unknown = unknown_structure(
             samples.joint_names,
             samples.revolute,
-            _extent(measured.z),
-            samples.unit,
-            METRES.get(samples.unit, 1.0),
-            samples.simulation is not None,
+            extent,
+            unit,
+            metre,
+            simulation is not None,
         )
         return unknown, measured
-    if samples.camera is not None and measured.z.shape[1] == 2:
-        return _before_camera(arm, samples.camera, measured), measured
-    if samples.simulation is not None:
-        return _simulated(arm, samples, measured)
-    return _drawn(arm, samples, rows, view)
-
-
-def _before_camera(
-    arm: SpatialArm, camera: Camera, measured: Rows
-) -> Structure:
-    """The chain of a drawn arm before a camera, whose readings are pixels (n, 2)."""
-    return structure_of(
-        arm,
-        "pinhole",
-        unit="px",
-        extent=_extent(measured.z),
-        lens=camera.lens,
-        lens_sd=camera.lens_sd,
-    )
-
-
-def _simulated(arm: SpatialArm, samples: Samples, measured: Rows) -> Template:
-    """The template of a simulation: the drawing is where the search begins, and no prior."""
-    structure = structure_of(
-        arm,
-        "base",
-        unit=samples.unit,
-        metre=METRES.get(samples.unit, 1.0),
-        extent=_extent(measured.z),
-    )
-    structure = replace(structure, informed=False, simulated=True)
-    noise = samples.simulation.noise if samples.simulation else 0.0
-    return structure, replace(measured, noise=noise or None)
-
-
-def _drawn(
-    arm: SpatialArm, samples: Samples, rows: Index, view: str
-) -> Template:
-    """The template of a log with its drawing: positions, and orientations where it has them."""
-    q = samples.q[rows]
-    x = samples.x[rows]
-    unit = samples.unit
-    metre = METRES.get(unit, 1.0)
-    if view == "auto":
+    camera = samples.camera
+    if camera is not None and measured.z.shape[1] == 2:
+        structure = structure_of(
+            arm,
+            "pinhole",
+            unit="px",
+            extent=extent,
+            lens=camera.lens,
+            lens_sd=camera.lens_sd,
+        )
+        return structure, measured
+    if simulation is not None:
+        view = "base"
+    elif view == "auto":
         view = "rigid" if unit in METRES else "similarity"
-    structure = structure_of(
-        arm, view, unit=unit, metre=metre, extent=_extent(x)
-    )
+    structure = structure_of(arm, view, unit=unit, metre=metre, extent=extent)
+    if simulation is not None:
+        structure = replace(structure, informed=False, simulated=True)
+        return structure, replace(measured, noise=simulation.noise or None)
     if samples.orientation is None or view not in _POSED:
-        return structure, Rows(q, x)
-    turns = logarithm(matrix_of(samples.orientation[rows]))
-    return structure.with_sensor(view=_POSED[view]), Rows(
-        q, np.hstack([x, turns])
-    )
+        return structure, measured
+    rotvec = logarithm(matrix_of(samples.orientation[rows]))
+    poses = replace(measured, z=np.hstack([measured.z, rotvec]))
+    return structure.with_sensor(view=_POSED[view]), poses
 
 
 def _extent(x: Array) -> float:
     """Root mean square distance of positions (n, m) from their mean [unit]."""
-    off = x - x.mean(axis=0)
-    return float(np.sqrt((off**2).sum(axis=1).mean()))
+    centred = x - x.mean(axis=0)
+    return float(np.sqrt((centred**2).sum(axis=1).mean()))

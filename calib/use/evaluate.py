@@ -33,7 +33,7 @@ from ..training.residuals import (
     summarise,
 )
 from ..training.settings import TESTING
-from ..training.touch_scatter import in_sockets
+from ..training.socket_places import in_sockets
 
 Frame = Literal["kept", "free"]
 EVALUATED = ("kept", "free")
