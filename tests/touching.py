@@ -4,7 +4,7 @@ import numpy as np
 
 import calib
 from calib.body.spatial import structure_of
-from calib.samples.sockets import Known
+from calib.samples.sockets import Distance
 
 MM = 1e-3
 
@@ -50,6 +50,6 @@ class World:
 
     def known(self, *pairs):
         return [
-            Known(pair, float(np.linalg.norm(np.subtract(*self.points[list(pair)]))), 0.1 * MM)
+            Distance(pair, float(np.linalg.norm(np.subtract(*self.points[list(pair)]))), 0.1 * MM)
             for pair in pairs
         ]

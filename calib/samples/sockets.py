@@ -30,25 +30,39 @@ _DISTANCE = re.compile(rf"(.+),(.+)={_LENGTH}(?:(?:\+-|±){_LENGTH})?")
 
 
 @dataclass(frozen=True)
-class Known:
-    """A fact about some sockets: the distance of two, or that several lie in a plane."""
+class Distance:
+    """How far two sockets are from each other."""
 
     points: tuple[int, ...]  # their numbers
-    value: float | None  # their distance [m]; None: a plane
+    value: float  # [m]
     tolerance: float = MACHINED  # sd [m]
 
     def misfit(self, places: Array) -> Array:
-        """How far places (p, 3) are off (k,) [m]."""
+        """By how much places (p, 3) are further from each other (1,) [m]."""
         points = places[list(self.points)]
-        if self.value is not None:
-            apart = np.linalg.norm(points[:1] - points[1:], axis=1)
-            return np.asarray(apart - self.value)
+        lengths = np.linalg.norm(points[:1] - points[1:], axis=1)
+        return np.asarray(lengths - self.value)
+
+
+@dataclass(frozen=True)
+class Coplanar:
+    """That several sockets lie in a plane."""
+
+    points: tuple[int, ...]  # their numbers
+    tolerance: float = MACHINED  # sd [m]
+
+    def misfit(self, places: Array) -> Array:
+        """How far places (p, 3) of these are from the plane that fits them best (k,) [m]."""
+        points = places[list(self.points)]
         centred = points - points.mean(axis=0)
         normal = np.linalg.svd(centred)[2][2]
         # of both senses of the normal always the same one
-        return np.asarray(
-            centred @ normal * np.sign(normal[np.abs(normal).argmax()])
-        )
+        sense = np.sign(normal[np.abs(normal).argmax()])
+        return np.asarray(centred @ normal * sense)
+
+
+Fact = Distance | Coplanar
+"""What is known of some sockets."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +72,7 @@ class Touches(OfRows):
     # (n,), of the socket; -1 where a sensor measured the tip instead
     number: Index
     sockets: tuple[tuple[str, str], ...]  # setup and point of each number
-    facts: tuple[Known, ...] = ()
+    facts: tuple[Fact, ...] = ()
 
     @staticmethod
     def of(points: NDArray[np.object_], x: Array) -> Touches:
@@ -75,9 +89,9 @@ class Touches(OfRows):
         stated = touches.means(x, median=True)
         facts = []
         for i, j in combinations(range(len(sockets)), 2):
-            apart = float(np.linalg.norm(stated[i] - stated[j]))
-            if sockets[i][0] == sockets[j][0] and np.isfinite(apart):
-                facts.append(Known((i, j), apart))
+            length = float(np.linalg.norm(stated[i] - stated[j]))
+            if sockets[i][0] == sockets[j][0] and np.isfinite(length):
+                facts.append(Distance((i, j), length))
         return touches.with_facts(facts)
 
     @property
@@ -86,25 +100,25 @@ class Touches(OfRows):
         return np.asarray(self.number >= 0)
 
     @property
-    def distances(self) -> list[Known]:
+    def distances(self) -> list[Distance]:
         """The facts that are distances."""
-        return [fact for fact in self.facts if fact.value is not None]
+        return [fact for fact in self.facts if isinstance(fact, Distance)]
 
     def name(self, socket: int) -> str:
         """Setup and point of a socket in a message."""
         return " ".join(self.sockets[socket]).strip()
 
-    def with_facts(self, facts: Iterable[Known]) -> Touches:
+    def with_facts(self, facts: Iterable[Fact]) -> Touches:
         """The touches with further facts."""
         return replace(self, facts=(*self.facts, *facts))
 
     def means(self, x: Array, *, median: bool = False) -> Array:
         """Mean, or median, of positions `x` (n, m) in each socket (p, m); NaN of none."""
-        middles = np.full((len(self.sockets), x.shape[1]), np.nan)
-        middle = np.median if median else np.mean
+        means = np.full((len(self.sockets), x.shape[1]), np.nan)
+        mean = np.median if median else np.mean
         for socket in np.unique(self.number[self.is_touch]):
-            middles[socket] = middle(x[self.number == socket], axis=0)
-        return middles
+            means[socket] = mean(x[self.number == socket], axis=0)
+        return means
 
     def positions(self, x: Array, places: Array) -> Array:
         """Positions (n, m): places (p, m) of the touched sockets, `x` of rows of a sensor."""
@@ -117,11 +131,13 @@ class Touches(OfRows):
         """
         if places is None:
             places = self.means(tip, median=True)
-        off = row_lengths(tip - self.positions(tip, places))
-        usual = np.median(off[self.is_touch]) if self.is_touch.any() else 0.0
-        return np.asarray(off > STRAY * usual)
+        distance = row_lengths(tip - self.positions(tip, places))
+        usual = 0.0
+        if self.is_touch.any():
+            usual = float(np.median(distance[self.is_touch]))
+        return np.asarray(distance > STRAY * usual)
 
-    def numbers_and_facts(self) -> tuple[Index, tuple[Known, ...], Index]:
+    def numbers_and_facts(self) -> tuple[Index, tuple[Fact, ...], Index]:
         """Numbers (n,) and facts of the touched sockets alone, and which (k,) these are."""
         sockets = np.unique(self.number[self.is_touch])
         place = np.full(len(self.sockets) + 1, -1)  # of -1 it is -1
@@ -140,11 +156,11 @@ class Touches(OfRows):
 
         They hold in each setup that has these points.  Raises OptionError if none has.
         """
-        facts: list[Known] = []
+        facts: list[Fact] = []
         for text in distances:
             points, value, tolerance = _distance(text)
             sockets = self._in_each_setup(text, points, "two points")
-            facts += [Known(some, value, tolerance) for some in sockets]
+            facts += [Distance(pair, value, tolerance) for pair in sockets]
         for text in planes:
             points = text.split(",")
             if len(points) < 4:
@@ -152,7 +168,7 @@ class Touches(OfRows):
                     f"plane {text!r}: expected four points or more"
                 )
             sockets = self._in_each_setup(text, points, "the points of a plane")
-            facts += [Known(some, None) for some in sockets]
+            facts += [Coplanar(corners) for corners in sockets]
         return self.with_facts(facts)
 
     def _in_each_setup(
