@@ -38,7 +38,7 @@ def tested_on_log(
     residuals = held_out_residuals(model, log, held_out, options)
     motor = model.motor
     u = motor.scale.to_unit(residuals.motion.q)
-    errors = residuals.errors[model.default_readout]
+    errors = residuals.distances(model.default_readout)
     reading, position = node_bounds(model, u, errors)
     rows = log.rows if isinstance(log, FittedLog) else slice(None)
     baseline = _baseline(model, samples, u, residuals.x)

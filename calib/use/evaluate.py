@@ -224,7 +224,7 @@ def _residuals(model: Model, samples: Samples) -> Residuals:
     predicted = space.to_sensor(*space.evaluate(q)[:2])[1]
     off = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
     turned = row_lengths(logarithm(off[finite_rows(model.forward(q))]))
-    return replace(residuals, turned=turned)
+    return replace(residuals, orientation=turned)
 
 
 def _evaluation(
