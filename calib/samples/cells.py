@@ -1,4 +1,8 @@
-"""Cells: what stands in the rows of a log, and the sound ones among these rows."""
+"""Cells: what stands in the rows of a log, and the sound ones among these rows.
+
+Rows are left out in this order: those that miss a number; those outside of chosen ranges, into
+which others are wrapped; those in which the sensor saw nothing, for which joints have to be right.
+"""
 
 from __future__ import annotations
 
@@ -46,16 +50,16 @@ class Cells(OfRows):
         """Rows (n,) that are no touch: a sensor measured the position."""
         return np.asarray(self.points[:, 1] == "")
 
-    def without(self, wrong: Mask, words: str) -> Cells:
+    def without(self, unsound: Mask, words: str) -> Cells:
         """Leave out rows (n,), with a note.  Raises LogError if nothing is left."""
-        if not wrong.any():
+        if not unsound.any():
             return self
-        of_all = f"{wrong.sum():,} of {self.total:,} rows {words}"
-        if wrong.all():
+        of_all = f"{unsound.sum():,} of {self.total:,} rows {words}"
+        if unsound.all():
             raise LogError(f"{self.label}: no row is left: {of_all}")
-        rows = rows_in_words(self.numbers[wrong])
+        rows = rows_in_words(self.numbers[unsound])
         note = f"{of_all}; left out: {rows}"
-        return replace(self.take(~wrong), notes=(*self.notes, note))
+        return replace(self.take(~unsound), notes=(*self.notes, note))
 
     def without_gaps(self) -> Cells:
         """Leave out times and episodes that some rows have no number of, with a note."""
@@ -83,8 +87,8 @@ def read_cells(
     if not total:
         raise LogError(f"{source.label} has no rows below its header")
     rows = spread_rows(total, READING.most_rows)
-    some = replace(source, table=source.table[rows])
-    values, numbers = some.numbers(roles.columns(roles.names))
+    spread = replace(source, table=source.table[rows])
+    values, numbers = spread.numbers(roles.columns(roles.names))
     counts = (len(roles.joints), len(roles.axes))
     q, x, orientation = np.split(values, np.cumsum(counts), axis=1)
     q *= [joint.factor for joint in joints]
@@ -92,7 +96,7 @@ def read_cells(
     if roles.touched:
         for k, column in enumerate(roles.columns(SOCKET)):
             if column in source.header:
-                points[:, k] = some.texts(column)
+                points[:, k] = spread.texts(column)
     side = directions(q) if np.isfinite(q).all() else None
     notes: tuple[str, ...] = ()
     if len(q) < total:
@@ -112,9 +116,9 @@ def read_cells(
     time, episode = roles.columns(FURTHER)
     others = {*source.header} - {*roles.columns(roles.names)}
     if time in others:
-        cells = replace(cells, time=some.seconds(time))
+        cells = replace(cells, time=spread.seconds(time))
     if episode in others:
-        numbered = some.numbers([episode])[0]
+        numbered = spread.numbers([episode])[0]
         cells = replace(cells, episode=numbered[:, 0])
     return cells
 
