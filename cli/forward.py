@@ -17,7 +17,7 @@ from calib.samples.joint_values import check_joint_values
 from calib.samples.motion import Motion
 
 from .output import NO, Outcome, TextTable, note, with_decimals
-from .query import BOUNDS, TURN, Query, columns_with
+from .query import BOUNDS, TURN, Query, with_answers
 
 
 def answer_one(
@@ -47,9 +47,8 @@ def answer_one(
     if outside is not None:
         note(f"no answer: {outside}")
         return Outcome(document, code=NO)
-    alone = " ".join(
-        with_decimals(query.factor * value, 4) for value in position
-    )
+    printed = query.positions.to_printed * np.array(position)
+    alone = " ".join(with_decimals(value, 4) for value in printed.tolist())
     return Outcome(document, lines, result=[alone])
 
 
@@ -57,20 +56,20 @@ def answer_table(query: Query, readout: str | None) -> Outcome:
     """Answer every row of a table."""
     about = query.model.about
     batch, valid = query.read(query.joints.names)
-    q = batch.values / np.array(query.joints.typed)
+    q = batch.values / query.joints.to_typed
     ranges = (about.joint_names, about.lower, about.upper, about.revolute)
     check_joint_values(
         q,
         *ranges,
-        degrees=query.degrees,
-        label=str(query.input),
+        degrees=query.joints.degrees,
+        label=str(query.files.input),
         error=QueryError,
     )
-    answers = columns_with(batch, valid, _answers(query, q[valid], readout))
+    answers = with_answers(batch, _answers(query, q[valid], readout))
     unanswered = np.flatnonzero(valid & np.isnan(np.asarray(answers["x"])))
     rows = (unanswered + 1).tolist()
     failures = {"out_of_reach": (rows, "outside of what was learned")}
-    return query.answer(batch, answers, failures)
+    return query.write(batch, answers, failures)
 
 
 def _answers(query: Query, q: Array, readout: str | None) -> dict[str, Array]:

@@ -21,7 +21,7 @@ from calib.samples.roles import from_angles
 
 from .output import NO, Outcome, note
 from .parsing import BadOption
-from .query import TURN, Query, columns_with
+from .query import TURN, Query, with_answers
 
 Answers = dict[str, NDArray[Any]]
 """Quantities of all answers by name, and the index of the "target" that each is of."""
@@ -99,7 +99,7 @@ def answer_one(
         alone = [" ".join(joints.cells(row)) for row in q.tolist()]
         return Outcome(document, [query.table(q, shown)], result=alone)
     missed = f"nearest attainable {'pose' if posed else 'point'}"
-    away = query.words(float(answers["distance"].min()))
+    away = query.positions.words(float(answers["distance"].min()))
     if posed:
         away += f" and {math.degrees(answers['turned'][0]):.3g} deg"
     note(f"out of reach: the {missed} is {away} away")
@@ -117,7 +117,9 @@ def _target(
         if len(typed) == 3 and query.model.about.unit == "px":
             expected += "; --in base takes x, y, z of the robot's root frame"
         raise BadOption(f"{len(typed)} coordinates: {expected}")
-    return np.array(typed) / (query.typed if height is None else 1.0)
+    return np.array(typed) / (
+        query.positions.to_typed if height is None else 1.0
+    )
 
 
 def _on_plane(query: Query, pixel: Array, height: float) -> Array:
@@ -141,13 +143,13 @@ def answer_table(query: Query, search: Search) -> Outcome:
     if "qw" in batch.names and turns:
         search = replace(search, turn=_columns(batch, values, TURN))
     if nearby[0] in batch.names:
-        near = _columns(batch, values, nearby) / query.joints.typed
+        near = _columns(batch, values, nearby) / query.joints.to_typed
         search = replace(search, near=near)
     answers = _answers(query, values[:, : len(axes)], search)
     # with every branch a target has several answers
     rows = np.flatnonzero(valid)[answers.pop("target")]
     reachable = answers["reachable"]
-    q = answers.pop("q") * query.joints.typed
+    q = answers.pop("q") * query.joints.to_typed
     q[~reachable] = np.nan
     added = by_name(names, q.T)
     for name, column in answers.items():
@@ -157,11 +159,12 @@ def answer_table(query: Query, search: Search) -> Outcome:
     missed = (np.unique(rows[~reachable]) + 1).tolist()
     failures = {"out_of_reach": (missed, "out of reach")}
     if not search.all_branches:
-        return query.answer(batch, columns_with(batch, valid, added), failures)
+        columns = with_answers(batch, added)
+        return query.write(batch, columns, failures)
     # rows without numbers stand where they stood, between the answers of the others
     index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
-    columns = columns_with(batch.take(index), valid[index], added)
-    return query.answer(batch, {**columns, "row": index + 1}, failures)
+    columns = {**with_answers(batch.take(index), added), "row": index + 1}
+    return query.write(batch, columns, failures)
 
 
 def _columns(batch: Batch, values: Array, names: Sequence[str]) -> Array:

@@ -67,7 +67,7 @@ class Selection:
 
 
 @dataclass(frozen=True)
-class Reading:
+class LogFormat:
     """How a log is read, as typed; beside a model what is None is as in the model's own log."""
 
     columns: Mapping[str, str] | None = None
@@ -105,7 +105,7 @@ def read_measured_log(
     robot: str | None,
     selection: Selection,
     path: str | Source,
-    reading: Reading,
+    log_format: LogFormat,
     lens: str | None = None,
     sensor: str = "",
 ) -> calib.Samples:
@@ -113,12 +113,12 @@ def read_measured_log(
     from calib.samples.tables import open_source
 
     source = open_source(path)  # once: it may be a pipe
-    sliding = reading.prismatic or ()
+    sliding = log_format.prismatic or ()
     arm = None
     joints = selection.joints
     turns = {name: name not in sliding for name in joints or ()}
     if robot is not None:
-        arm = _arm_of_log(robot, selection, source, reading.columns or {})
+        arm = _arm_of_log(robot, selection, source, log_format.columns or {})
         say(arm.notes)
         joints = None
         turns = by_name(arm.joint_names, arm.revolute)
@@ -131,13 +131,13 @@ def read_measured_log(
         source,
         arm,
         joints=joints,
-        columns=reading.columns,
+        columns=log_format.columns,
         degrees=selection.degrees,
-        unit=reading.unit,
+        unit=log_format.unit,
         ranges=in_si("--range", selection.ranges, turns, selection.degrees),
         prismatic=sliding,
         lens=glass,
-        time_offset=reading.time_offset,
+        time_offset=log_format.time_offset,
     )
     if sensor:
         say(f"{sensor}: {note}" for note in log.notes)
@@ -187,7 +187,9 @@ def with_facts(
     return replace(log, touch=log.touch.stated(distance or (), plane or ()))
 
 
-def log_for(model: calib.Model, path: str, reading: Reading) -> calib.Samples:
+def log_for(
+    model: calib.Model, path: str, log_format: LogFormat
+) -> calib.Samples:
     """Read a log of a model's joints, in the model's unit where that is known."""
     from calib.common.scale import METRES
     from calib.errors import LogError
@@ -198,21 +200,23 @@ def log_for(model: calib.Model, path: str, reading: Reading) -> calib.Samples:
     sensor = _sensor_of_log(model, source)
     model = model.by(sensor)
     about = model.about
-    unit = reading.unit or source.unit or about.unit
+    unit = log_format.unit or source.unit or about.unit
     # pixels and metres have no factor between them, and the plane of a camera model is another
     if (unit == "px") != (about.unit == "px"):
         raise LogError(
             f"{path} is in {unit}, the model in {about.unit}",
             hint="record it with the same reference as the model's log, or train a model of it",
         )
-    degrees = about.degrees if reading.degrees is None else reading.degrees
+    degrees = (
+        about.degrees if log_format.degrees is None else log_format.degrees
+    )
     joints = zip(about.joint_names, about.revolute, strict=True)
     usual = {k: v for k, v in about.columns.items() if v in source.header}
     log = calib.read_log(
         source,
         joints=about.joint_names,
-        columns={**usual, **(reading.columns or {})},
-        time_offset=reading.time_offset,
+        columns={**usual, **(log_format.columns or {})},
+        time_offset=log_format.time_offset,
         outputs=len(model.axes),
         degrees=degrees,
         unit=unit,
@@ -257,10 +261,10 @@ def _sensor_of_log(model: calib.Model, source: Source) -> str:
 
 
 def log_of(
-    model: calib.Model, path: str | None, reading: Reading
+    model: calib.Model, path: str | None, log_format: LogFormat
 ) -> calib.Samples | None:
     """Read a log to look at; None where none is given."""
     if path is None:
-        refuse(vars(reading), FOR_LOGS)
+        refuse(vars(log_format), FOR_LOGS)
         return None
-    return log_for(model, path, reading)
+    return log_for(model, path, log_format)

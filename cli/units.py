@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import calib
-from calib.common.wording import by_name, for_people, unit_of_joint
+from calib.common.wording import by_name, for_people, unit_of_joint, with_unit
 
-from .output import with_decimals, with_unit
+from .output import with_decimals
 from .parsing import BadOption, OfJoint, bad_value
 
 if TYPE_CHECKING:
@@ -33,9 +33,9 @@ class JointFormat:
     def __init__(self, about: About | Arm, degrees: bool) -> None:
         self.names = about.joint_names
         self._about = about
-        self._degrees = degrees
+        self.degrees = degrees
         units = [unit_of_joint(turns, degrees) for turns in about.revolute]
-        self.typed = [factor for factor, _ in units]
+        self.to_typed = [factor for factor, _ in units]
         """Factors from SI units to what is typed, and written to tables of answers."""
         self._units = [unit for _, unit in units]
         self._printed = [
@@ -68,7 +68,7 @@ class JointFormat:
             raise bad_value(shown, expected, option)
         return [
             value / factor
-            for value, factor in zip(typed, self.typed, strict=True)
+            for value, factor in zip(typed, self.to_typed, strict=True)
         ]
 
     def beyond(self, model: calib.Model, q: Sequence[float]) -> str | None:
@@ -78,8 +78,8 @@ class JointFormat:
         from calib.model.about import range_in_words
 
         for k in np.flatnonzero(~model.in_range(np.array([q]))[0]).tolist():
-            ends = range_in_words(model.about, k, degrees=self._degrees)
-            value = f"{q[k] * self.typed[k]:.6g} {self._units[k]}"
+            ends = range_in_words(model.about, k, degrees=self.degrees)
+            value = f"{q[k] * self.to_typed[k]:.6g} {self._units[k]}"
             return f"{self.names[k]} = {value} is outside of the learned range {ends}"
         return None
 

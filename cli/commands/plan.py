@@ -125,7 +125,7 @@ def plan(
         seed=seed,
         margin=None
         if margin is None
-        else [margin / factor for factor in shown.typed],
+        else [margin / factor for factor in shown.to_typed],
         ranges=within,
         start=shown.one_each("--from", start),
         touch=touch,
@@ -136,7 +136,7 @@ def plan(
     say(result.notes)
     names = shown.names
     table = result.columns()
-    table |= by_name(names, (result.q * shown.typed).T)
+    table |= by_name(names, (result.q * shown.to_typed).T)
     write_table(output, table)
     travel = result.travel.tolist()
     document = {

@@ -15,7 +15,7 @@ from ...common.wording import (
     quantity,
     unit_for,
 )
-from ..causes import error_curve
+from ..deviations import error_curve
 from ..error_scale import ErrorScale
 from ..robot import Robot
 from ..settings import SETTINGS
@@ -52,15 +52,15 @@ def accuracy(study: Study) -> Figure | None:
 
 
 def causes(study: Study) -> Figure | None:
-    """What is off: each cause by how far it moves the tip, with its interval."""
-    largest = study.certain[: SETTINGS.causes]
+    """What is off: each deviation by how far it moves the tip, with its interval."""
+    largest = study.certain[: SETTINGS.deviations]
     if study.suffix or not largest:  # told with the first sensor
         return None
-    names = [cause.words for cause in largest]
-    sizes = [
-        (cause.effect, cause.effect * cause.half / abs(cause.value))
-        for cause in largest
-    ]
+    names = [deviation.words for deviation in largest]
+    sizes = []
+    for deviation in largest:
+        relative = deviation.half / abs(deviation.value)
+        sizes.append((deviation.effect, deviation.effect * relative))
     unit = study.model.about.unit
     return _intervals(names, sizes, unit, "moves the tip by, rms")
 

@@ -12,12 +12,11 @@ from ...common.wording import (
     fill_template,
     number,
     quantity,
-    unit_for,
 )
 from ...errors import require
 from ...maps.association import Association
 from ...maps.map import Map
-from ...model.about import facts
+from ...model.about import error_statistics, facts
 from ...model.model import Model
 from ...recording.rig import HandEye, rig_of_model
 from ...samples.samples import Samples
@@ -240,21 +239,18 @@ def _add(
 
 
 def _table(model: Model) -> str:
-    """Distances of all readouts, aligned at the point."""
-    distances = {
-        readout: directions["forward"]["distance"]
-        for readout, directions in model.about.errors.items()
-    }
-    if not distances:
+    """Forward errors of all readouts, aligned at the point."""
+    if not model.about.errors:
         return ""
-    least = min(distance["mean"] for distance in distances.values())
-    factor, unit = unit_for(least, model.about.unit)
+    statistics = error_statistics(model.about, model.about.errors)
+    unit, distances = next(
+        (unit, sizes)
+        for direction, name, unit, sizes in statistics
+        if (direction, name) == ("forward", "distance")
+    )
     rows = []
-    for readout, distance in distances.items():
-        values = [
-            f"{factor * distance[key]:,.3f}" for key in ("mean", "p99", "max")
-        ]
-        cells = "</td><td>".join(values)
+    for readout, sizes in distances.items():
+        cells = "</td><td>".join(f"{size:,.3f}" for size in sizes.values())
         rows.append(f"<tr><th>{readout}</th><td>{cells}</td></tr>")
     return fill_template(
         __package__, "table.html", unit=escape(unit), rows="\n".join(rows)

@@ -52,9 +52,7 @@ def inverse(
     on: Annotated[
         parsing.OfJoint | None,
         opt.value(
-            "--on z=H",
-            "The pixel X Y lies on this plane [m].",
-            parsing.height,
+            "--on z=H", "The pixel X Y lies on this plane [m].", parsing.height
         ),
     ] = None,
     input_: opt.Input = None,
@@ -64,7 +62,7 @@ def inverse(
     degrees: opt.Degrees = False,
 ) -> Outcome:
     from ...inverse import Search, answer_one, answer_table, turn_of
-    from ...query import Query
+    from ...query import Files, Query
 
     posed = quaternion is not None or rpy is not None
     for is_wrong, why in (
@@ -91,8 +89,8 @@ def inverse(
     ):
         if is_wrong:
             raise BadOption(why)
-    frame = "base" if on else frame
-    query = Query(model, input_, columns, output, unit, degrees, frame, target)
+    files = Files(input_, columns, output, target)
+    query = Query.of(model, files, unit, degrees, "base" if on else frame)
     anchor = query.within_range("--near", near)
     turn = turn_of(quaternion, rpy, degrees)
     search = Search(readout, all_branches, keep, free, anchor, turn)
