@@ -4,7 +4,7 @@ import numpy as np
 
 import calib
 from calib.body.spatial import structure_of
-from calib.samples.sockets import Distance
+from calib.samples.sockets import Known
 
 MM = 1e-3
 
@@ -50,6 +50,6 @@ class World:
 
     def known(self, *pairs):
         return [
-            Distance(pair, float(np.linalg.norm(np.subtract(*self.points[list(pair)]))), 0.1 * MM)
+            Known(pair, float(np.linalg.norm(np.subtract(*self.points[list(pair)]))), 0.1 * MM)
             for pair in pairs
         ]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..arm.rotations import similarity
 from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
-from ..samples.sockets import Distance, Fact
+from ..samples.sockets import Known
 from .belief import Body
 from .body_fit import BodyFit, fit
 from .parameters import Block, Gaussian, Hyper, Indices
@@ -67,7 +67,7 @@ class Facts(Measurement):
     The joints have no part in it.
     """
 
-    facts: tuple[Fact, ...]
+    facts: tuple[Known, ...]
 
     outputs = 1
     noise = 1.0
@@ -88,7 +88,7 @@ class Facts(Measurement):
 
 
 def rows_of_touches(
-    q: Array, point: NDArray[np.intp], known: Sequence[Fact], x: Array
+    q: Array, point: NDArray[np.intp], known: Sequence[Known], x: Array
 ) -> list[Rows]:
     """Return touches, positions, and what is known of sockets, each a measurement.
 
@@ -97,7 +97,7 @@ def rows_of_touches(
     touched = point >= 0
     measured = ~touched
     # origins are not far off where nothing tells how large the arm is
-    sized = measured.any() or any(isinstance(fact, Distance) for fact in known)
+    sized = measured.any() or any(fact.value is not None for fact in known)
     most = 5.0 if sized else 1.0
     sockets = int(point.max()) + 1
     touch = Touch(sockets, within=(FINER[0], most))
@@ -112,11 +112,11 @@ def rows_of_touches(
     return rows
 
 
-def _rows_of_facts(known: Sequence[Fact], dof: int) -> Rows:
+def _rows_of_facts(known: Sequence[Known], dof: int) -> Rows:
     """One row of each distance, and of each point of a plane; its joints do not matter."""
     count = 0
     for fact in known:
-        count += 1 if isinstance(fact, Distance) else len(fact.points)
+        count += 1 if fact.value is not None else len(fact.points)
     still = np.zeros((count, dof + 1))
     still[:, -1] = np.arange(count)
     misfit = np.zeros((count, 1))
@@ -127,7 +127,7 @@ def fit_touches(
     structure: SpatialStructure,
     q: Array,
     point: NDArray[np.intp],
-    known: Sequence[Fact] = (),
+    known: Sequence[Known] = (),
     *,
     lower: Array,
     upper: Array,

@@ -30,39 +30,25 @@ _DISTANCE = re.compile(rf"(.+),(.+)={_LENGTH}(?:(?:\+-|±){_LENGTH})?")
 
 
 @dataclass(frozen=True)
-class Distance:
-    """How far two sockets are from each other."""
+class Known:
+    """A fact about some sockets: the distance of two, or that several lie in a plane."""
 
     points: tuple[int, ...]  # their numbers
-    value: float  # [m]
+    value: float | None  # their distance [m]; None: a plane
     tolerance: float = MACHINED  # sd [m]
 
     def misfit(self, places: Array) -> Array:
-        """By how much places (p, 3) are further from each other (1,) [m]."""
+        """How far places (p, 3) are off (k,) [m]."""
         points = places[list(self.points)]
-        lengths = np.linalg.norm(points[:1] - points[1:], axis=1)
-        return np.asarray(lengths - self.value)
-
-
-@dataclass(frozen=True)
-class Coplanar:
-    """That several sockets lie in a plane."""
-
-    points: tuple[int, ...]  # their numbers
-    tolerance: float = MACHINED  # sd [m]
-
-    def misfit(self, places: Array) -> Array:
-        """How far places (p, 3) of these are from the plane that fits them best (k,) [m]."""
-        points = places[list(self.points)]
+        if self.value is not None:
+            apart = np.linalg.norm(points[:1] - points[1:], axis=1)
+            return np.asarray(apart - self.value)
         centred = points - points.mean(axis=0)
         normal = np.linalg.svd(centred)[2][2]
         # of both senses of the normal always the same one
-        sense = np.sign(normal[np.abs(normal).argmax()])
-        return np.asarray(centred @ normal * sense)
-
-
-Fact = Distance | Coplanar
-"""What is known of some sockets."""
+        return np.asarray(
+            centred @ normal * np.sign(normal[np.abs(normal).argmax()])
+        )
 
 
 @dataclass(frozen=True)
@@ -72,7 +58,7 @@ class Touches(OfRows):
     # (n,), of the socket; -1 where a sensor measured the tip instead
     number: Index
     sockets: tuple[tuple[str, str], ...]  # setup and point of each number
-    facts: tuple[Fact, ...] = ()
+    facts: tuple[Known, ...] = ()
 
     @staticmethod
     def of(points: NDArray[np.object_], x: Array) -> Touches:
@@ -89,9 +75,9 @@ class Touches(OfRows):
         stated = touches.means(x, median=True)
         facts = []
         for i, j in combinations(range(len(sockets)), 2):
-            length = float(np.linalg.norm(stated[i] - stated[j]))
-            if sockets[i][0] == sockets[j][0] and np.isfinite(length):
-                facts.append(Distance((i, j), length))
+            apart = float(np.linalg.norm(stated[i] - stated[j]))
+            if sockets[i][0] == sockets[j][0] and np.isfinite(apart):
+                facts.append(Known((i, j), apart))
         return touches.with_facts(facts)
 
     @property
@@ -100,15 +86,15 @@ class Touches(OfRows):
         return np.asarray(self.number >= 0)
 
     @property
-    def distances(self) -> list[Distance]:
+    def distances(self) -> list[Known]:
         """The facts that are distances."""
-        return [fact for fact in self.facts if isinstance(fact, Distance)]
+        return [fact for fact in self.facts if fact.value is not None]
 
     def name(self, socket: int) -> str:
         """Setup and point of a socket in a message."""
         return " ".join(self.sockets[socket]).strip()
 
-    def with_facts(self, facts: Iterable[Fact]) -> Touches:
+    def with_facts(self, facts: Iterable[Known]) -> Touches:
         """The touches with further facts."""
         return replace(self, facts=(*self.facts, *facts))
 
@@ -137,7 +123,7 @@ class Touches(OfRows):
             usual = float(np.median(distance[self.is_touch]))
         return np.asarray(distance > STRAY * usual)
 
-    def numbers_and_facts(self) -> tuple[Index, tuple[Fact, ...], Index]:
+    def numbers_and_facts(self) -> tuple[Index, tuple[Known, ...], Index]:
         """Numbers (n,) and facts of the touched sockets alone, and which (k,) these are."""
         sockets = np.unique(self.number[self.is_touch])
         place = np.full(len(self.sockets) + 1, -1)  # of -1 it is -1
@@ -156,11 +142,11 @@ class Touches(OfRows):
 
         They hold in each setup that has these points.  Raises OptionError if none has.
         """
-        facts: list[Fact] = []
+        facts: list[Known] = []
         for text in distances:
             points, value, tolerance = _distance(text)
             sockets = self._in_each_setup(text, points, "two points")
-            facts += [Distance(pair, value, tolerance) for pair in sockets]
+            facts += [Known(some, value, tolerance) for some in sockets]
         for text in planes:
             points = text.split(",")
             if len(points) < 4:
@@ -168,7 +154,7 @@ class Touches(OfRows):
                     f"plane {text!r}: expected four points or more"
                 )
             sockets = self._in_each_setup(text, points, "the points of a plane")
-            facts += [Coplanar(corners) for corners in sockets]
+            facts += [Known(some, None) for some in sockets]
         return self.with_facts(facts)
 
     def _in_each_setup(

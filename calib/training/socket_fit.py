@@ -17,7 +17,7 @@ from ..common.arrays import Array, Mask
 from ..common.rows import median_length, row_lengths
 from ..errors import LogError
 from ..samples.samples import Samples
-from ..samples.sockets import Coplanar, Touches
+from ..samples.sockets import Touches
 from ..samples.tables import rows_in_words
 from .fitted_log import FittedLog
 from .options import TrainingOptions
@@ -68,14 +68,14 @@ class SizeCheck:
     def words(self, touch: Touches) -> str:
         """The sentence on two sizes that differ, by the first of the stated distances."""
         first = touch.distances[0]
-        stated = 1e3 * first.value
-        size = stated / self.ratio
+        stated = float(first.value or 0.0)
+        size = 1e3 * stated / self.ratio
         widened = "bounds contain both"
         if not self.is_plausible:
             widened = "no drawing is so far off, so the distance is left out"
         points = " and ".join(map(touch.name, first.points))
         return (
-            f"the size of the arm: {points} are said to be {stated:.4g} mm apart, by the "
+            f"the size of the arm: {points} are said to be {1e3 * stated:.4g} mm apart, by the "
             f"drawing's size they are {size:.4g} +- {1.96 * size * self.sd:.2g} mm: one of the two "
             f"is wrong by {100 * self.apart:.2g} %; the drawing's is taken, and {widened}"
         )
@@ -143,7 +143,7 @@ def _of_right_size(
     """
     if not touch.distances:
         return _with_size_sd(sockets, DRAWN_SIZE), [_SIZE]
-    planes = tuple(fact for fact in touch.facts if isinstance(fact, Coplanar))
+    planes = tuple(fact for fact in touch.facts if fact.value is None)
     drawn = _fit_sound_touches(
         samples, replace(touch, facts=planes), structure, seed
     )
@@ -197,7 +197,7 @@ def _size_by_distances(touch: Touches, drawn: Sockets) -> SizeCheck | None:
     Returns None where no distance is of sockets that were touched.
     """
     points = np.array([fact.points for fact in touch.distances])
-    stated = np.array([fact.value for fact in touch.distances])
+    stated = np.array([fact.value for fact in touch.distances], dtype=float)
     tolerance = np.array([fact.tolerance for fact in touch.distances])
     fitted = row_lengths(
         drawn.places[points[:, 0]] - drawn.places[points[:, 1]]
