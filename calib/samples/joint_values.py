@@ -165,7 +165,7 @@ class JointColumn:
         )
 
 
-def joint_columns(
+def columns_of_joints(
     label: str,
     columns: Mapping[str, str],
     arm: Arm | None,

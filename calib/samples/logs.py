@@ -26,7 +26,7 @@ from .delays import with_offset
 from .diagnosis import diagnose
 from .findings import Finding, refuse_mistakes, still_columns
 from .header import common_unit
-from .joint_values import joint_columns, settle_joints
+from .joint_values import columns_of_joints, settle_joints
 from .roles import Roles, find_roles, log_columns, quaternions
 from .samples import Readings, Samples
 from .settings import READING
@@ -91,16 +91,16 @@ def read_log(
         outputs = outputs or arm.outputs
     _check_axes(label, roles, unit, outputs)
     names = dict(zip(roles.joints, roles.columns(roles.joints), strict=True))
-    columns_of_joints = joint_columns(
+    joint_columns = columns_of_joints(
         label, names, arm, ranges, prismatic, degrees=degrees
     )
 
-    cells = read_cells(source, roles, columns_of_joints)
+    cells = read_cells(source, roles, joint_columns)
     complete = complete_rows(cells, roles)
-    inside = rows_in_ranges(complete, columns_of_joints, ranges)
+    inside = rows_in_ranges(complete, joint_columns, ranges)
     sound = rows_in_sight(inside).without_gaps()
     q, lower, upper, joint_notes = settle_joints(
-        columns_of_joints, sound.q, sound.numbers, anywhere=roles.touched
+        joint_columns, sound.q, sound.numbers, anywhere=roles.touched
     )
     notes = [*sound.notes, *joint_notes]
     if roles.touched:
@@ -111,8 +111,8 @@ def read_log(
         # what can be nothing but a mistake is refused, what may be intended told
         refuse_mistakes(still_columns(q, readings.x, roles.joints), label)
     about = source.about if lens is None else {**source.about, "lens": lens}
-    revolute = tuple(joint.revolute for joint in columns_of_joints)
-    units = {joint.degrees for joint in columns_of_joints if joint.revolute}
+    revolute = tuple(joint.revolute for joint in joint_columns)
+    units = {joint.degrees for joint in joint_columns if joint.revolute}
     samples = Samples(
         q,
         joint_names=roles.joints,
