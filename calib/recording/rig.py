@@ -34,6 +34,11 @@ Place = dict[str, list[float]]
 """A place as JSON: position [m], quaternion, and half-widths of 95 % intervals [m, rad]."""
 
 
+def frame_of(place: Place) -> Array:
+    """A place as a matrix (4, 4)."""
+    return rigid(matrix_of(place["quaternion"]), place["position"])
+
+
 class LensFacts(TypedDict):
     """A lens as JSON, with half-widths of 95 % intervals."""
 
