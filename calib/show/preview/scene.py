@@ -193,9 +193,9 @@ def _motion(model: Model, rows: StudiedRows | None) -> Motion:
         q = visited_joints(model, SETTINGS.played)
         measured = model.forward(q)
     else:
-        some = spread_rows(len(rows.q), SETTINGS.played)
-        q = rows.q[some]
-        measured = rows.x[some]
+        spread = spread_rows(len(rows.q), SETTINGS.played)
+        q = rows.q[spread]
+        measured = rows.x[spread]
     if rows is None or model.about.simulation is not None:
         u = model.motor.scale.to_unit(q)
         order = shortest_tour(np.linalg.norm(u[:, None] - u, axis=2))
@@ -263,23 +263,33 @@ def _draw_points(
     shown: bool = True,
 ) -> None:
     """Draw measured points (n, 3) in the colour of their errors (n,)."""
-    some = spread_rows(len(points), SETTINGS.points)
-    words = f"{len(some):,}, in the colour of their errors"
+    spread = spread_rows(len(points), SETTINGS.points)
+    words = f"{len(spread):,}, in the colour of their errors"
     canvas.layer(layer, "scale", words, shown=shown)
-    tints = scale.colours(errors[some])
-    canvas.add(f"{layer}/positions", "points", tints, points[some], size=0.014)
+    tints = scale.colours(errors[spread])
+    canvas.add(
+        f"{layer}/positions", "points", tints, points[spread], size=0.014
+    )
 
 
 def _draw_motion(
     canvas: Canvas, motion: Motion, placement: Placement, unit: str
 ) -> None:
     """Draw the balls that run along."""
-    apart = np.linalg.norm(motion.predicted - motion.measured, axis=1)
-    off = f"{quantity(apart.mean(), unit)} off on average"
+    errors = np.linalg.norm(motion.predicted - motion.measured, axis=1)
+    words_of_errors = f"{quantity(errors.mean(), unit)} off on average"
     # the two may coincide: the measured one is a glass ball around the other
     for name, words, colour, x, radius, opacity, order in (
         ("Measured tip", "", _MEASURED, motion.measured, 0.022, 0.45, 1),
-        ("Predicted tip", off, _PREDICTED, motion.predicted, 0.012, 1.0, 2),
+        (
+            "Predicted tip",
+            words_of_errors,
+            _PREDICTED,
+            motion.predicted,
+            0.012,
+            1.0,
+            2,
+        ),
     ):
         canvas.layer(name, colour, words)
         ball = f"{name}/ball"
