@@ -8,18 +8,21 @@ from typing import NamedTuple
 import numpy as np
 
 from ..body.belief import Body
-from ..change.causes import single_causes
+from ..change.causes import CREEP_WAVES, single_causes
 from ..change.frame import Reference
-from ..change.settings import CREEP, CREPT, FALSE_ALARM
+from ..change.noise import FALSE_ALARM, sd_of_changes, usual_noise
 from ..change.significance import (
     FTests,
     GroupTest,
     groups_of,
     moves_of,
-    sd_of_changes,
-    usual_noise,
 )
-from ..change.system import Products, prior_columns, smooth_columns
+from ..change.system import (
+    CREEP_SHARE,
+    Products,
+    prior_columns,
+    smooth_columns,
+)
 from ..common.arrays import Array
 from ..common.rows import spread_rows
 from ..errors import ModelError, QueryError
@@ -183,7 +186,7 @@ class _Equations:
         self._sd = sd_of_changes(self._reference)[self._changes]
         # B: the posterior of the parameters, and a smooth residual about some nodes
         self._posterior, self._root = prior_columns(
-            self._reference, CREEP, CREPT
+            self._reference, CREEP_WAVES, CREEP_SHARE
         )
         self._nodes = nodes[spread_rows(len(nodes), MONITOR.nodes)]
         outputs = structure.outputs
