@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from calib.common.arrays import Array
 from calib.common.wording import by_name
 from calib.errors import QueryError
+from calib.model.answers import Answer
 from calib.model.poses import solve_poses
 from calib.model.space import Space
 from calib.samples.roles import QUATERNION, from_angles
@@ -25,6 +26,12 @@ from .query import Query, with_answers
 
 Answers = dict[str, NDArray[Any]]
 """Quantities of all answers by name, and the index of the "target" that each is of."""
+
+COLUMNS = (
+    *("target", "q", "position", "quaternion", "distance", "turned"),
+    *("expected_error", "model_error", "reachable"),
+)
+"""Quantities of an answer, in the order in which they are printed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,15 +195,18 @@ def _answers(query: Query, x: Array, search: Search) -> Answers:
     if search.in_space(query):
         return _answers_in_space(query, x, search)
     if not search.all_branches:
-        answer = model.solve(x, search.near, search.readout)._asdict()
-        return {"target": np.arange(len(x)), **answer}
-    branches = model.solve_all(x)
-    counts = [len(answer.q) for answer in branches]
-    target = np.repeat(np.arange(len(x)), counts)
-    answers: Answers = {"target": target}
-    for name, *parts in zip(branches[0]._fields, *branches, strict=True):
-        answers[name] = np.concatenate(parts)
-    return answers
+        return _columns_of([model.solve(x, search.near, search.readout)])
+    return _columns_of(model.solve_all(x))
+
+
+def _columns_of(answers: Sequence[Answer]) -> Answers:
+    """Return the columns of answers, one after another, in the order of tables."""
+    columns: Answers = {}
+    for name in COLUMNS:
+        parts = [getattr(answer, name) for answer in answers]
+        if parts[0] is not None:
+            columns[name] = np.concatenate(parts)
+    return columns
 
 
 def _answers_in_space(query: Query, x: Array, search: Search) -> Answers:
@@ -209,7 +219,7 @@ def _answers_in_space(query: Query, x: Array, search: Search) -> Answers:
         raise QueryError(
             "a pixel alone is no position in space; give --on z=H or --in base"
         )
-    return solve_poses(
+    answer = solve_poses(
         query.model,
         x,
         search.orientation,
@@ -218,4 +228,5 @@ def _answers_in_space(query: Query, x: Array, search: Search) -> Answers:
         every=search.all_branches,
         keep=search.keep_orientation,
         free=search.free,
-    )._asdict()
+    )
+    return _columns_of([answer])
