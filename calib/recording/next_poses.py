@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arm.rotations import exponential, matrix_of
+from ..arm.rotations import exponential
 from ..common.arrays import Array, Mask
 from ..errors import OptionError
 from .bundle import POSE, SHAPE, Bundle, Motions, Unknowns
 from .fit import Noise, information
-from .rig import HandEye, Place
+from .rig import HandEye, frame_of
 from .rigid import inverse, rigid, shifts_along_parents
 
 
@@ -147,11 +147,6 @@ def _unknowns(rig: HandEye, bundle: Bundle) -> Unknowns:
         frames = frames[::-1]
     errors = np.zeros((bundle.motions.count, layout.errors))
     return Unknowns(frames, values, errors)
-
-
-def frame_of(place: Place) -> Array:
-    """A place as a matrix (4, 4)."""
-    return rigid(matrix_of(place["quaternion"]), place["position"])
 
 
 def _candidates(rig: HandEye, rng: np.random.Generator) -> Array:
