@@ -25,9 +25,9 @@ from calib.maps.association import Association
 from calib.maps.local_models import NO_MODELS
 from calib.maps.model_selection import select
 from calib.maps.predictor import Predictor
+from calib.training.fitted_log import FittedLog
 from calib.training.maps import associate, wrong_around
 from calib.training.options import TrainingOptions
-from calib.training.smooth import SmoothPart, find_smooth_part
 
 Array = Any
 Defect = tuple[Callable[[Array], Array], Callable[[Array], Array]]
@@ -113,7 +113,7 @@ class Ground:
     """What all networks of a case share: the unit box, the body, and where it is wrong."""
 
     scale: Scale
-    part: SmoothPart
+    log: FittedLog
     wrong: Array
 
     @staticmethod
@@ -121,8 +121,8 @@ class Ground:
         """Fit the body of a case."""
         samples = case.samples
         scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-        part = find_smooth_part(samples, TrainingOptions(seed=seed))
-        return Ground(scale, part, wrong_around(part, samples, scale.to_unit(samples.q)))
+        log = FittedLog.of(samples, TrainingOptions(seed=seed))
+        return Ground(scale, log, wrong_around(log, scale.to_unit(log.samples.q)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,13 +144,14 @@ def cases(quick: bool, seed: int, data: Path | None) -> Iterator[Case]:
         yield measured(data, series, block, 5)
 
 
-def train_on(case: Case, ground: Ground, network: str, side: int, seed: int) -> Trained:
-    """Train one network of side x side nodes on a case.
+def train_on(ground: Ground, network: str, side: int, seed: int) -> Trained:
+    """Train one network of side x side nodes on a case's log.
 
     The maps of a log learn from its rows alone here, without imagined samples, so that
     the networks differ by what they make of the same rows.
     """
-    samples, scale, part, wrong = case.samples, ground.scale, ground.part, ground.wrong
+    scale, log, wrong = ground.scale, ground.log, ground.wrong
+    samples = log.samples
     u = scale.to_unit(samples.q)
     started = time.perf_counter()
     if network in UNTRAINED:
@@ -160,13 +161,13 @@ def train_on(case: Case, ground: Ground, network: str, side: int, seed: int) -> 
         pair = associate(scale, u, samples.x, options, wrong)
     alone = pair
     seconds, motor = time.perf_counter() - started, pair.motor
-    held, seen = u[part.rows], samples.x[part.rows]
-    predictor, _ = select(motor, held, seen, part.smooth, part.fit.held_out)
+    held, seen = u[log.rows], samples.x[log.rows]
+    predictor, _ = select(motor, held, seen, log.body, log.fit.held_out)
     if wrong is not None and network == "vdsom:residual":  # without a body nothing tells that
         alone = associate(scale, u, samples.x, TrainingOptions(side, map=network, seed=seed))
     predictors = {
         "local": predictor,
-        "body": Predictor(motor, part.smooth, NO_MODELS),
+        "body": Predictor(motor, log.body, NO_MODELS),
         "linear": Predictor(alone.motor, alone.linear, NO_MODELS),
     }
     return Trained(pair, predictors, seconds)

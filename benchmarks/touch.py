@@ -98,7 +98,7 @@ def load(folder: Path, name: str) -> tuple[calib.PlanarArm, Samples, list[np.nda
 
 def learned(log: Samples) -> object:
     """The belief that touches give."""
-    return fit_sockets(log, log.touch, TrainingOptions())[1].fit.body
+    return fit_sockets(log, log.touch, TrainingOptions()).fit.body
 
 
 def places(folder: Path) -> None:

@@ -10,7 +10,7 @@ In the order of a fit, whose steps `body_fit.fit` goes through:
 - `rows`, `normal`, `fit`: rows of sensors, normal equations, one maximisation of a posterior
 - `start`, `starts`: parameters to begin with, and the best of them
 - `planar_starts`, `frame_starts`, `chain_starts`: signs, the sensor's frame, the whole chain
-- `gate`: the member of a structure that the rows support, and its held-out errors
+- `held_out`, `gate`: errors of rows predicted from others; the member that the rows support
 - `covariance`, `body_fit`: roots and radii of Gaussians; from rows to a body with its bound
 - `touch`: the same fit of touches of sockets
 - `belief`: `Body`, which answers: positions, slopes, bounds, parameters with intervals

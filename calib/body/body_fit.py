@@ -16,7 +16,8 @@ from ..common.rows import median_length
 from .belief import Body, Second
 from .covariance import as_kept, root_of
 from .fit import Fit
-from .gate import Member, leave_blocks_out, pass_gate
+from .gate import Member, pass_gate
+from .held_out import leave_blocks_out
 from .layout import with_all_sensors
 from .parameters import Hyper, Prior
 from .rows import Rows
@@ -89,8 +90,23 @@ def fit(
     begin : (d,), parameters to begin with; by default they are found from the first sensor's rows
     seed : chooses the rows of the gate where there are many
     """
-    rows = [replace(part, floor=_least_noise(structure, part)) for part in rows]
-    gate_rows = _gate_rows(structure, rows, seed)
+    drawn = _fit(structure, rows, begin, seed)
+    undrawn = structure.undrawn()
+    error = median_length(drawn.held_out)
+    if undrawn is None or error < FIT.doubted * structure.extent:
+        return drawn
+    free = _fit(undrawn, rows, begin, seed)
+    if not median_length(free.held_out) < error / 2:
+        return drawn
+    note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
+    return replace(free, notes=(note,))
+
+
+def _fit(
+    structure: Structure, rows: Sequence[Rows], begin: Array | None, seed: int
+) -> BodyFit:
+    """Fit a structure, whose drawing counts: start, gate, all rows, second fit, bound."""
+    rows = [replace(some, floor=_least_noise(structure, some)) for some in rows]
     members = structure.members()
     chain = dict(members).get("chain", members[0][1])
     if begin is None:
@@ -98,26 +114,16 @@ def fit(
         start = with_other_sensors(best, rows)
     else:
         start = Start(structure, begin)
+    gate_rows = _gate_rows(structure, rows, seed)
     member = pass_gate(start, chain, gate_rows)
-    whole = _over_all_rows(member.fit, rows)
-    second = None
-    if not structure.simulated and not structure.zeros_alone:
-        second = _second_fit(member, chain, gate_rows)
-    root = as_kept(root_of(whole.covariance))
+    final = _over_all_rows(member.fit, rows)
+    root = as_kept(root_of(final.covariance))
+    seconds = _second_fits(member, chain, gate_rows)
     first, *beside = [
-        _with_bound(k, member, whole, second, root, rows[k])
-        for k in range(len(rows))
+        _with_bound(member, final, root, sensor, second)
+        for sensor, second in enumerate(seconds)
     ]
-    drawn = replace(first, beside=tuple(beside))
-    undrawn = structure.undrawn()
-    typical = median_length(drawn.held_out)
-    if undrawn is None or typical < FIT.doubted * structure.extent:
-        return drawn
-    free = fit(undrawn, rows, begin=begin, seed=seed)
-    if not median_length(free.held_out) < typical / 2:
-        return drawn
-    note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
-    return replace(free, notes=(note,))
+    return replace(first, beside=tuple(beside))
 
 
 def fit_sensors(
@@ -142,21 +148,21 @@ def _gate_rows(
 ) -> list[Rows]:
     """Return those rows of each sensor that the gate uses, in the order of the log."""
     rng = np.random.default_rng(seed)
-    parts: list[Rows] = []
-    for part in rows:
-        order = rng.permutation(len(part))
+    gate_rows: list[Rows] = []
+    for some in rows:
+        order = rng.permutation(len(some))
         first = order[: structure.gate_rows]
-        parts.append(part.take(np.sort(first)))
-    return parts
+        gate_rows.append(some.take(np.sort(first)))
+    return gate_rows
 
 
 def _least_noise(structure: Structure, rows: Rows) -> Array:
     """Return the least noise (m,) [unit, rad] that rows are taken to have."""
-    there = structure.as_seen_by(rows.sensor)
-    share = LOG_FLOOR if there.outputs <= 3 else POSE_FLOOR
+    seen = structure.as_seen_by(rows.sensor)
+    share = LOG_FLOOR if seen.outputs <= 3 else POSE_FLOOR
     if structure.simulated:
         share = SIMULATED_FLOOR
-    return share * there.extents
+    return share * seen.extents
 
 
 def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
@@ -165,85 +171,79 @@ def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
         return fit
     sd = np.zeros(len(fit.beta))
     sd[fit.active] = fit.sd
-    whole = fit.beginning(rows, Prior(fit.mean, sd))
-    return whole.maximise(steps=4, tolerance=FIT.settled)
+    prior = Prior(fit.mean, sd)
+    return fit.beginning(rows, prior).maximise(steps=4, tolerance=FIT.settled)
 
 
 def _with_bound(
-    k: int,
-    member: Member,
-    whole: Fit,
-    wide: tuple[Fit, Array] | None,
-    root: Array,
-    rows: Rows,
+    member: Member, final: Fit, root: Array, sensor: int, second: Second | None
 ) -> BodyFit:
-    """Return the body as the k-th sensor sees it, with its bound and held-out errors.
+    """Return the body as one sensor sees it, with its bound and held-out errors.
 
-    wide : the second fit, and the root (k, k) of its covariance
-    root : (k, k), of the covariance of all rows' parameters
+    final : the member's fit to all rows
+    root : (k, k), of its covariance
+    sensor : number of the sensor
     """
-    part = whole.parts[k]
+    part = final.parts[sensor]
     structure = part.structure
-    held_out = leave_blocks_out(whole, sensor=k)
-    second: Second | None = None
-    if wide is not None:
-        other, spread = wide
-        noise = other.parts[k].noise
-        second = Second(other.beta, other.active, spread, noise)
+    held_out = leave_blocks_out(final, sensor=sensor)
     body = Body(
         structure=structure,
-        beta=whole.beta,
-        active=whole.active,
+        beta=final.beta,
+        active=final.active,
         root=root,
         noise=part.noise,
-        kappa=max(1.0, held_out.ratio()),
-        tau=held_out.tau(part),
+        kappa=max(1.0, held_out.ratio),
+        tau=held_out.tau,
         residual=np.zeros(structure.outputs),
-        nu=whole.nu,
-        autocorrelation=whole.autocorrelation,
+        nu=final.nu,
+        autocorrelation=final.autocorrelation,
         scales=member.fit.scales,
-        rows=len(rows),
+        rows=len(part.z),
         simulated=structure.simulated,
         member=member.name,
         second=second,
     )
     # where the other blocks determine nothing, they predict their mean
-    unknown = rows.z - rows.z.mean(axis=0)
+    unknown = part.z - part.z.mean(axis=0)
     residual = held_out.residual
     errors = np.where(np.isfinite(residual), residual, unknown)
     return BodyFit(body, errors, held_out.widening)
 
 
-def _second_fit(
+def _second_fits(
     member: Member, chain: tuple[str, ...], rows: Sequence[Rows]
-) -> tuple[Fit, Array] | None:
-    """Return a fit of what the member has not, for the bound: the whole chain, larger curves.
+) -> Sequence[Second | None]:
+    """Return a fit of what the member has not, for the bound, as each sensor sees it.
 
-    Lens and elasticity too; and the root (k, k) of what rows leave of its covariance.  None where
-    the member has them and the rows speak against curves.
+    The whole chain, lens and elasticity, and larger curves.  None of exact samples, and where the
+    member has them and the rows speak against curves.
     """
     structure = member.fit.structure
-    blocks = [*chain]
+    none = [None] * len(rows)
+    if structure.simulated or structure.zeros_alone:
+        return none
+    blocks = {*chain}
     if len(rows[0]) >= FIT.guarded_rows:
-        for block in _GUARDED:
-            if len(structure.groups.get(block, ())):
-                blocks.append(block)
+        groups = structure.groups
+        blocks |= {block for block in _GUARDED if len(groups.get(block, ()))}
     if "curve" in member.free or member.against_curves < FIT.no_curves:
-        blocks.append("curve")
-    elif {*blocks} <= {*member.free}:
-        return None
-    prior = _wide_prior(member, blocks)
-    wide = member.fit.beginning(rows, prior)
+        blocks.add("curve")
+    elif blocks <= {*member.free}:
+        return none
+    wide = member.fit.beginning(rows, _wide_prior(member, blocks))
     wide.maximise(steps=4)
     share = 1.0
     if len(rows[0]) < structure.few_rows:
-        ratio = leave_blocks_out(wide).ratio()
+        ratio = leave_blocks_out(wide).ratio
         share = float(np.clip(ratio, FIT.least_share, 1.0))
-    root = share * root_of(wide.covariance)
-    return wide, as_kept(root)
+    root = as_kept(share * root_of(wide.covariance))
+    return [
+        Second(wide.beta, wide.active, root, part.noise) for part in wide.parts
+    ]
 
 
-def _wide_prior(member: Member, blocks: Sequence[str]) -> Prior:
+def _wide_prior(member: Member, blocks: set[str]) -> Prior:
     """Return the prior of what a member fits, which stays as it is, and of further blocks.
 
     The curves are larger, and some blocks as the structure guards them.
@@ -252,7 +252,7 @@ def _wide_prior(member: Member, blocks: Sequence[str]) -> Prior:
     structure = first.structure
     prior = structure.prior([*member.free, *blocks])
     sd = prior.sd.copy()
-    for block in {*blocks} & structure.guards.keys():
+    for block in blocks & structure.guards.keys():
         indices = structure.groups[block]
         sd[indices] = structure.guards[block]
     sd[first.active] = first.sd

@@ -27,8 +27,31 @@ _ALIKE = 0.05
 _POSES = 60
 _STEP = 1e-6  # of parameters, in derivatives
 
-Place = Callable[[Array], tuple[Array, Array]]
-"""Position (3,) [m] and axes (3, 3) of what stands somewhere, at parameters (d,)."""
+
+@dataclass(frozen=True, eq=False)
+class PoseFunction:
+    """A pose as a function of parameters (d,)."""
+
+    # position (3,) [m] and axes (3, 3), its columns
+    value: Callable[[Array], tuple[Array, Array]]
+    indices: Indices  # of the parameters that it depends on
+
+    def deviations(self, belief: OfStructure, root: Array) -> Array:
+        """Sd (6,) [m, rad] along and about the axes that it is told in.
+
+        root : (d, r), of the covariance of the belief's parameters
+        """
+        position, axes = self.value(belief.beta)
+        slope = np.empty((6, len(self.indices)))
+        for k, index in enumerate(self.indices):
+            step = np.zeros(len(belief.beta))
+            step[index] = _STEP
+            beta = belief.structure.retract(belief.beta, step)
+            ahead, turned = self.value(beta)
+            slope[:3, k] = ahead - position
+            slope[3:, k] = logarithm(turned @ axes.T)
+        sds = np.linalg.norm(slope @ root[self.indices], axis=1)
+        return np.asarray(sds / _STEP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +61,11 @@ class SensorPose:
     position: Array  # (3,) [m]
     # (3, 3), its columns are the sensor's axes; a camera's are x (right), y (down) and z (ahead)
     rotation: Array
-    # (3,) [m, rad], along and about the base's axes
-    position_sd: Array
-    turn_sd: Array
-    # (3,) [m, rad], the same but for what no reading tells, see `without_gauge`
-    position_sd_up_to_gauge: Array
-    turn_sd_up_to_gauge: Array
-    first: str | None  # the joint whose offset is zero by convention
+    # (6,) [m, rad], along and about the base's axes
+    sd: Array
+    # the same but for what no reading tells, see `without_gauge`
+    sd_up_to_gauge: Array
+    first: str | None = None  # the joint whose offset is zero by convention
 
     @staticmethod
     def of(body: OfStructure | None) -> SensorPose | None:
@@ -55,52 +76,21 @@ class SensorPose:
         if not structure.informed:
             return None
 
-        def place(beta: Array) -> tuple[Array, Array]:
+        def sensor_pose(beta: Array) -> tuple[Array, Array]:
             sensor = structure.sensor(beta)
             back = sensor.rotation.T
             return -back @ sensor.shift / sensor.scale, back
 
+        pose = PoseFunction(sensor_pose, sensor_of(structure))
+        position, rotation = sensor_pose(body.beta)
+        root = body.full_root
+        sd = pose.deviations(body, root)
+        root[body.active] = without_gauge(structure, body, not structure.camera)
+        sd_up_to_gauge = pose.deviations(body, root)
         first: str | None = None
-        up_to_gauge = np.zeros_like(body.root)
-        if structure.view != "base":
-            up_to_gauge = without_gauge(structure, body, not structure.camera)
-            if structure.revolute[0]:
-                first = structure.joint_names[0]
-        index = sensor_of(structure)
-        return SensorPose.at(place, place, body, index, up_to_gauge, first)
-
-    @staticmethod
-    def at(
-        place: Place,
-        place_up_to_gauge: Place,
-        body: OfStructure,
-        index: Indices,
-        up_to_gauge: Array,
-        first: str | None = None,
-    ) -> SensorPose:
-        """What stands where parameters place it, with the belief's intervals.
-
-        place : where it is as a function of parameters (d,), all its intervals count
-        place_up_to_gauge : where it is said to be, by what readings tell
-        index : parameters that have a part in it
-        up_to_gauge : (k, r), root of the belief's covariance without what no reading tells
-        """
-        fitted = np.intersect1d(index, body.active)
-        rows = np.searchsorted(body.active, fitted)
-        whole = _slope(place, body, fitted) @ body.root[rows]
-        sure = _slope(place_up_to_gauge, body, fitted) @ up_to_gauge[rows]
-        sd = np.linalg.norm(whole, axis=1)
-        sure_sd = np.linalg.norm(sure, axis=1)
-        position, rotation = place_up_to_gauge(body.beta)
-        return SensorPose(
-            position,
-            rotation,
-            sd[:3],
-            sd[3:],
-            sure_sd[:3],
-            sure_sd[3:],
-            first,
-        )
+        if structure.view != "base" and structure.revolute[0]:
+            first = structure.joint_names[0]
+        return SensorPose(position, rotation, sd, sd_up_to_gauge, first)
 
     @property
     def quaternion(self) -> Array:
@@ -109,35 +99,30 @@ class SensorPose:
 
     def to_json(self) -> dict[str, Any]:
         """Position [m] and quaternion in the base frame with 95 % intervals, and the convention."""
-        half = 1.96 * self.position_sd
-        about = {
-            "joint": self.first,
-            "offset": 0.0,
-            "interval": [-np.pi, np.pi],
-        }
+        half = 1.96 * self.sd
+        interval = [self.position - half[:3], self.position + half[:3]]
+        half_up_to_gauge = 1.96 * self.sd_up_to_gauge[:3]
+        turn = [-np.pi, np.pi]
+        about = {"joint": self.first, "offset": 0.0, "interval": turn}
         return {
             "frame": "base",
             "position": self.position.tolist(),
-            "interval": np.stack(
-                [self.position - half, self.position + half], axis=1
-            ).tolist(),
+            "interval": np.transpose(interval).tolist(),
             "quaternion": self.quaternion.tolist(),
-            "turn_95": (1.96 * self.turn_sd).tolist(),
-            "position_95_up_to_gauge": (
-                1.96 * self.position_sd_up_to_gauge
-            ).tolist(),
+            "turn_95": half[3:].tolist(),
+            "position_95_up_to_gauge": half_up_to_gauge.tolist(),
             "convention": about if self.first else None,
         }
 
     def words(self, what: str) -> list[str]:
         """Lines on where it stands; `what` it is."""
         coordinates: list[str] = []
-        for value, sd in zip(self.position, self.position_sd, strict=True):
+        for value, sd in zip(self.position, self.sd[:3], strict=True):
             coordinates.append(with_interval(1e3 * value, 1.96e3 * sd))
         quaternion = ", ".join(f"{v:.5f}" for v in self.quaternion)
         lines = [
             f"{what} at ({', '.join(coordinates)}) mm in the base frame, turned within "
-            f"{np.degrees(1.96 * self.turn_sd.max()):.2g} deg, quaternion ({quaternion})"
+            f"{np.degrees(1.96 * self.sd[3:].max()):.2g} deg, quaternion ({quaternion})"
         ]
         if self.first:
             lines.append(
@@ -157,11 +142,10 @@ def hand_pose(body: OfStructure) -> SensorPose:
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - poses are in space
     groups = structure.groups
-    turns = structure.revolute[-1]
+    revolute = structure.revolute[-1]
     last = structure.chain_names.index(structure.joint_names[-1])
-    base = structure.with_sensor(view="base")
     zero = np.zeros((1, structure.dof))
-    (tip,), (frame,) = base.pose(zero, structure.neutral())
+    (tip,), (frame,) = structure.pose(zero, structure.neutral())
     axis = structure.chain.axes[last]
     axis_in_tip = frame.T @ axis
     origin = frame.T @ (structure.chain.points[last] - tip)
@@ -177,26 +161,24 @@ def hand_pose(body: OfStructure) -> SensorPose:
     def hand_at_encoder(beta: Array) -> tuple[Array, Array]:
         """What a deviation of the last joint of its own does goes to the hand."""
         position, axes = hand(beta)
-        turned = axis @ beta[turn] + turns * beta[offset]
-        slid = axis @ beta[shift] + (not turns) * beta[offset]
-        back = exponential(turned * axis_in_tip)
-        moved = origin + back @ (position - origin) + slid * axis_in_tip
+        angle = axis @ beta[turn]
+        slide = axis @ beta[shift]
+        if revolute:
+            angle += beta[offset]
+        else:
+            slide += beta[offset]
+        back = exponential(angle * axis_in_tip)
+        moved = origin + back @ (position - origin) + slide * axis_in_tip
         return moved, back @ axes
 
-    index = np.concatenate([tool, tool_turn, shift, turn, [offset]])
-    return SensorPose.at(hand, hand_at_encoder, body, index, body.root)
-
-
-def _slope(place: Place, body: OfStructure, indices: Indices) -> Array:
-    """Derivative (6, k) of a place, and of its turn about the axes that it is told in."""
-    position, turn = place(body.beta)
-    slope = np.empty((6, len(indices)))
-    steps = _STEP * np.eye(len(body.beta))
-    for k, step in enumerate(steps[indices]):
-        ahead, turned = place(body.structure.retract(body.beta, step))
-        slope[:3, k] = ahead - position
-        slope[3:, k] = logarithm(turned @ turn.T)
-    return slope / _STEP
+    of_tool = np.append(tool, tool_turn)
+    of_last = np.concatenate([of_tool, shift, turn, [offset]])
+    root = body.full_root
+    sd = PoseFunction(hand, of_tool).deviations(body, root)
+    at_encoder = PoseFunction(hand_at_encoder, of_last)
+    sd_up_to_gauge = at_encoder.deviations(body, root)
+    position, axes = hand_at_encoder(body.beta)
+    return SensorPose(position, axes, sd, sd_up_to_gauge)
 
 
 def without_gauge(

@@ -1,32 +1,34 @@
-"""Evidence: the tests, the bound and the explanations of a log, weighed together.
+"""Evidence: the tests, the bound and the explanations of a log, weighed together by `weigh`.
 
-`bound_test` counts the rows beyond the model's bound; `Evidence.score` says whether something
-changed, `Evidence.is_attributed` whether a change of the arm or the sensor explains it.
+Orientations say how the tool is turned beside them.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..body.belief import Body
-from ..body.covariance import autocorrelation_time
-from ..common.arrays import Array, Mask
-from ..common.rows import median_length
+from ..arm.rotations import exponential, logarithm, matrix_of
+from ..body.belief import Body, knows_orientation
+from ..body.fit import Fit
+from ..body.parameters import Prior
+from ..body.rows import Rows
+from ..body.settings import FREE, STUDENT
+from ..body.structure import Structure
+from ..common.arrays import Array
+from ..common.rows import median_length, spread_rows
+from ..common.wording import quantity
 from ..samples.diagnosis import rows_behind
-from .explain import explain
+from .causes import Cause
+from .explain import MARGIN, explain
 from .explanation import Explanation
 from .frame import Reference
-from .observations import Observations
-from .rows import LogRows
-from .settings import BEYOND, FALSE_ALARM, MARGIN
-from .significance import GroupTest, GroupTests
+from .noise import FALSE_ALARM
+from .rows import LogRows, Observations
+from .significance import BoundTest, GroupTests
 from .system import System
-from .tool import ToolTurn, tool_turn
 
 TOOL = "tool"  # the group of where it is
 
@@ -35,129 +37,109 @@ TOOL = "tool"  # the group of where it is
 class EvidenceSettings:
     """When a log is explained."""
 
-    # rows over which noise may last
-    lasting: int = 10
     # share of the positions' spread: a log that is further off from every hypothesis is explained
     # by none
     unexplained: float = 0.1
     # share of rows that may contradict all others where the rest is as near as told
     few_wrong: float = 0.05
+    # score of a mirror, another sense or another unit, which are no matter of chance
+    discrete: float = 2.0
+    # that tell how the tool is turned
+    tool_rows: int = 600
 
 
 EVIDENCE = EvidenceSettings()
 
 
 @dataclass(frozen=True)
-class BoundTest:
-    """The rows that are beyond the model's own 95 % bound."""
+class ToolTurn:
+    """How the tool of a log is turned, beside what a belief says."""
 
-    beyond: float  # share of them
-    usual: float  # median of the bounds [unit]
-    test: GroupTest  # the chance of so many by noise
+    # statistic over its threshold; 0 where nothing can be compared
+    score: float = 0.0
+    # (3,) [rad], in the tool's own axes
+    turn: Array = field(default_factory=lambda: np.zeros(3))
+    covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     @property
-    def holds(self) -> bool:
-        """Whether they are about as many as usual."""
-        return self.beyond <= BEYOND and self.test.score <= 1.0
+    def cause(self) -> Cause:
+        """A tool that is turned about its own tip."""
+        angle = float(np.linalg.norm(self.turn))
+        variance = self.turn @ self.covariance @ self.turn
+        half = 1.96 * float(np.sqrt(variance)) / angle
+        size = quantity(angle, "rad", half)
+        words = f"the tool is turned by {size} (its orientation, not its place)"
+        cause = Cause("tool", "tool.rotation", words, angle, unit="rad")
+        return cause.within(half)
 
-    def words(self, *, noisier: bool) -> str:
-        """The share in words; `noisier` if noise may be all there is to it."""
-        cause = "a noisier sensor or encoder, " if noisier else ""
-        return (
-            f"{100 * self.beyond:.0f} % of the rows are further from the prediction than its "
-            f"bound, where 5 % should be: {cause}the bound does not hold"
-        )
+    def of(self, body: Body) -> Body:
+        """A belief with the tool turned."""
+        tool = body.structure.groups["tool.rotation"]
+        delta = np.zeros(body.structure.size)
+        delta[tool] = self.turn
+        root = body.root.copy()
+        root[np.isin(body.active, tool)] = 0.0
+        beta = body.structure.retract(body.beta, delta)
+        turned = replace(body, beta=beta, root=root)
+        return turned.with_covariance(tool, self.covariance / body.kappa**2)
 
 
-def bound_test(
-    rows: LogRows, limit: Array, shared: Array | float, tests: GroupTests
-) -> BoundTest:
-    """Count the rows beyond the 95 % bound, beside what a noisier sensor or encoder would do.
+def tool_turn(
+    rows: LogRows,
+    structure: Structure,
+    beta: Array,
+    deviation: Array | None = None,
+) -> ToolTurn:
+    """Compare orientations with those that parameters (d,) predict.
 
-    rows : n of them that do not contradict all others
-    limit : (n,), the bound of each row [unit]
-    shared : (n,), variance of what all rows share [unit^2]
+    deviation : (d,), standard deviations of the parameters, which may turn the tool, too; the
+        sensor may be turned then: positions tell that less well
     """
     from scipy.special import chdtri
 
-    residual = rows.x - rows.predicted
-    square = (residual**2).sum(axis=1)
-    usual = float(np.median(limit))
-    # squared, of 95 % of a Gaussian, in deviations
-    radius = float(chdtri(residual.shape[1], 0.05))
-    noise = _noise_of_sensor(square, residual.shape[1], tests)
-    # rows of like joints that err alike are no noisier sensor
-    if noise > 0.0 and variance_of_places(rows, residual) * radius > usual**2:
-        noise = 0.0
-    variance = noise + _noise_of_joint(rows, tests)
-    by_more_noise = square > limit**2 + radius * (shared + variance)
-    beyond = float(np.mean(square > limit**2 + radius * shared))
-    return BoundTest(beyond, usual, GroupTest("bound", _chance(by_more_noise)))
+    old = rows.body
+    rows = rows.take(spread_rows(len(rows), EVIDENCE.tool_rows))
+    if rows.log.orientation is None or not knows_orientation(old):
+        return ToolTurn()
+    tool = structure.groups["tool.rotation"]
+    sd = np.zeros(len(beta))
+    if deviation is not None:
+        sd = deviation.copy()
+        sd[structure.groups["view.rotation"]] = FREE
+    sd[tool] = FREE
+    fit = _fit_to_poses(rows, rows.log.orientation, structure, Prior(beta, sd))
+    before, after = exponential(np.stack([beta[tool], fit.beta[tool]]))
+    turn = logarithm(before.T @ after)
+    place = np.searchsorted(fit.active, tool)
+    covariance = fit.covariance[np.ix_(place, place)]
+    # the model knows its own tool as well as it does
+    place = np.searchsorted(old.active, tool)
+    prior = old.kappa**2 * old.covariance[np.ix_(place, place)]
+    square = float(turn @ np.linalg.solve(covariance + prior, turn))
+    by_chance = square / float(chdtri(3, FALSE_ALARM))
+    # what the chain leaves over differs between regions of the workspace by about its scatter
+    scatter = np.sqrt(3) * fit.noise[-1]
+    by_scatter = float(np.linalg.norm(turn) / scatter)
+    score = min(by_chance, by_scatter)
+    return ToolTurn(score, turn, covariance)
 
 
-def _chance(beyond: Mask) -> float:
-    """Chance (binomial) of so many rows (n,) beyond a bound that as many as usual may exceed.
-
-    Rows that err together count once.
-    """
-    from scipy.special import bdtrc
-
-    if not beyond.any():
-        return 1.0
-    time = autocorrelation_time(beyond[:, None].astype(float))
-    count = int(beyond.sum() / time)
-    independent = math.ceil(len(beyond) / time)
-    return float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
-
-
-def _noise_of_sensor(square: Array, outputs: int, tests: GroupTests) -> float:
-    """Variance of an axis [unit^2] beyond the usual one, of squared distances (n,)."""
-    from scipy.special import chdtri
-
-    # half of the rows of a noisier sensor are nearer than its median
-    median = float(np.median(square)) / float(chdtri(outputs, 0.5))
-    return max(max(tests.noise**2, median) - tests.usual**2, 0.0)
-
-
-def _noise_of_joint(rows: LogRows, tests: GroupTests) -> Array:
-    """Variance (n,) [unit^2] of the rows by a joint whose encoder is noisy."""
-    if tests.noisy is None:
-        return np.zeros(len(rows))
-    joint, sd = tests.noisy
-    body = rows.body
-    slope = body.structure.slope(rows.q, body.beta)
-    moves = slope[..., joint] ** 2
-    variance: Array = sd**2 * moves.sum(axis=1)
-    return variance
-
-
-def variance_of_places(rows: LogRows, residual: Array) -> float:
-    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
-    from scipy.spatial import cKDTree
-    from scipy.special import ndtri
-
-    # of so many rows at least one is no neighbour in time: noise may last over some rows
-    lasting = EVIDENCE.lasting
-    count = min(2 * lasting + 2, len(rows))
-    _, neighbours = cKDTree(rows.u).query(rows.u, count)
-    near = np.asarray(neighbours)
-    index = np.arange(len(rows))
-    later = np.abs(near - index[:, None]) > lasting
-    row = np.flatnonzero(later.any(axis=1))
-    if not len(row):
-        return 0.0
-    other = near[row, later[row].argmax(axis=1)]
-    pairs = np.sort(np.stack([row, other], axis=1), axis=1)
-    first, second = np.unique(pairs, axis=0).T
-    product = (residual[first] * residual[second]).sum(axis=1)
-    # whatever its size, noise makes either sign as likely
-    sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
-    return float(product.mean()) / residual.shape[1] if sure else 0.0
+def _fit_to_poses(
+    rows: LogRows, orientation: Array, structure: Structure, prior: Prior
+) -> Fit:
+    """The parameters by the rows' orientations; of their positions nothing is asked."""
+    turns = logarithm(matrix_of(orientation))
+    poses = np.hstack([rows.x, turns])
+    floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)
+    measured = [Rows(rows.q, poses, floor=floor)]
+    poser = structure.with_sensor(view="pose")
+    fit = Fit(poser, measured, prior.mean, prior, nu=STUDENT)
+    return fit.maximise()
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
-    """What a log says of a belief."""
+class Comparison:
+    """A log beside a belief, before a cause is looked for."""
 
     rows: LogRows
     # {"sensor", "joints", "offsets"} or None, what is known about the change
@@ -167,7 +149,6 @@ class Evidence:
     observations: Observations
     tests: GroupTests
     bound: BoundTest
-    explanations: tuple[Explanation, ...]  # the best first
 
     @property
     def unit(self) -> str:
@@ -177,70 +158,47 @@ class Evidence:
         return unit if same else "sensor"
 
     @property
-    def distance(self) -> float:
-        """Typical distance of the rows from the best explanation [unit]."""
-        return median_length(self.explanations[0].residual)
+    def test_score(self) -> float:
+        """Largest score of what says that something changed, above 1 if it did."""
+        score = max(self.tests.score, self.bound.test.score)
+        if self.reference.has_discrete_cause:
+            score = max(score, EVIDENCE.discrete)
+        return score
 
     @property
-    def misfit(self) -> float:
-        """The same as a share of the typical distance of the positions from their middle."""
-        away = self.rows.x - np.median(self.rows.x, axis=0)
-        return self.distance / max(median_length(away), 1e-300)
+    def fired(self) -> bool:
+        """Whether causes are worth a search."""
+        return self.test_score > 1.0 or self.bound.fails
 
-    @cached_property
-    def is_explained(self) -> bool:
-        """Whether an explanation comes near the rows: to a part of their spread, or the bound."""
-        if self.misfit < EVIDENCE.unexplained:
-            return True
-        # rows that lag or whose joints are exchanged come near too, but for those at each jump
+    def is_within_bound(self, distance: float) -> bool:
+        """Whether rows are as near as told that are typically so far off [unit].
+
+        Rows that lag or whose joints are exchanged come near too, but for those at each jump.
+        """
         count = len(self.rows) + self.rows.wrong
         few = self.rows.wrong <= EVIDENCE.few_wrong * count
-        return few and self.distance < self.bound.usual < np.inf
+        return few and distance < self.bound.usual < np.inf
 
-    @cached_property
-    def is_better_than_none(self) -> bool:
-        """Whether a change explains the rows, and by `MARGIN` nats better than none."""
-        if not self.is_explained:
-            return False
-        none = [e.evidence for e in self.explanations if e.is_no_change]
-        gain = self.explanations[0].evidence - MARGIN
-        is_better = gain > max(none, default=-np.inf)
-        return self.reference.has_discrete_cause or is_better
 
-    @cached_property
-    def score(self) -> float:
-        """Above 1 the arm or its sensor changed: the largest score of what may say so."""
-        bound_fails = self.bound.beyond > BEYOND
-        scores = [self.tests.score, self.bound.test.score]
-        if self.reference.has_discrete_cause:
-            scores.append(2.0)
-        if not self.is_explained and (bound_fails or max(scores) > 1.0):
-            scores.append(1.0 + self.misfit)
-        if (
-            self.is_better_than_none
-            and bound_fails
-            and self.tests.noisy is None
-        ):
-            scores.append(1.0 + self.bound.beyond)
-        return max(scores)
+@dataclass(frozen=True, eq=False)
+class Evidence(Comparison):
+    """What a log says of a belief."""
+
+    explanations: tuple[Explanation, ...]  # the best first
+    # typical distance of the rows from the best explanation, over that from their middle
+    misfit: float
+    # whether that comes near the rows: to a part of their spread, or the bound
+    is_explained: bool
+    score: float  # above 1 the arm or its sensor changed
+    # whether it changed, and a change explains the rows clearly better than none
+    is_attributed: bool
+    # beside the best explanation of the positions, as far as sure
+    tool: ToolTurn
 
     @property
-    def is_attributed(self) -> bool:
-        """Whether something changed, and a change is clearly better than none."""
-        return self.is_better_than_none and self.score > 1.0
-
-    @cached_property
-    def tool(self) -> ToolTurn:
-        """How the tool is turned beside the best explanation of the positions, as far as sure."""
-        if not self.is_attributed:
-            return self.tool_beside(self.rows.body.beta)
-        best = self.explanations[0]
-        structure = self.reference.structure
-        return tool_turn(self.rows, structure, best.beta, best.deviation)
-
-    def tool_beside(self, beta: Array) -> ToolTurn:
-        """How the tool is turned beside what parameters (d,) predict."""
-        return tool_turn(self.rows, self.reference.structure, beta)
+    def best(self) -> Explanation:
+        """The explanation of the greatest evidence."""
+        return self.explanations[0]
 
     def why_not(self) -> str:
         """One line on a log that nothing explains."""
@@ -259,8 +217,67 @@ class Evidence:
         )
 
 
+def weigh(
+    comparison: Comparison, explanations: tuple[Explanation, ...]
+) -> Evidence:
+    """Weigh the tests and the bound of a log with its explanations, the best first.
+
+    gain = log p(y | best change) - log p(y | no change)
+
+    A log that nothing explains has the score 1 + misfit, one that a change explains better than
+    none 1 + share of the rows beyond a bound that fails.
+    """
+    rows = comparison.rows
+    reference = comparison.reference
+    bound = comparison.bound
+    best = explanations[0]
+
+    # how near does the best explanation come?
+    distance = median_length(best.residual)
+    spread = median_length(rows.x - np.median(rows.x, axis=0))
+    misfit = distance / max(spread, 1e-300)
+    is_explained = misfit < EVIDENCE.unexplained
+    is_explained = is_explained or comparison.is_within_bound(distance)
+
+    # is it better than no change?
+    no_change = [e.evidence for e in explanations if e.is_no_change]
+    gain = best.evidence - max(no_change, default=-np.inf)
+    is_better = reference.has_discrete_cause or gain > MARGIN
+    is_better = is_better and is_explained
+
+    # did anything change?
+    score = comparison.test_score
+    if comparison.fired and not is_explained:
+        score = max(score, 1.0 + misfit)
+    if is_better and bound.fails and comparison.tests.noisy is None:
+        score = max(score, 1.0 + bound.beyond)
+    is_attributed = is_better and score > 1.0
+
+    # how is the tool turned beside that?
+    structure = reference.structure
+    if is_attributed:
+        tool = tool_turn(rows, structure, best.beta, best.deviation)
+    else:
+        tool = tool_turn(rows, structure, rows.body.beta)
+    return Evidence(
+        rows=rows,
+        cause=comparison.cause,
+        prior=comparison.prior,
+        reference=reference,
+        observations=comparison.observations,
+        tests=comparison.tests,
+        bound=bound,
+        explanations=explanations,
+        misfit=misfit,
+        is_explained=is_explained,
+        score=score,
+        is_attributed=is_attributed,
+        tool=tool,
+    )
+
+
 def with_orientations(
-    evidence: Evidence, systems: Sequence[System], temper: float
+    evidence: Evidence, systems: Sequence[System], correlation_time: float
 ) -> Evidence:
     """Evidence whose best explanation orientations do not contradict, as far as there is one.
 
@@ -268,29 +285,33 @@ def with_orientations(
     which the tool would have to be turned back by.  An offset of the last joint turns the tool, and
     hardly moves it: positions alone may call that no change.
     """
-    cause = evidence.cause
     if evidence.score <= 1.0 or evidence.tool.score <= 1.0:
         return evidence
     if not evidence.is_attributed:
-        return _by_orientations(evidence)
-    if cause not in (None, "joints"):
-        return evidence
-    if TOOL in evidence.explanations[0].groups:
+        return weigh(evidence, _by_orientations(evidence))
+    cause = evidence.cause
+    if cause not in (None, "joints") or TOOL in evidence.best.groups:
         return evidence
     explanations = explain(
-        systems, cause, temper=temper, calm=False, turned=(TOOL,)
+        systems,
+        cause,
+        correlation_time=correlation_time,
+        calm=False,
+        turned=(TOOL,),
     )
-    return replace(evidence, explanations=explanations)
+    return weigh(evidence, explanations)
 
 
-def _by_orientations(evidence: Evidence) -> Evidence:
-    """The evidence where the best change by which the tool stands as it should is blamed."""
+def _by_orientations(evidence: Evidence) -> tuple[Explanation, ...]:
+    """The explanations, first the best change by which the tool stands as it should."""
     structure = evidence.reference.structure
     changes = [some for some in evidence.explanations if some.causes]
-    least = evidence.explanations[0].evidence - MARGIN
-    for best in changes:
-        tool = tool_turn(evidence.rows, structure, best.beta, best.deviation)
-        if best.evidence > least and tool.score <= 1.0:
-            others = [some for some in changes if some is not best]
-            return replace(evidence, explanations=(best, *others))
-    return evidence
+    least = evidence.best.evidence - MARGIN
+    for change in changes:
+        tool = tool_turn(
+            evidence.rows, structure, change.beta, change.deviation
+        )
+        if change.evidence > least and tool.score <= 1.0:
+            others = [some for some in changes if some is not change]
+            return (change, *others)
+    return evidence.explanations

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from ..body.belief import Body, knows_orientation
+from ..body.fit import Fit
+from ..body.parameters import Prior
+from ..body.rows import Rows
+from ..body.settings import STUDENT
 from ..common.arrays import Array, Index, Mask
 from ..common.rows import row_lengths, spread_rows
 from ..errors import LogError, ModelError
-from ..maps.map import Map, search_tree
 from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.diagnosis import diagnose
@@ -23,6 +25,10 @@ from ..samples.other_readings import readings
 from ..samples.samples import Samples
 from ..training.preparation import sound_log
 from ..training.touch_positions import as_positions
+from .causes import changeable, sd_if_changed, sd_of_creep
+from .frame import Reference, offset_after
+
+OUTLIER = 5.0  # noises from which a row contradicts all others
 
 # fewest different rows that a judgement or a correction can rest on
 LEAST_ROWS = 10
@@ -43,8 +49,6 @@ class RowSettings:
     line: float = 0.2
     # joints all over the learned range at which predictions are compared
     probes: int = 120
-    # rows that distortions are measured on
-    most: int = 1000
     # share of the rows that the model answers, or that lie within its range: of a log in its unit,
     # and of one in another
     answered: float = 0.5
@@ -159,30 +163,30 @@ def rows_of(model: Model, log: Samples) -> LogRows:
         raise ModelError(
             "the model has no baseline of its distortions: train it again"
         )
-    notes: list[str] = []
-    cause = None
-    if log.touch is not None:  # which no sensor saw
-        cause = "joints"
-        log, notes = as_positions(model, log, log.touch)
-    rows_in_file = log.left_out + len(log)
-    left_out = log.left_out
-    unit = log.unit
-    shared = log.common_sd
-    _refuse_degrees(model, log)
-    log, more = sound_log(model, log)
-    notes = [*notes, *more]
-    first = different_rows(log)
-    repeated = len(log) - len(first)
-    prediction = predict(model, log.take(first))
+    positions, notes, cause = _positions_of(model, log)
+    _refuse_degrees(model, positions)
+    sound, sound_notes = sound_log(model, positions)
+    different = sound.take(different_rows(sound))
+    repeated = len(sound) - len(different)
+    prediction = predict(model, different)
     answered = np.isfinite(prediction.bound)
-    if answered.sum() < LEAST_ROWS:
-        why = "measure more poses, spread over the joints' ranges"
-        if not answered.all():
-            why = model.outside(log.q[first[~answered][0]]) or why
-        raise LogError(
-            f"{answered.sum()} of the log's {len(first)} different rows lie within what the model "
-            f"has learned, expected at least {LEAST_ROWS}: {why}"
-        )
+    _refuse_few(model, different, answered)
+    rows_in_file = positions.left_out + len(positions)
+    scale = model.motor.scale
+    rows = LogRows(
+        model=model,
+        log=different,
+        q=scale.from_unit(scale.to_unit(prediction.joints)),
+        unit=positions.unit,
+        shared=positions.common_sd,
+        predicted=prediction.value,
+        bound=np.nan_to_num(prediction.bound, nan=np.inf),
+        wrong=sound.left_out - positions.left_out,
+        lost=rows_in_file - repeated - int(answered.sum()),
+        notes=(),
+        cause=cause,
+    ).take(answered)
+    notes += sound_notes
     if repeated:
         notes.append(REPEATED.format(repeated))
     outside = np.count_nonzero(~answered)
@@ -190,21 +194,31 @@ def rows_of(model: Model, log: Samples) -> LogRows:
         notes.append(
             f"{outside} rows outside of what the model has learned are left out"
         )
-    scale = model.motor.scale
-    rows = LogRows(
-        model=model,
-        log=log.take(first),
-        q=scale.from_unit(scale.to_unit(prediction.joints)),
-        unit=unit,
-        shared=shared,
-        predicted=prediction.value,
-        bound=np.nan_to_num(prediction.bound, nan=np.inf),
-        wrong=log.left_out - left_out,
-        lost=rows_in_file - repeated - int(answered.sum()),
-        notes=(),
-        cause=cause,
-    ).take(answered)
     return replace(rows, notes=(*notes, *_misreadings(rows)))
+
+
+def _positions_of(
+    model: Model, log: Samples
+) -> tuple[Samples, list[str], str | None]:
+    """The log, notes, and what is known of a change; touches are positions that no sensor saw."""
+    if log.touch is None:
+        return log, [], None
+    positions, notes = as_positions(model, log, log.touch)
+    return positions, notes, "joints"
+
+
+def _refuse_few(model: Model, different: Samples, answered: Mask) -> None:
+    """Refuse different rows (n,) of which a model answers too few (n,)."""
+    if answered.sum() >= LEAST_ROWS:
+        return
+    why = "measure more poses, spread over the joints' ranges"
+    if not answered.all():
+        first = different.q[~answered][0]
+        why = model.outside(first) or why
+    raise LogError(
+        f"{answered.sum()} of the log's {len(answered)} different rows lie within what the model "
+        f"has learned, expected at least {LEAST_ROWS}: {why}"
+    )
 
 
 def different_rows(log: Samples) -> Index:
@@ -258,8 +272,8 @@ def _refuse_degrees(model: Model, log: Samples) -> None:
 
     def inside(q: Array) -> float:
         """Share of rows (n, dof) within the learned range: coarse maps answer few of them."""
-        off = np.abs((q - scale.lower) / scale.span - 0.5)
-        return float((off <= ROWS.range).all(axis=1).mean())
+        from_middle = np.abs((q - scale.lower) / scale.span - 0.5)
+        return float((from_middle <= ROWS.range).all(axis=1).mean())
 
     answered = float(np.isfinite(model.expected_error(q)).mean())
     if max(answered, inside(q)) > ROWS.answered:
@@ -272,44 +286,70 @@ def _refuse_degrees(model: Model, log: Samples) -> None:
             )
 
 
-class Signal(NamedTuple):
-    """One measure of how a log lies on the maps."""
+@dataclass(frozen=True)
+class ObservationSettings:
+    """How rows are found that contradict all others."""
 
-    value: float  # of the log
-    threshold: float  # what is usual where it lies
-
-
-def distortions(rows: LogRows) -> dict[str, Signal]:
-    """Return zeta of both maps, the reverse distortion, and the distance to the prediction.
-
-    "reverse" is the mean squared distance of the nodes predicted for the joints to those that the
-    positions visit, in the unit box; "links" the root mean square of the residuals [unit].
-    """
-    rows = rows.take(spread_rows(len(rows), ROWS.most))
-    model = rows.model
-    baseline = model.baseline
-    assert baseline is not None  # noqa: S101 - checked where the rows are read
-    sensory = model.sensory
-    measured = sensory.scale.to_unit(rows.x)
-    predicted = sensory.scale.to_unit(rows.predicted)
-    nodes = sensory.units[sensory.nearest(measured)[1][:, 0]]
-    nodes_predicted = sensory.units[sensory.nearest(predicted)[1][:, 0]]
-    tree = search_tree(np.unique(nodes, axis=0), sensory.scale)
-    away = np.asarray(tree.query(nodes_predicted)[0])
-    usual = np.where(np.isfinite(rows.bound), rows.bound, 0.0)
-    squares = np.mean([rows.distance**2, usual**2], axis=1)
-    links = np.sqrt(squares)
-    return {
-        "motor": _zeta(model.motor, rows.u, baseline.motor),
-        "sensory": _zeta(sensory, measured, baseline.sensory),
-        "reverse": Signal(float(np.mean(away**2)), sensory.spacing**2),
-        "links": Signal(*links.tolist()),
-    }
+    # 12 took exact rows of a longer link for outliers
+    robust_steps: int = 60
+    # of the fit that finds outliers: enough for every parameter
+    robust_rows: int = 400
 
 
-def _zeta(network: Map, points: Array, expected: Array) -> Signal:
-    """Distortion (eq. 9) of points (n, p) in the unit box, beside the winners' own (nodes,)."""
-    distance, winner = network.nearest(points)
-    usual = expected[winner[:, 0]].mean()
-    zeta = np.mean(distance[:, 0] ** 2)
-    return Signal(float(zeta), float(usual))
+OBSERVING = ObservationSettings()
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Rows of a log that do not contradict all others."""
+
+    q: Array  # (n, dof), joints [rad or m]
+    z: Array  # (n, m), outputs, without what maps add to the body [unit]
+    # (n, dof), sign of each joint's last motion, 0 where it is not known
+    side: Array
+    # [unit], standard deviation that all rows share, such as that of a board that was found again
+    shared: float = 0.0
+
+    def some(self, most: int) -> Observations:
+        """Return at most so many rows, evenly spread."""
+        rows = spread_rows(len(self.q), most)
+        return Observations(
+            self.q[rows], self.z[rows], self.side[rows], self.shared
+        )
+
+
+def sound_rows(reference: Reference, q: Array, z: Array) -> Mask:
+    """Return which rows (n, dof), (n, m) are near a robust fit of all that may have changed."""
+    structure = reference.structure
+    body = reference.body
+    start = reference.beta
+    size = reference.sizes
+    sd = sd_if_changed(body, changeable(structure))
+    prior = Prior(start, np.hypot(sd, sd_of_creep(body)))
+    rows = spread_rows(len(q), OBSERVING.robust_rows)
+    measured = [Rows(q[rows], z[rows], floor=size)]
+    fit = Fit(structure, measured, start, prior, nu=STUDENT)
+    fit.maximise(steps=OBSERVING.robust_steps)
+    predicted = structure.predict(q, fit.beta)
+    residual = structure.residual(z, predicted) / size
+    square = (residual**2).sum(axis=1)
+    outputs = residual.shape[1]
+    median = float(np.median(square[rows]))
+    noise = max(median / (outputs - 2 / 3), 1.0)
+    return np.asarray(square <= OUTLIER**2 * outputs * noise)
+
+
+def sound_observations(
+    rows: LogRows, reference: Reference
+) -> tuple[LogRows, Observations]:
+    """Return the rows that do not contradict all others, and what a body has to say of them."""
+    added = rows.map_offset
+    if reference.has_discrete_cause:
+        body = reference.body
+        added = offset_after(rows.body, body, reference.beta, rows.q, added)
+    z = rows.x - added
+    sound = sound_rows(reference, rows.q, z)
+    rows = rows.sound(sound)
+    # that of the model's own log and of this one
+    shared = math.sqrt(2.0) * rows.shared
+    return rows, Observations(rows.q, z[sound], rows.side, shared)

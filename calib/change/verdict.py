@@ -2,19 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ..common.rows import spread_rows
+from ..model.baseline import Signal
 from .causes import Cause
-from .evidence import BoundTest, Evidence, bound_test
-from .rows import LogRows, Signal, distortions
-from .settings import FALSE_ALARM, OUTLIER
-from .significance import GroupTest, GroupTests, alarms
+from .evidence import Evidence
+from .noise import FALSE_ALARM
+from .rows import OUTLIER, LogRows
+from .significance import BoundTest, GroupTest, GroupTests, alarms, bound_test
 from .update import Update
 
+# rows that distortions are measured on
+MOST_DISTORTED = 1000
 # Times the bound of maps: a corner's rows share the errors of a few nodes
 SHARED_ERRORS = 2.0
+
+
+UNKNOWN = "its cause is unknown"
+
+
+@dataclass(frozen=True)
+class Episode:
+    """The verdict on one series of a log; `calib check --json` prints these fields."""
+
+    episode: int
+    samples: int
+    drifted: bool | None  # None where it has too few rows
+    score: float | None
+    explanations: tuple[str, ...]
+
+    @property
+    def main_cause(self) -> str:
+        """What moved the tip most, in words."""
+        return [*self.explanations, UNKNOWN][0]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,6 +67,8 @@ class Verdict:
         The workings; None for maps without a body.
     tolerance : float or None [unit]
         Size of a change that the user does not mind.
+    episodes : tuple of Episode
+        The verdict of `check` on each series of a log that has several.
     """
 
     changed: bool | None
@@ -56,17 +81,25 @@ class Verdict:
     update: Update | None = None
     evidence: Evidence | None = None
     tolerance: float | None = None
+    episodes: tuple[Episode, ...] = ()
+
+    @property
+    def drifted_episodes(self) -> tuple[Episode, ...]:
+        """Series of the log in which something changed."""
+        return tuple(episode for episode in self.episodes if episode.drifted)
 
     @property
     def drifted(self) -> bool | None:
         """Whether something changed; None where the rows are too few, or too coarse, to say."""
+        if self.drifted_episodes:
+            return True
         coarse = self.tolerance is not None and self.smallest > self.tolerance
         return None if coarse and not self.changed else self.changed
 
     @property
     def words(self) -> str:
         """The verdict in a few words."""
-        if self.changed:
+        if self.drifted:
             return "drifted"
         if self.changed is None:
             return "too few rows to say"
@@ -77,9 +110,20 @@ class Verdict:
         return "still calibrated"
 
     @property
+    def is_calm(self) -> bool:
+        """Whether nothing changed; a bound that noisier readings alone exceed is no change."""
+        noisier = any(cause.group == "noise" for cause in self.causes)
+        return self.drifted is False and (self.bound_holds or noisier)
+
+    @property
     def explanations(self) -> tuple[str, ...]:
         """The causes in words."""
         return tuple(cause.words for cause in self.causes)
+
+    @property
+    def main_cause(self) -> str:
+        """The largest cause in words."""
+        return [*self.explanations, UNKNOWN][0]
 
     @property
     def groups(self) -> tuple[GroupTest, ...]:
@@ -145,7 +189,12 @@ class Verdict:
     @property
     def distortion(self) -> dict[str, Signal]:
         """How the rows lie on the maps (eq. 9): a display, no alarm."""
-        return distortions(self.rows)
+        model = self.rows.model
+        assert model.baseline is not None  # noqa: S101 - checked where the rows are read
+        rows = self.rows.take(spread_rows(len(self.rows), MOST_DISTORTED))
+        return model.baseline.distortions(
+            model.association, rows.u, rows.x, rows.predicted, rows.bound
+        )
 
     def __repr__(self) -> str:
         """Say the verdict, its causes and its notes, a line each."""
@@ -174,6 +223,7 @@ class Verdict:
                 group.name: group.smallest for group in self.groups
             },
             "explanations": list(self.explanations),
+            "episodes": [asdict(episode) for episode in self.episodes],
             "noise": {"now": self.noise, "usual": self.tests.usual},
             "false_alarm": FALSE_ALARM,
         }

@@ -15,14 +15,22 @@ import numpy as np
 
 from ..body.parameters import Indices
 from ..body.settings import NATS
-from ..common.arrays import Array, Mask
+from ..body.structure import Structure
+from ..common.arrays import Array
 from ..common.wording import for_people, quantity, two_digits
 from ..model.alignment import Alignment
-from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, single_causes
+from .causes import (
+    CREEP_WAVES,
+    FRAME,
+    GROUPS,
+    Cause,
+    indices_of,
+    is_sensors,
+    single_causes,
+)
 from .evidence import Evidence
-from .explanation import Explanation
-from .play import Play
-from .settings import CREEP, NOISIER
+from .explanation import groups_at
+from .noise import NOISIER, Play
 from .significance import alarms, moves_of
 
 
@@ -146,72 +154,68 @@ def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
 class _Effect(NamedTuple):
     """A cause, and the displacement that it makes over the learned range."""
 
-    # root mean square [unit]; infinite of a frame with other axes or in another unit
-    size: float
+    size: float  # root mean square [unit]
     cause: Cause
+
+
+class _Estimate(NamedTuple):
+    """Parameters after a change, and which of them were free to change."""
+
+    structure: Structure
+    indices: Indices
+    beta: Array  # (d,)
+    deviation: Array  # (d,), of those that were free, zero elsewhere
 
 
 def _changes(evidence: Evidence) -> list[Cause]:
     """Causes of the parameters that are clearly away from where they were, largest effect first."""
     best = evidence.explanations[0]
+    structure = best.reference.structure
+    estimate = _Estimate(structure, best.indices, best.beta, best.deviation)
     if not evidence.is_attributed:
-        best = _by_test(evidence)
-    if not len(best.indices):
+        estimate = _by_test(evidence, estimate)
+    if not len(estimate.indices):
         words = "the joints have waves that the model does not know: gears, or their sensors"
         waves = Cause("curve", "curve", words)
-        return [waves] if best.waves > CREEP else []
-    change = np.abs(best.beta - evidence.prior.beta)
-    clear = change > WORDS.clear * best.deviation
-    clear &= best.deviation > 0.0
-    moves = moves_of(best.reference.structure, best.beta, evidence.rows.probes)
+        return [waves] if best.wave_size > CREEP_WAVES else []
+    change = np.abs(estimate.beta - evidence.prior.beta)
+    clear = change > WORDS.clear * estimate.deviation
+    clear &= estimate.deviation > 0.0
+    moves = moves_of(structure, estimate.beta, evidence.rows.probes)
     sizes = moves * change
     discrete = {cause.cause for cause in evidence.reference.causes}
+    groups = groups_at(structure, estimate.indices)
+
     effects: list[_Effect] = []
-    for group in best.groups:
+    for group in groups:
         if group in FRAME or (group == "view.scale" and "scale" in discrete):
             continue
-        effects += _effects_of_group(evidence, best, group, clear, sizes)
-    if FRAME[0] in best.groups:
-        frame = indices_of(best.reference.structure, FRAME)
+        indices = indices_of(structure, (group,))
+        is_one_cause = GROUPS[group].whole
+        for part in [indices] if is_one_cause else indices[:, None]:
+            telling = part[clear[part]]
+            if len(telling):
+                largest = int(telling[np.argmax(sizes[telling])])
+                cause = _of_parameter(evidence, estimate, largest, part)
+                size = float(np.linalg.norm(sizes[part]))
+                effects.append(_Effect(size, cause))
+    first: list[Cause] = []
+    if FRAME[0] in groups:
+        frame = indices_of(structure, FRAME)
         size = float(np.linalg.norm(sizes[frame]))
+        # a frame with other axes or in another unit has no size
         if discrete & {"mirror", "scale"}:
-            size = math.inf
-        if math.isinf(size) or clear[frame].any():
-            effects.append(_Effect(size, _move_of_sensor(evidence, best)))
+            first.append(_move_of_sensor(evidence, estimate))
+        elif clear[frame].any():
+            moved = _move_of_sensor(evidence, estimate)
+            effects.append(_Effect(size, moved))
     effects.sort(key=lambda effect: -effect.size)
-    finite = [e.size for e in effects if math.isfinite(e.size)]
-    least = WORDS.matters * max(finite, default=0.0)
-    return [effect.cause for effect in effects if effect.size >= least]
+    least = WORDS.matters * max((e.size for e in effects), default=0.0)
+    return first + [e.cause for e in effects if e.size >= least]
 
 
-def _effects_of_group(
-    evidence: Evidence,
-    best: Explanation,
-    group: str,
-    clear: Mask,
-    sizes: Array,
-) -> list[_Effect]:
-    """Effects of the clear changes of a group; one that is one cause is told by its largest.
-
-    clear, sizes : (d,), whether a parameter clearly changed, and its displacement [unit]
-    """
-    indices = indices_of(best.reference.structure, (group,))
-    telling = indices[clear[indices]]
-    if GROUPS[group].whole and len(telling):
-        largest = telling[np.argmax(sizes[telling])]
-        size = float(np.linalg.norm(sizes[indices]))
-        cause = _of_parameter(evidence, best, largest, indices)
-        return [_Effect(size, cause)]
-    effects = []
-    for k in telling:
-        cause = _of_parameter(evidence, best, k, np.array([k]))
-        effects.append(_Effect(float(sizes[k]), cause))
-    return effects
-
-
-def _by_test(evidence: Evidence) -> Explanation:
+def _by_test(evidence: Evidence, estimate: _Estimate) -> _Estimate:
     """What the most telling test says, where no explanation is clearly better than none."""
-    best = evidence.explanations[0]
     structure = evidence.rows.body.structure
     singles = single_causes(structure, evidence.cause)
     allowed = np.concatenate([*singles.values()])
@@ -224,13 +228,13 @@ def _by_test(evidence: Evidence) -> Explanation:
         deviation = np.zeros(structure.size)
         deviation[change.indices] = change.deviations
         beta = structure.retract(evidence.prior.beta, step)
-        return replace(
-            best, indices=change.indices, beta=beta, deviation=deviation
+        return estimate._replace(
+            indices=change.indices, beta=beta, deviation=deviation
         )
-    return best
+    return estimate
 
 
-def _half_width(evidence: Evidence, best: Explanation, k: int) -> float:
+def _half_width(evidence: Evidence, best: _Estimate, k: int) -> float:
     """Half of the 95 % interval of a parameter's change.
 
     It holds what the other explanations say that the evidence hardly tells from the best: rows
@@ -246,13 +250,13 @@ def _half_width(evidence: Evidence, best: Explanation, k: int) -> float:
 
 
 def _of_parameter(
-    evidence: Evidence, best: Explanation, k: int, part: Indices
+    evidence: Evidence, best: _Estimate, k: int, part: Indices
 ) -> Cause:
     """A cause that one parameter tells.
 
     part : all parameters that it tells of
     """
-    label = best.reference.structure.labels[k]
+    label = best.structure.labels[k]
     old = float(evidence.prior.beta[k])
     changes = best.beta - evidence.prior.beta
     change = float(changes[k])
@@ -274,13 +278,13 @@ def _of_parameter(
     return cause.within(half)
 
 
-def _move_of_sensor(evidence: Evidence, best: Explanation) -> Cause:
+def _move_of_sensor(evidence: Evidence, best: _Estimate) -> Cause:
     """The sensor's frame as one cause, its rotation as the number."""
-    turn = best.reference.structure.groups["view.rotation"]
+    turn = best.structure.groups["view.rotation"]
     moved = frame_between(evidence, best.beta)
     half = 1.96 * float(np.linalg.norm(best.deviation[turn]))
     squares = np.zeros(len(moved.shift))
-    for k in indices_of(best.reference.structure, FRAME).tolist():
+    for k in indices_of(best.structure, FRAME).tolist():
         nearby = best.beta.copy()
         nearby[k] += best.deviation[k]
         squares += (frame_between(evidence, nearby).shift - moved.shift) ** 2

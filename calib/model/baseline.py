@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -44,6 +45,13 @@ class RowPlaces(ReadOnly):
         return np.maximum(distance[:, 0] - self.reach[place[:, 0]], 0.0)
 
 
+class Signal(NamedTuple):
+    """One measure of how a log lies on the maps."""
+
+    value: float  # of the log
+    threshold: float  # what is usual where it lies
+
+
 @dataclass(frozen=True, eq=False)
 class Baseline(ReadOnly):
     """Distortions of samples that training never saw, stored with a model."""
@@ -56,6 +64,42 @@ class Baseline(ReadOnly):
     # [unit], standard deviation per axis of measured less predicted position in training
     noise: float
     seen: RowPlaces | None = None  # of a log without a body
+
+    def distortions(
+        self,
+        association: Association,
+        u: Array,
+        x: Array,
+        predicted: Array,
+        bound: Array,
+    ) -> dict[str, Signal]:
+        """Zeta of both maps (eq. 9), the reverse distortion, and the distance to the prediction.
+
+        "reverse" is the mean squared distance of the nodes predicted for the joints to those that
+        the positions visit, in the unit box; "links" the root mean square of the residuals [unit].
+
+        u : (n, dof), joints in the unit box
+        x, predicted : (n, m) [unit], positions
+        bound : (n,) [unit], infinite for none
+        """
+        sensory = association.sensory
+        measured = sensory.scale.to_unit(x)
+        nodes = sensory.winners(x)
+        of_prediction = sensory.winners(predicted)
+        visited = sensory.units[np.unique(nodes)]
+        places = sensory.units[of_prediction]
+        distance = nearest_points(visited, sensory.scale, places)[0]
+        reverse = float(np.mean(distance**2))
+        usual_bound = np.where(np.isfinite(bound), bound, 0.0)
+        squares = ((x - predicted) ** 2).sum(axis=1)
+        links = math.sqrt(np.mean(squares))
+        usual_links = math.sqrt(np.mean(usual_bound**2))
+        return {
+            "motor": _zeta(association.motor, u, self.motor),
+            "sensory": _zeta(sensory, measured, self.sensory),
+            "reverse": Signal(reverse, sensory.spacing**2),
+            "links": Signal(links, usual_links),
+        }
 
 
 def learn_baseline(
@@ -73,6 +117,13 @@ def learn_baseline(
     # the median of a Rayleigh distribution: a few wrong detections do not count
     noise = float(np.median(errors)) / np.sqrt(2.0 * np.log(2.0))
     return Baseline(motor, sensory, (first, second), float(noise))
+
+
+def _zeta(network: Map, points: Array, expected: Array) -> Signal:
+    """Distortion (eq. 9) of points (n, p) in the unit box, beside the winners' own (nodes,)."""
+    distance, winner = network.nearest(points)
+    zeta = np.mean(distance[:, 0] ** 2)
+    return Signal(float(zeta), float(expected[winner[:, 0]].mean()))
 
 
 def _usual_squares(network: Map, points: Array) -> tuple[Array, float]:

@@ -195,10 +195,8 @@ class RigFit:
         return self._document(
             place.position,
             place.quaternion,
-            place.position_sd,
-            place.turn_sd,
-            place.position_sd_up_to_gauge,
-            place.turn_sd_up_to_gauge,
+            *np.split(place.sd, 2),
+            *np.split(place.sd_up_to_gauge, 2),
         )
 
     def _document(

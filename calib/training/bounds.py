@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,67 +12,79 @@ from ..common.parallel import side_by_side
 from ..common.rows import row_lengths
 from ..maps.node_bounds import learn_bounds
 from ..model.about import MeasuredRows
+from ..model.baseline import Baseline, RowPlaces, learn_baseline
 from ..model.model import Model
 from ..model.parts import bounds_of_nodes
 from ..samples.motion import directions
+from ..samples.samples import Samples
 from ..samples.simulation import Simulation
+from .fitted_log import FittedLog, SoundLog
 from .options import TrainingOptions
-from .preparation import PreparedLog
 from .residuals import Residuals, fresh_residuals, held_out_residuals
 from .settings import TESTING
 
 
-@dataclass(frozen=True, eq=False)
-class Tested:
-    """A model with bounds, and the rows by which they were found."""
-
-    model: Model
-    residuals: Residuals  # of all its readouts
-    u: Array  # (k, dof), joints of rows that it has not learned, in the unit box
-    x: Array  # (k, m) [unit], positions there
-
-
-def errors_on_log(
+def tested_on_log(
     model: Model,
-    prepared: PreparedLog,
+    log: SoundLog,
     held_out: Array | None,
     options: TrainingOptions,
-) -> Tested:
-    """Test a model of a log on rows that were held out.
+) -> tuple[Model, Residuals]:
+    """A model of a log with bounds by rows that were held out, and the errors there.
 
     held_out : (k, m) [unit], what the default readout leaves over of the rows of the body
     """
-    samples = prepared.samples
-    part = prepared.part
-    residuals = held_out_residuals(model, samples, part, held_out, options)
-    u = model.motor.scale.to_unit(residuals.motion.q)
+    samples = log.samples
+    residuals = held_out_residuals(model, log, held_out, options)
+    motor = model.motor
+    u = motor.scale.to_unit(residuals.motion.q)
     errors = residuals.errors[model.default_readout]
     reading, position = node_bounds(model, u, errors)
-    rows = slice(None) if part is None else part.rows
-    measured = MeasuredRows.of(samples.q[rows], samples.x[rows], held_out)
-    model = replace(model, bounds=reading, model_bounds=position, rows=measured)
-    return Tested(model, residuals, u, residuals.x)
+    rows = log.rows if isinstance(log, FittedLog) else slice(None)
+    baseline = _baseline(model, samples, u, residuals.x)
+    if model.body is None:
+        baseline = replace(baseline, seen=RowPlaces.of(motor.scale, u))
+    model = replace(
+        model,
+        bounds=reading,
+        model_bounds=position,
+        rows=MeasuredRows.of(samples.q[rows], samples.x[rows], held_out),
+        baseline=baseline,
+    )
+    return model, residuals
 
 
-def errors_on_arm(
+def tested_on_arm(
     model: Model,
     simulation: Simulation,
-    prepared: PreparedLog,
+    log: SoundLog,
     options: TrainingOptions,
-) -> Tested:
-    """Test a model of a simulated arm on exact samples that it has not learned."""
+) -> tuple[Model, Residuals]:
+    """A model of a simulated arm with bounds by exact samples, and the errors at others."""
     seed = options.stream("bounds")
     (nodes, u, x), residuals = side_by_side(
-        lambda: _simulation_bounds(model, simulation, prepared.play, seed),
+        lambda: _simulation_bounds(model, simulation, log.play, seed),
         lambda: fresh_residuals(model, simulation),
     )
     model = replace(
         model,
         bounds=nodes,
         model_bounds=nodes,
-        approach=prepared.approach,
+        baseline=_baseline(model, log.samples, u, x),
+        approach=log.approach,
     )
-    return Tested(model, residuals, u, x)
+    return model, residuals
+
+
+def _baseline(model: Model, samples: Samples, u: Array, x: Array) -> Baseline:
+    """What distortions of an undisturbed arm look like, of samples that it has not learned.
+
+    u, x : (k, dof) in the unit box and (k, m) [unit], joints and positions of these
+    """
+    every = max(1, len(samples) // TESTING.baseline)
+    learned = model.motor.scale.to_unit(samples.q[::every])
+    missed = model.predictor.value(learned) - samples.x[::every]
+    return learn_baseline(model.association, u, x, row_lengths(missed))
 
 
 def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:

@@ -16,24 +16,23 @@ from ..maps.links import wiring_of
 from ..maps.map import Map
 from ..maps.model_selection import misfit
 from ..maps.som import SOM
-from ..samples.samples import Samples
+from .fitted_log import FittedLog, SoundLog
 from .options import LATTICE, UNFOLD, Progress, TrainingOptions
 from .settings import LEARNING
-from .smooth import SmoothPart
 
 
 def maps_of(
-    samples: Samples,
-    part: SmoothPart | None,
+    log: SoundLog,
     options: TrainingOptions,
     rows: slice | Index = slice(None),
     progress: Progress | None = None,
 ) -> Association:
-    """Maps and links of some rows of the samples, and of what the body of `part` imagines."""
+    """Maps and links of some rows of a log, and of what its body imagines."""
+    samples = log.samples
     scale = samples.unit_box
     u = scale.to_unit(samples.q[rows])
     x = samples.x[rows]
-    if part is None:
+    if not isinstance(log, FittedLog):
         return associate(scale, u, x, options, None, progress)
     # a log may leave parts of the joints' range out, a simulation only has too few samples
     nodes = math.prod(options.shapes[0])
@@ -42,17 +41,17 @@ def maps_of(
         rng = np.random.default_rng(options.stream("imagined"))
         drawn = rng.random((LEARNING.imagined * nodes, u.shape[1]))
         u = np.concatenate([u[::every], drawn])
-        x = np.concatenate([x[::every], part.smooth.value(drawn)])
-    wrong = wrong_around(part, samples, u)
+        x = np.concatenate([x[::every], log.body.value(drawn)])
+    wrong = wrong_around(log, u)
     return associate(scale, u, x, options, wrong, progress)
 
 
-def wrong_around(part: SmoothPart, samples: Samples, u: Array) -> Array | None:
+def wrong_around(log: FittedLog, u: Array) -> Array | None:
     """How wrong (k,) the body is around points `u` (k, dof) of the unit box, None within noise."""
-    scale = part.smooth.scale
-    learned = scale.to_unit(samples.q[part.rows])
-    extent = part.extent(samples)
-    return misfit(scale, learned, part.fit.held_out, extent, u)
+    scale = log.samples.unit_box
+    learned = scale.to_unit(log.samples.q[log.rows])
+    extent = float(np.linalg.norm(np.ptp(log.samples.x[log.rows], axis=0)))
+    return misfit(scale, learned, log.fit.held_out, extent, u)
 
 
 def associate(
@@ -66,7 +65,7 @@ def associate(
     """Learn both maps and the links between them: the paper's part.
 
     u, x : (n, dof), (n, m), joints in the unit box of `scale` and positions
-    residual : (n,), how wrong the smooth part is around each sample; the default varying density
+    residual : (n,), how wrong the body is around each sample; the default varying density
         puts nodes there
     """
     box = Scale.of_data(x)

@@ -3,144 +3,116 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
-from ..body.approach import Approach
-from ..common.arrays import Array
+from ..body.body_fit import BodyFit
 from ..common.rows import finite_rows, row_lengths
 from ..common.wording import quantity
 from ..errors import LogError, OptionError
 from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.misfit import align
-from ..samples.repeatability import at_poses, noise_beside_poses
+from ..samples.repeatability import noise_beside_poses
 from ..samples.samples import Samples
 from ..samples.settings import DIAGNOSIS
+from .bodies import fit_bodies, mean_error
 from .fitted_log import (
     FittedLog,
-    contradictions,
+    SoundLog,
     fit_sound_rows,
-    in_time,
     play_words,
-    without_play,
+    samples_without_play,
 )
+from .late_clock import samples_in_time
 from .options import TrainingOptions
 from .settings import DISAGREEMENT
-from .smooth import SmoothPart, find_smooth_part, find_smooth_parts
 from .touched import fit_sockets
-
-
-@dataclass(frozen=True, eq=False)
-class PreparedLog:
-    """What is learned from: sound rows of one sensor, in time, and the body under the maps."""
-
-    readings: Samples  # poses as often as they were read
-    rows_given: int  # rows of the log before any was left out
-    notes: list[str]  # of these rows
-    part: SmoothPart | None  # of a row for each pose
-    # (dof,), half the play of each joint, which the samples are freed of
-    play: Array
-
-    @cached_property
-    def samples(self) -> Samples:
-        """A row for each pose; of touches, whose sockets are positions, all."""
-        touched = self.readings.touch is not None
-        return self.readings if touched else at_poses(self.readings)
-
-    @property
-    def approach(self) -> Approach | None:
-        """The play, where the direction of motion counts."""
-        return Approach(self.play) if self.play.any() else None
-
-    @property
-    def left_out(self) -> int:
-        """Number of the log's rows that are wrong; poses that were read again are not."""
-        return self.rows_given - len(self.readings)
-
-
-def _alone(samples: Samples, options: TrainingOptions) -> PreparedLog:
-    """Leave wrong rows out, bring clocks together, and fit the body; a row a pose is left."""
-    rows_given = len(samples) + samples.left_out
-    no_play = np.zeros(samples.dof)
-    if samples.touch is not None:
-        samples, part, notes = fit_sockets(samples, samples.touch, options)
-        return PreparedLog(samples, rows_given, notes, part, no_play)
-
-    def fit(rows: Samples) -> SmoothPart:
-        return find_smooth_part(at_poses(rows), options)
-
-    simulation = samples.simulation
-    if options.body == "none":
-        notes = []
-        if simulation is None or simulation.has_outliers:
-            fitted = FittedLog.of(samples, fit).without_wrong_rows()
-            samples = fitted.samples
-            notes = [*fitted.notes]
-        return PreparedLog(samples, rows_given, notes, None, no_play)
-    fitted = fit_sound_rows(samples, fit)
-    notes = [*fitted.notes]
-    if fitted.play.any():
-        notes.append(play_words(samples, fitted.play))
-    part = _of_single_readings(fitted.part, fitted.samples)
-    return PreparedLog(fitted.samples, rows_given, notes, part, fitted.play)
+from .wrong_rows import contradictions
 
 
 def prepare(
     logs: Mapping[str, Samples], options: TrainingOptions
-) -> list[PreparedLog]:
+) -> Sequence[SoundLog]:
     """Prepare the log of each sensor by itself, then fit one body to all of several."""
+    first, *others = logs.values()
+    if not others and first.touch is None and options.body == "none":
+        return [_without_body(first, options)]
     alone = {name: _alone(log, options) for name, log in logs.items()}
-    if len(alone) == 1:
+    if not others:
         return [*alone.values()]
     # the arm's, whichever sensors have shown it
     plays = [log.play for log in alone.values() if log.play.any()]
     for name, log in alone.items():
         play = np.mean(plays, axis=0) if plays else log.play
-        readings = without_play(log.readings, play - log.play)
+        readings = samples_without_play(log.readings, play - log.play)
         alone[name] = replace(log, readings=readings, play=play)
     poses = {name: log.samples for name, log in alone.items()}
-    together = find_smooth_parts(poses, options)
+    fits = fit_bodies(poses, options)
     prepared = []
     for name, log in alone.items():
-        part = _of_single_readings(together[name], log.readings)
-        notes = [*log.notes, *_disagreement(log, part)]
-        prepared.append(replace(log, part=part, notes=notes))
+        fit = _of_single_readings(fits[name], log.readings)
+        notes = (*log.notes, *_disagreement(log, fit))
+        prepared.append(replace(log, fit=fit, notes=notes))
     return prepared
 
 
-def _disagreement(log: PreparedLog, together: SmoothPart) -> list[str]:
+def _without_body(samples: Samples, options: TrainingOptions) -> SoundLog:
+    """The log for maps and links alone; a body tells which of its rows are wrong."""
+    simulation = samples.simulation
+    rows_given = len(samples) + samples.left_out
+    log = SoundLog(samples, rows_given, np.zeros(samples.dof), ())
+    if simulation is not None and not simulation.has_outliers:
+        return log
+    fitted = FittedLog.of(samples, options).without_wrong_rows()
+    return replace(log, readings=fitted.readings, notes=fitted.notes)
+
+
+def _alone(samples: Samples, options: TrainingOptions) -> FittedLog:
+    """The log of one sensor without wrong rows, its clocks together, and its body."""
+    if samples.touch is not None:
+        return fit_sockets(samples, samples.touch, options)
+    log = fit_sound_rows(samples, options)
+    notes = log.notes
+    if log.play.any():
+        notes = (*notes, play_words(samples, log.play))
+    fit = _of_single_readings(log.fit, log.readings)
+    return replace(log, fit=fit, notes=notes)
+
+
+def _disagreement(log: FittedLog, together: BodyFit) -> list[str]:
     """Return a note where one body of all sensors misses this one's rows by far more than its own.
 
-    log : with the part of its own
+    log : with the body of its own
     """
-    alone = log.part
-    if alone is None or together.error < DISAGREEMENT * alone.error:
+    alone = mean_error(log.fit)
+    error = mean_error(together)
+    if error < DISAGREEMENT * alone:
         return []
     unit = log.readings.unit
     return [
         f"sensor {log.readings.sensor} disagrees with the others about the arm: its held-out rows "
-        f"are missed by {quantity(together.error, unit)}, by {quantity(alone.error, unit)} where "
+        f"are missed by {quantity(error, unit)}, by {quantity(alone, unit)} where "
         "it is fitted alone; check that its joints and positions are of the same arm"
     ]
 
 
-def _of_single_readings(part: SmoothPart, samples: Samples) -> SmoothPart:
-    """The smooth part with the noise of single readings, where it was fitted to means of them."""
+def _of_single_readings(fit: BodyFit, samples: Samples) -> BodyFit:
+    """The fit with the noise of single readings, where it is one to means of them."""
     if samples.simulation is not None:
-        return part
+        return fit
     repeat, hidden = noise_beside_poses(samples)
     if not hidden:
-        return part
-    body = part.fit.body
+        return fit
+    body = fit.body
     second = body.second
     if second is not None:
         second = replace(second, noise=np.hypot(second.noise, hidden))
     noise = np.hypot(body.noise, hidden)
-    body = replace(body, noise=noise, second=second, repeat=repeat)
-    return replace(part, fit=replace(part.fit, body=body))
+    return replace(
+        fit, body=replace(body, noise=noise, second=second, repeat=repeat)
+    )
 
 
 def logs_by_sensor(
@@ -191,7 +163,7 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
     )
     notes: list[str] = []
     if model.body is not None:
-        samples, notes = in_time(samples, model.body)
+        samples, notes = samples_in_time(samples, model.body)
     predicted = predict(model, samples).value
     residual = samples.x - predicted
     answered = finite_rows(predicted)

@@ -16,12 +16,11 @@ from ..model.answers import unit_joints
 from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.motion import Motion
-from ..samples.samples import Samples
 from ..samples.simulation import Simulation
+from .fitted_log import FittedLog, SoundLog
 from .maps import maps_of
 from .options import TrainingOptions
 from .settings import TESTING
-from .smooth import SmoothPart
 from .touch_scatter import NOT_LEARNED
 
 Sizes = dict[str, float]
@@ -111,33 +110,34 @@ def evaluate_residuals(
 
 def held_out_residuals(
     model: Model,
-    samples: Samples,
-    part: SmoothPart | None,
+    log: SoundLog,
     held_out: Array | None,
     options: TrainingOptions,
 ) -> Residuals:
     """Residuals of all readouts on rows of a log that were held out in contiguous blocks.
 
-    `held_out` is what the default readout leaves over of the rows of `part` that it has not seen.
+    held_out : (k, m), what the default readout leaves over of the body's rows
     """
+    samples = log.samples
     rows = np.arange(0, len(samples), max(1, len(samples) // TESTING.maps))
     forward: dict[str, Array] = {}
     turned = None
     widening: Array | float = 1.0
-    if part is not None and held_out is not None:
-        some = slice(None, None, max(1, len(held_out) // TESTING.body))
-        rows = part.rows[some]
-        forward["local"] = -held_out[some]
-        widening = part.fit.widening[some]
+    if isinstance(log, FittedLog) and held_out is not None:
+        sample = slice(None, None, max(1, len(held_out) // TESTING.body))
+        fit = log.fit
+        rows = log.rows[sample]
+        forward["local"] = -held_out[sample]
+        widening = fit.widening[sample]
         if "body" in model.readouts:
-            forward["body"] = -part.fit.held_out[some]
-        if part.fit.turned is not None:
-            turned = part.fit.turned[some]
+            forward["body"] = -fit.held_out[sample]
+        if fit.turned is not None:
+            turned = fit.turned[sample]
     q = samples.q[rows]
     x = samples.x[rows]
     answers = _answers_to_missed(model, q, forward)
     maps_forward, maps_answers = _cross_validated_maps(
-        model, samples, part, options, rows
+        model, log, options, rows
     )
     residuals = _residuals(
         model, Motion(q), x, forward | maps_forward, answers | maps_answers
@@ -163,8 +163,7 @@ def _answers_to_missed(
 
 def _cross_validated_maps(
     model: Model,
-    samples: Samples,
-    part: SmoothPart | None,
+    log: SoundLog,
     options: TrainingOptions,
     rows: Index,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
@@ -172,6 +171,7 @@ def _cross_validated_maps(
 
     Twice maps learn one half of the blocks of a log and are tested on the other.
     """
+    samples = log.samples
     q = samples.q[rows]
     x = samples.x[rows]
     clip = model.solver.newton.clip
@@ -183,7 +183,7 @@ def _cross_validated_maps(
     in_odd_block = np.isin(numbers, np.concatenate(blocks[1::2]))
     for unseen in (in_odd_block, ~in_odd_block):
         tested = unseen[rows]
-        pair = maps_of(samples, part, options, np.flatnonzero(~unseen))
+        pair = maps_of(log, options, np.flatnonzero(~unseen))
         targets = pair.sensory.scale.to_unit(x[tested])
         inverses = pair.inverses(targets, near[tested])
         for readout in MAP_READOUTS:

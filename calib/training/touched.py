@@ -19,9 +19,9 @@ from ..errors import LogError
 from ..samples.samples import Samples
 from ..samples.sockets import Touches
 from ..samples.tables import rows_in_words
+from .fitted_log import FittedLog
 from .options import TrainingOptions
 from .settings import LEARNING, TOUCHING
-from .smooth import SmoothPart
 
 _BASE = (
     "no touch tells where the base stands and how it is turned about the first axis: both stay as "
@@ -83,11 +83,11 @@ class SizeCheck:
 
 def fit_sockets(
     samples: Samples, touch: Touches, options: TrainingOptions
-) -> tuple[Samples, SmoothPart, list[str]]:
+) -> FittedLog:
     """Fit arm and sockets; rows that are not in theirs are left out.
 
     Returns the samples with their sockets' places as positions: in the arm's base frame, or in the
-        sensor's where one measured some rows; their smooth part; and notes.
+        sensor's where one measured some rows.
     Raises LogError if the touches tell nothing of the arm, or no arm explains them.
     """
     arm = samples.arm
@@ -119,9 +119,14 @@ def fit_sockets(
             f"{rows_in_words(samples.rows[strays])}"
         )
     positions = touch.positions(samples.x, sockets.places)
-    samples = replace(samples, x=positions).take(sockets.used)
-    rows = np.arange(len(samples))
-    return samples, SmoothPart(sockets.fit, rows, samples.unit_box), notes
+    return FittedLog(
+        replace(samples, x=positions).take(sockets.used),
+        rows_given=len(samples) + samples.left_out,
+        play=np.zeros(samples.dof),
+        notes=tuple(notes),
+        fit=sockets.fit,
+        options=options,
+    )
 
 
 def _of_right_size(

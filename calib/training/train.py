@@ -17,24 +17,21 @@ import numpy as np
 from ..arm.arm import Arm
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
-from ..common.rows import row_lengths
 from ..common.scale import TURN
 from ..errors import LogError
+from ..maps.association import Association
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
 from ..model.about import About
-from ..model.baseline import RowPlaces, learn_baseline
 from ..model.model import Model
 from ..samples.samples import Samples
-from .bounds import errors_on_arm, errors_on_log
+from .bounds import tested_on_arm, tested_on_log
+from .fitted_log import FittedLog, SoundLog
 from .maps import maps_of
 from .options import Progress, TrainingOptions, options_for
-from .preparation import PreparedLog, logs_by_sensor, prepare
-from .residuals import (
-    p95_and_coverage,
-    summarise,
-)
-from .settings import LEARNING, TESTING
+from .preparation import logs_by_sensor, prepare
+from .residuals import Residuals, p95_and_coverage, summarise
+from .settings import LEARNING
 
 SLIDING_UNKNOWN = (
     "no arm of turning joints explains all that the rows show: if a joint slides, name it in "
@@ -116,11 +113,10 @@ def _refuse_few(samples: Samples) -> None:
 
 
 def _learn(
-    prepared: PreparedLog, options: TrainingOptions, progress: Progress
+    log: SoundLog, options: TrainingOptions, progress: Progress
 ) -> Model:
     """Learn maps, links and local models on a body, and measure the errors of them all."""
-    samples = prepared.samples
-    part = prepared.part
+    samples = log.samples
     options, size_notes = options_for(samples, options)
 
     progress(0.1, "maps", math.nan)
@@ -128,58 +124,65 @@ def _learn(
     def report(done: float, stage: str, error: float) -> None:
         progress(0.1 + 0.6 * done, stage, error)
 
-    association = maps_of(samples, part, options, progress=report)
+    association = maps_of(log, options, progress=report)
 
     progress(0.7, "local models", math.nan)
+    model, held_out = _untested(log, association, options)
+
+    progress(0.8, "evaluation", math.nan)
+    if samples.simulation is None:
+        model, residuals = tested_on_log(model, log, held_out, options)
+    else:
+        model, residuals = tested_on_arm(
+            model, samples.simulation, log, options
+        )
+    progress(1.0, "done", math.nan)
+    return _with_errors(model, residuals, log, size_notes)
+
+
+def _untested(
+    log: SoundLog, association: Association, options: TrainingOptions
+) -> tuple[Model, Array | None]:
+    """The model before it has bounds, and what it leaves over of held-out rows (k, m) [unit]."""
+    samples = log.samples
     motor = association.motor
     u = motor.scale.to_unit(samples.q)
     unknown = np.zeros(motor.size)
     visited = motor.visited_by(u)
     about = _about(samples, options)
     model = Model(about, association, NO_MODELS, unknown, unknown, visited)
-    held_out = None
-    if part is not None:
-        predictor, held_out = select(
-            motor,
-            u[part.rows],
-            samples.x[part.rows],
-            part.smooth,
-            part.fit.held_out,
-        )
-        model = replace(model, local=predictor.models, body=part.fit.body)
+    if not isinstance(log, FittedLog):
+        return model, None
+    rows = log.rows
+    predictor, held_out = select(
+        motor, u[rows], samples.x[rows], log.body, log.fit.held_out
+    )
+    model = replace(model, local=predictor.models, body=log.fit.body)
+    return model, held_out
 
-    progress(0.8, "evaluation", math.nan)
-    if samples.simulation is None:
-        tested = errors_on_log(model, prepared, held_out, options)
-    else:
-        tested = errors_on_arm(model, samples.simulation, prepared, options)
-    progress(1.0, "done", math.nan)
-    residuals = tested.residuals
-    notes = (*size_notes, *prepared.notes, *(part.fit.notes if part else ()))
+
+def _with_errors(
+    model: Model, residuals: Residuals, log: SoundLog, size_notes: list[str]
+) -> Model:
+    """The model with its errors among its facts, and notes for the user."""
+    notes = [*size_notes, *log.notes]
+    if isinstance(log, FittedLog):
+        notes += log.fit.notes
     about = replace(
-        about,
+        model.about,
         errors=summarise(residuals),
-        within=p95_and_coverage(tested.model, residuals),
+        within=p95_and_coverage(model, residuals),
         tested=len(residuals.x),
-        left_out=residuals.left_out + prepared.left_out,
-        notes=notes,
+        left_out=residuals.left_out + log.left_out,
     )
     # a body of the right joints needs no local models
-    is_arm = part is None or (model.local.degree < 0 and about.bound_holds)
-    if samples.arm is None and all(samples.revolute) and not is_arm:
-        about = replace(about, notes=(*notes, SLIDING_UNKNOWN))
-    # what an undisturbed arm's distortions look like
-    some = slice(None, None, max(1, len(samples) // TESTING.baseline))
-    missed = row_lengths(model.predictor.value(u[some]) - samples.x[some])
-    baseline = learn_baseline(association, tested.u, tested.x, missed)
-    if part is None and samples.simulation is None:
-        baseline = replace(baseline, seen=RowPlaces.of(motor.scale, tested.u))
-    return replace(
-        tested.model,
-        about=about,
-        baseline=baseline,
-        approach=prepared.approach,
-    )
+    is_arm = model.local.degree < 0 and about.bound_holds
+    unknown_joints = log.samples.arm is None and all(about.revolute)
+    if model.body is not None and unknown_joints and not is_arm:
+        notes.append(SLIDING_UNKNOWN)
+    about = replace(about, notes=tuple(notes))
+    # bounds on errors of a log are of joints that are freed of their play
+    return replace(model, about=about, approach=log.approach)
 
 
 def _limits(samples: Samples, arm: Arm) -> Array:

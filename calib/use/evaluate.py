@@ -37,6 +37,8 @@ from ..training.touch_scatter import in_sockets
 
 Frame = Literal["kept", "free"]
 EVALUATED = ("kept", "free")
+FRESH = "fresh exact samples"
+HELD_OUT = "rows held out in blocks of the log"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -128,9 +130,9 @@ def evaluate(
     if samples is None:
         simulation = simulation_of(model)
         if simulation is None:
-            return _of_training(model)
+            return as_made(model)
         residuals = fresh_residuals(model, simulation)
-        return _evaluation(model, residuals, "fresh exact samples")
+        return _evaluation(model, residuals, FRESH)
     model = model.by(samples.sensor)
     source = "measured rows of the log"
     lost = samples.left_out
@@ -150,7 +152,7 @@ def evaluate(
             f"the model has learned {count} of these {len(samples)} rows, so that they do not "
             "tell its errors: those of rows that were held out while it was trained follow"
         )
-        training = _of_training(model)
+        training = as_made(model)
         left_out = training.left_out + fresh + lost
         return replace(
             training, notes=(note,), learned=count, left_out=left_out
@@ -192,8 +194,8 @@ def _of_log(model: Model, samples: Samples, source: str) -> Evaluation:
     evaluation = _evaluation(model, residuals, source, lost)
     notes = [*verdict.notes]
     if verdict.changed:
-        first = [*verdict.explanations, "its cause is unknown"][0]
-        notes.append(f"{verdict.words}: {first}; `check` says what to do")
+        words = f"{verdict.words}: {verdict.main_cause}"
+        notes.append(f"{words}; `check` says what to do")
     return replace(
         evaluation,
         within={**evaluation.within, "covered": verdict.covered},
@@ -202,16 +204,13 @@ def _of_log(model: Model, samples: Samples, source: str) -> Evaluation:
     )
 
 
-def _of_training(model: Model) -> Evaluation:
-    """The errors on rows of its log that were held out while a model was trained."""
+def as_made(model: Model) -> Evaluation:
+    """The errors on rows that a model had not seen when it was made."""
     about = model.about
-    return Evaluation(
-        dict(about.errors),
-        about.tested,
-        about.left_out,
-        "rows held out in blocks of the log",
-        dict(about.within),
-    )
+    errors = dict(about.errors)
+    within = dict(about.within)
+    source = FRESH if about.source == "simulation" else HELD_OUT
+    return Evaluation(errors, about.tested, about.left_out, source, within)
 
 
 def _residuals(model: Model, samples: Samples) -> Residuals:

@@ -6,19 +6,17 @@ may be pictures or a LeRobotDataset.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 from typing import Annotated
 
 import calib
-from calib.common.wording import for_people
+from calib.common.wording import error_size, for_people, with_unit
 
 from .. import options as opt
 from .. import parsing
-from ..logs import Reading, log_for
-from ..output import NO, Outcome, TextTable, number, say, with_unit
+from ..logs import LogFormat, log_for
+from ..output import NO, Outcome, TextTable, say
 from ..pictures import log_of_pictures
 from ..units import units_of
 
@@ -50,34 +48,24 @@ def check(
     camera: opt.DatasetCamera = None,
 ) -> Outcome:
     loaded = calib.load(model)
-    reading = Reading(columns, unit, time_offset, degrees)
+    log_format = LogFormat(columns, unit, time_offset, degrees)
     if joints_file is None and not Path(data).is_dir():
-        log = log_for(loaded, data, reading)
+        log = log_for(loaded, data, log_format)
     else:
         log = log_of_pictures(loaded, data, joints_file, camera, degrees)
-    episodes = _episodes(loaded, log, cause)
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     say(drift.notes)
-    bumped = [episode for episode in episodes if episode.drifted]
     document = {
         "model": model,
         **drift.to_json(),
-        "drifted": True if bumped else drift.drifted,
-        "episodes": episodes,
         "unit": drift.unit,
         "units": units_of(loaded.about, drift.unit),
     }
     lines = _verdict(drift, f"calib adapt {quote(model)} --data {quote(data)}")
-    if bumped and not drift.drifted:
-        count = f"{len(bumped)} of {len(episodes)}"
-        lines = [f"DRIFTED in {count} episodes", lines[-1]]
-    for episode in bumped:
-        first = [*episode.explanations, "its cause is unknown"][0]
-        lines.append(f"episode {episode.episode}: DRIFTED: {first}")
-    noisier = any(cause.group == "noise" for cause in drift.causes)
-    # a bound that noisier readings alone exceed is said, and is no change of the arm
-    calm = drift.drifted is False and (drift.bound_holds or noisier)
-    code = 0 if calm and not bumped else NO
+    for episode in drift.drifted_episodes:
+        title = f"episode {episode.episode}: DRIFTED"
+        lines.append(f"{title}: {episode.main_cause}")
+    code = 0 if drift.is_calm else NO
     return Outcome(document, lines, [_signals(drift)], code=code)
 
 
@@ -87,15 +75,22 @@ def _verdict(drift: calib.Verdict, adapt: str) -> list[str]:
         f"limited by noise: these {drift.samples} rows show changes from "
         f"{with_unit(drift.smallest, drift.unit)} on; more rows show smaller ones"
     )
-    if drift.drifted:
-        first, *others = drift.explanations or ("its cause is unknown",)
+    if drift.changed:
         remedy = f"{adapt} re-calibrates it"
         scales = [cause for cause in drift.causes if cause.cause == "scale"]
         if not drift.adapts:
             remedy = "calib adapt finds nothing that mends it: check the log and the arm"
         elif any(cause.interval is None for cause in scales):
             remedy = "check the log's unit before calib adapt, which learns the new scale"
-        return [f"DRIFTED: {first}", *others, f"what to do: {remedy}", limit]
+        return [
+            f"DRIFTED: {drift.main_cause}",
+            *drift.explanations[1:],
+            f"what to do: {remedy}",
+            limit,
+        ]
+    if drift.drifted:
+        count = f"{len(drift.drifted_episodes)} of {len(drift.episodes)}"
+        return [f"DRIFTED in {count} episodes", limit]
     if drift.changed is None:
         return [
             "TOO FEW ROWS TO SAY: they could not show a change of ten times the noise",
@@ -114,37 +109,6 @@ def _verdict(drift: calib.Verdict, adapt: str) -> list[str]:
     return [verdict, *drift.explanations, limit]
 
 
-@dataclass(frozen=True)
-class Episode:
-    """The verdict on one series of a log; `--json` prints these fields."""
-
-    episode: int
-    samples: int
-    drifted: bool | None  # None where it has too few rows
-    score: float | None
-    explanations: Sequence[str]
-
-
-def _episodes(
-    model: calib.Model, log: calib.Samples, cause: str | None
-) -> list[Episode]:
-    """Return the verdict on each series of a log."""
-    episodes: list[Episode] = []
-    if log.episode is None:
-        return episodes
-    for series in sorted(set(log.episode.astype(int).tolist())):
-        rows = log.take((log.episode == series).nonzero()[0])
-        try:
-            drift = calib.check(model, rows, cause=cause)
-        except calib.LogError as error:
-            episode = Episode(series, len(rows), None, None, [str(error)])
-        else:
-            verdict = drift.drifted, drift.score, drift.explanations
-            episode = Episode(series, len(rows), *verdict)
-        episodes.append(episode)
-    return episodes
-
-
 def _signals(drift: calib.Verdict) -> TextTable:
     """Return the distortions of the maps, which raise no alarm."""
     factor, unit = for_people(drift.unit)
@@ -152,7 +116,10 @@ def _signals(drift: calib.Verdict) -> TextTable:
     for key, signal in drift.distortion.items():
         # zeta is a squared share of the unit box: millionths are readable
         size, shown = (factor, unit) if key == "links" else (1e6, "1e-6")
-        values = number(size * signal.value), number(size * signal.threshold)
+        values = (
+            error_size(size * signal.value),
+            error_size(size * signal.threshold),
+        )
         rows.append([SIGNALS[key], shown, *values])
     zeta = "zeta: mean squared distance of rows to winning nodes, in the unit box (eq. 9)"
     header = ["on the maps", "unit", "found", "usual"]

@@ -40,6 +40,23 @@ def test_sizes_are_told_to_the_digits_of_their_intervals():
     assert re.search(f"frame moved: turned {size}\\d? deg, shifted {size} mm, {size} mm$", moved)
 
 
+def test_each_episode_of_a_log_has_a_verdict():
+    calm, bumped = log(n=60, seed=1), log("elbow.offset=0.02", n=60, seed=2)
+    rows = {
+        name: np.concatenate([getattr(calm, name), getattr(bumped, name)])
+        for name in ("q", "x", "side")
+    }
+    verdict = calib.check(model(1e-3), replace(calm, **rows, episode=np.repeat([4.0, 7.0], 60)))
+    assert verdict.drifted
+    assert not verdict.is_calm
+    assert [(e.episode, e.samples, e.drifted) for e in verdict.episodes] == [
+        (4, 60, False),
+        (7, 60, True),
+    ]
+    assert verdict.drifted_episodes[0].main_cause.startswith("elbow is off by")
+    assert calib.check(model(1e-3), calm).episodes == ()
+
+
 def test_what_is_known_of_a_change_is_believed():
     turned, longer = log("sensor.rotate=0.02"), log("elbow.length=+5%")
     assert names(calib.check(model(1e-3), turned, cause="joints")) == {"offset:shoulder"}

@@ -15,7 +15,7 @@ from ...common.wording import (
     quantity,
     unit_for,
 )
-from ..causes import error_curve
+from ..deviations import error_curve
 from ..error_scale import ErrorScale
 from ..robot import Robot
 from ..settings import SETTINGS
@@ -52,15 +52,15 @@ def accuracy(study: Study) -> Figure | None:
 
 
 def causes(study: Study) -> Figure | None:
-    """What is off: each cause by how far it moves the tip, with its interval."""
-    largest = study.certain[: SETTINGS.causes]
+    """What is off: each deviation by how far it moves the tip, with its interval."""
+    largest = study.certain[: SETTINGS.deviations]
     if study.suffix or not largest:  # told with the first sensor
         return None
-    names = [cause.words for cause in largest]
-    sizes = [
-        (cause.effect, cause.effect * cause.half / abs(cause.value))
-        for cause in largest
-    ]
+    names = [deviation.words for deviation in largest]
+    sizes = []
+    for deviation in largest:
+        relative = deviation.half / abs(deviation.value)
+        sizes.append((deviation.effect, deviation.effect * relative))
     unit = study.model.about.unit
     return _intervals(names, sizes, unit, "moves the tip by, rms")
 
@@ -163,9 +163,9 @@ def where(study: Study) -> Figure | None:
         )
         if rows is None:
             continue
-        some = spread_rows(len(rows.x), SETTINGS.dots)
-        across, up = factor * rows.x[some][:, view].T
-        tints = colours(scale.share(rows.distance[some]))
+        spread = spread_rows(len(rows.x), SETTINGS.dots)
+        across, up = factor * rows.x[spread][:, view].T
+        tints = colours(scale.share(rows.distance[spread]))
         ax.scatter(across, up, 9, tints, linewidths=0.5, rasterized=True)
         if rows.left_out is not None:
             ax.plot(*factor * rows.left_out[:, view].T, "x", color=INK, ms=4)
@@ -212,8 +212,8 @@ def joints(study: Study) -> Figure | None:
     structure = body.structure
     if structure.dof != len(about.joint_names):
         return None
-    some = spread_rows(len(rows.q), SETTINGS.dots)
-    q = rows.q[some]
+    spread = spread_rows(len(rows.q), SETTINGS.dots)
+    q = rows.q[spread]
     offsets = structure.groups["offset"]
     slope = structure.linearise(q, body.beta, offsets)[1]
     levers = np.linalg.norm(slope[:, : structure.blocks[0]], axis=1)
@@ -227,7 +227,7 @@ def joints(study: Study) -> Figure | None:
         lever = slope[:, : structure.blocks[0], k]
         length = levers[:, k]
         long = length > SETTINGS.lever * length.max()
-        along = (rows.held_out[some] * lever).sum(axis=1)[long]
+        along = (rows.held_out[spread] * lever).sum(axis=1)[long]
         grid = np.linspace(about.lower[k], about.upper[k], 200)
         curve, half = error_curve(body, k, grid)
         learned = np.interp(q[long, k], grid, curve)
@@ -274,11 +274,11 @@ def arrows(study: Study) -> Figure | None:
     rows = study.rows
     if rows is None:
         return None
-    some = spread_rows(len(rows.x), SETTINGS.arrows)
+    spread = spread_rows(len(rows.x), SETTINGS.arrows)
     unit = study.model.about.unit
     factor = for_people(unit)[0]
-    x = factor * rows.x[some]
-    error = factor * rows.held_out[some]
+    x = factor * rows.x[spread]
+    error = factor * rows.held_out[spread]
     length = float(np.quantile(np.linalg.norm(error, axis=1), 0.95))
     longest = SETTINGS.arrow * float(np.ptp(x, axis=0).max())
     times = float(f"{max(longest / max(length, 1e-12), 1.0):.0e}")

@@ -1,0 +1,190 @@
+"""Held-out predictions: what a fit says of each block of rows from the others.
+
+The fit is linear near its maximum, so that no block needs another fit: without its rows
+information and gradient give the step to where that fit would end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ..common.arrays import Array
+from ..common.rows import row_lengths
+from .covariance import radius_95
+from .fit import Fit
+from .normal import Factor
+from .rows import Part, edges_of
+from .settings import FIT
+
+_PARTITIONS = (2, 5, 10)
+"""Numbers of blocks that the bound counts with."""
+
+BlockSlope = tuple[slice, Array]
+"""Rows of a block, and how their predictions move with the fitted parameters (n, m, k)."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """How well a fit predicts each contiguous block of a sensor's rows from the others."""
+
+    residual: Array  # (n, m); NaN where the other blocks leave the body open
+    ratio: float  # of errors over their 95 % radius, see `_largest_ratio`
+    tau: Array  # (m,), residual sd of the body itself: errors beyond the noise
+    # (n,), 95 % radius by the other blocks over that of the fit itself, 1 where it was not computed
+    widening: Array
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a fit predicts of rows: errors, and how large it expects them to be."""
+
+    # (n, m); NaN where the rows that it is from leave the body open
+    residual: Array
+    spread: Array  # (n, p, p), covariance of positions' errors; NaN where it was not computed
+
+    @property
+    def error(self) -> Array:
+        """Distances (n,) of the positions."""
+        p = self.spread.shape[1]
+        return row_lengths(self.residual[:, :p])
+
+    @property
+    def radius(self) -> Array:
+        """Radius (n,) that holds 95 % of these."""
+        return radius_95(self.spread)
+
+    def negative_log_density(self) -> Array:
+        """Of the errors (n,), as a Student's with 4 degrees of freedom.
+
+        Up to a constant (p log v + (4 + p) log(1 + e^2 / 4 v)) / 2, with v the mean variance.
+        """
+        p = self.spread.shape[1]
+        variance = np.einsum("nii->n", self.spread) / p
+        square = self.error**2 / (4 * variance)
+        tail = (4 + p) * np.log1p(square)
+        volume = p * np.log(variance)
+        density: Array = 0.5 * (volume + tail)
+        return density
+
+
+def leave_blocks_out(fit: Fit, *, sensor: int = 0) -> HeldOut:
+    """Predict one sensor's rows of a fit from other blocks, linearised, noise and scales kept.
+
+    A block of rows is left out together with that of the other sensors.
+    """
+    part = fit.parts[sensor]
+    slopes = list(part.by_blocks(fit.beta, fit.active))
+    in_sample = _prediction(fit, part, slopes, 0)
+    by_others = [_prediction(fit, part, slopes, n) for n in _PARTITIONS]
+    finest = by_others[-1]
+    wider = finest.radius / in_sample.radius
+    return HeldOut(
+        residual=finest.residual,
+        # the fit's own residuals may contradict what it states there
+        ratio=_largest_ratio(part, [in_sample, *by_others]),
+        tau=_tau(part, finest.residual),
+        widening=np.where(wider > 1.0, wider, 1.0),
+    )
+
+
+def block_scores(fit: Fit) -> Array:
+    """Mean negative log density (b,) of the first sensor's rows in each block by the others.
+
+    Up to a constant; NaN where the others leave the body open.
+    """
+    part = fit.parts[0]
+    slopes = list(part.by_blocks(fit.beta, fit.active))
+    prediction = _prediction(fit, part, slopes, FIT.blocks)
+    density = prediction.negative_log_density()
+    means = np.full(len(slopes), np.nan)
+    for k, (rows, _) in enumerate(slopes):
+        finite = density[rows][np.isfinite(density[rows])]
+        if len(finite):
+            means[k] = finite.mean()
+    return means
+
+
+def _prediction(
+    fit: Fit, part: Part, slopes: Sequence[BlockSlope], count: int
+) -> Prediction:
+    """Predict the rows of each of `count` groups of blocks from the others; of none from all."""
+    positions = part.outputs[0]
+    noise = np.diag(part.noise[positions] ** 2)
+    work = len(part.z) * len(fit.active)
+    every = max(1, round(work / FIT.spread_work))
+    residual = np.full_like(part.residual, np.nan)
+    spread = np.full((len(residual), *noise.shape), np.nan)
+    groups = max(min(count, len(slopes)), 1)
+    for first, last in pairwise(edges_of(len(slopes), groups).tolist()):
+        left_out = slice(first, last) if count else slice(0)
+        try:
+            gram, step = fit.without(left_out)
+            precision = fit.softer(gram)
+        except np.linalg.LinAlgError:  # the others leave parameters open
+            continue
+        for rows, slope in slopes[first:last]:
+            residual[rows] = part.residual[rows] - slope @ step
+            some = slope[::every, positions]
+            predicted = _predicted_covariance(precision, some)
+            spread[rows][::every] = predicted + noise
+    return Prediction(residual, spread)
+
+
+def _predicted_covariance(precision: Factor, slope: Array) -> Array:
+    """Covariance (n, p, p) of predictions that move with parameters by (n, p, k)."""
+    n, p, k = slope.shape
+    flat = slope.reshape(n * p, k)
+    white = precision.whiten(flat.T).reshape(k, n, p)
+    covariance: Array = np.einsum("kni,knj->nij", white, white)
+    return covariance
+
+
+def _largest_ratio(part: Part, predictions: Sequence[Prediction]) -> float:
+    """The largest 95 % quantile of error over radius among predictions, the finest the last.
+
+    Or, if that is more, the mean of the single blocks' quantiles and one standard deviation
+    beyond it, since the place that is asked next may be one of the worse. `unknown_kappa` where
+    there are too few rows; outliers of the fit do not count.
+    """
+    outlier = part.weight[:, 0] <= FIT.outlier
+    ratios: list[Array] = []
+    for prediction in predictions:
+        ratio = prediction.error / prediction.radius
+        ratios.append(np.where(outlier, np.nan, ratio))
+    quantiles = _quantiles(ratios)
+    of_blocks = _quantiles(np.split(ratios[-1], part.edges[1:-1]))
+    if len(of_blocks) > 1:
+        beyond = np.mean(of_blocks) + np.std(of_blocks)
+        quantiles.append(float(beyond))
+    return max(quantiles, default=FIT.unknown_kappa)
+
+
+def _quantiles(samples: Sequence[Array]) -> list[float]:
+    """The 95 % quantile of each sample (n,) that has enough finite values."""
+    quantiles: list[float] = []
+    for sample in samples:
+        finite = sample[np.isfinite(sample)]
+        if len(finite) > FIT.least_rows_of_a_quantile:
+            quantiles.append(float(np.quantile(finite, 0.95)))
+    return quantiles
+
+
+def _tau(part: Part, residual: Array) -> Array:
+    """Residual sd (m,) of the body itself: held-out residuals (n, m) beyond the noise."""
+    tau = np.empty(len(part.noise))
+    for columns in part.outputs:
+        p = columns.stop - columns.start
+        variance = part.noise[columns.start] ** 2
+        lengths = row_lengths(residual[:, columns])
+        lengths = lengths[np.isfinite(lengths)]
+        square = variance
+        if len(lengths):
+            limited = np.minimum(lengths, 4 * np.median(lengths))
+            square = (limited**2).mean()
+        beyond = square / p - 1.3 * variance
+        tau[columns] = np.sqrt(max(beyond, 0.05**2 * variance))
+    return tau

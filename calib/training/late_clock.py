@@ -1,0 +1,92 @@
+"""A late clock: the delay of a log along a path, estimated together with the arm and its frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..body.belief import Body
+from ..common.rows import finite_rows
+from ..samples.delays import Delay, Trajectory, estimate_delay
+from ..samples.motion import directions
+from ..samples.samples import Samples
+from .settings import LATE_CLOCK
+
+
+def samples_in_time(
+    samples: Samples, body: Body, *, fresh: bool = False
+) -> tuple[Samples, list[str]]:
+    """Bring the clocks of a log along a path together where a delay is clear.
+
+    fresh : whether the body was fitted to these rows, rather than to another log
+    Returns the samples with their joints at the times of their positions, and notes.
+    """
+    trajectory = Trajectory.of(samples)
+    if trajectory is None:
+        return samples, []
+    delay = _delay(samples, trajectory, body, fresh=fresh)
+    if delay is None or not delay.clear:
+        return samples, []
+    return trajectory.samples_before(samples, delay.value), [delay.note()]
+
+
+def _delay(
+    samples: Samples,
+    trajectory: Trajectory,
+    body: Body,
+    *,
+    fresh: bool,
+) -> Delay | None:
+    """Estimate a delay together with the chain and its frame.
+
+    fresh : whether the body was fitted to these rows as they are: then its curves may have followed
+        the delay along a path, and are left out
+    """
+    structure = body.structure
+    if structure.outputs != samples.x.shape[1]:
+        return None
+    members = structure.members()
+    prior = structure.prior(dict(members).get("chain", members[0][1]))
+    active = prior.active
+    beta = body.beta.copy()
+    if fresh:
+        beta[prior.sd == 0] = prior.mean[prior.sd == 0]
+    middle = len(trajectory.time) // 2
+    half = LATE_CLOCK.rows // 2
+    some = slice(max(0, middle - half), middle + half)
+    total = 0.0
+    share = 0.0
+    spread = np.inf
+    for _ in range(LATE_CLOCK.steps):
+        q, speed = trajectory.before(total)
+        q = q[some]
+        inside = finite_rows(q)
+        if inside.mean() < 0.5:
+            return None
+        q = q[inside]
+        seen, slope = structure.predict_and_slope(q, beta)
+        residual = structure.residual(samples.x[some][inside], seen)
+        before = spread
+        spread = float(np.sqrt((residual**2).mean()))
+        step = estimate_delay(
+            residual,
+            np.einsum("nmk,nk->nm", slope, speed[some][inside]),
+            structure.linearise(q, beta, active)[1],
+            prior.sd[active] ** -2.0,
+            (prior.mean - beta)[active],
+            # joints with play err by their direction
+            play=slope * directions(q)[:, None],
+            unit=trajectory.unit,
+        )
+        if step is None:
+            return None
+        delay, change = step
+        share = share or delay.share
+        moved = np.zeros(len(beta))
+        moved[active] = change
+        beta = structure.retract(beta, moved)
+        total += delay.value
+        # while the parameters beside it still move, its deviation is too large
+        still = spread > LATE_CLOCK.falls * before
+        if still and abs(delay.value) < LATE_CLOCK.settled * delay.sd:
+            break
+    return Delay(total, delay.sd, delay.unit, share)
