@@ -15,8 +15,8 @@ from .output import say
 from .parsing import BadOption
 
 if TYPE_CHECKING:
-    from calib.recording.lens import Lens
     from calib.recording.setting import Setup
+    from calib.samples.lens import Lens
 
 
 def is_of_camera(name: str) -> bool:

@@ -14,9 +14,10 @@ from ..common.arrays import Array, Index, Mask
 from ..common.wording import listing
 from ..errors import LogError, OptionError
 from ..model.model import Model
+from ..samples.lens import Lens
 from ..samples.samples import Samples
 from .board import LEAST_CORNERS, Chessboard, Pattern, parse_board
-from .lens import Lens, calibrate_lens, lens_of_model
+from .lens import calibrate_lens, lens_of_model
 from .lerobot import is_dataset, read_dataset
 from .motion_tables import JointTable, read_joints, read_shots
 from .pictures import Picture, Shot

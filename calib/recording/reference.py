@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from ..arm.rotations import cross_matrix, exponential, similarity
 from ..common.arrays import Array
 from ..errors import LogError
+from ..samples.lens import Lens
 from ..samples.tables import open_source
 from .board import LEAST_CORNERS, Board
-from .lens import Lens
 from .pictures import opencv
 from .rigid import rigid
 

@@ -13,6 +13,7 @@ from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Index, Mask
 from ..common.parallel import one_blas_thread
 from ..errors import LogError
+from ..samples.lens import Lens
 from ..samples.motion import (
     MAX_GAP,
     SETTLE,
@@ -23,7 +24,6 @@ from ..samples.motion import (
 )
 from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
-from .lens import Lens
 from .motion_tables import JointTable, read_shots
 from .pictures import Shot, Video
 from .reference import find_pose, matrices
