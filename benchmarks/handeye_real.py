@@ -23,7 +23,7 @@ from calib.recording.bundle import project
 from calib.recording.lens import Lens
 from calib.recording.motion_tables import FlangeTable, read_flange_poses
 from calib.recording.readings import pose_readings
-from calib.recording.rigid import inverse, rigid
+from calib.arm.rigid import inverse, rigid
 
 FOLDS = 5
 SOLVERS = ("TSAI", "PARK", "HORAUD", "DANIILIDIS")

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arm.rigid import inverse, rigid, shifts_along_parents
 from ..arm.rotations import exponential, matrix_of
 from ..common.arrays import Array, Mask
 from ..errors import OptionError
 from .bundle import POSE, SHAPE, Bundle, Motions, Unknowns
 from .fit import Noise, information
 from .rig import HandEye, Place
-from .rigid import inverse, rigid, shifts_along_parents
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arm.rigid import rigid
 from ..arm.rotations import matrix_of
 from ..body.sensor_pose import SensorPose
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..model.model import Model
 from ..recording.rig import HandEye, Place, rig_of_model
-from ..recording.rigid import rigid
 from .workspace import extent
 
 SENSOR = "sensor frame"

@@ -14,6 +14,7 @@ import numpy as np
 from ..arm.description import parse_robot
 from ..arm.loading import arm_from_urdf
 from ..arm.posture import posture_of
+from ..arm.rigid import rigid
 from ..arm.rotations import exponential
 from ..common.arrays import Array
 from ..common.wording import listing
@@ -102,9 +103,8 @@ def _frames(urdf: str, tip: str) -> list[Array]:
     for axis, point, direction in zip(axes, points, directions, strict=True):
         x = direction - (direction @ axis) * axis
         x = x / np.linalg.norm(x)
-        frame = np.eye(4)
-        frame[:3] = np.column_stack([x, np.cross(axis, x), axis, point])
-        frames.append(frame)
+        axes_of_frame = np.column_stack([x, np.cross(axis, x), axis])
+        frames.append(rigid(axes_of_frame, point))
     return frames
 
 
