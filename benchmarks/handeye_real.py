@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 import calib
+from calib.arm.rigid import inverse, rigid
 from calib.arm.rotations import matrix_of
 from calib.common.scale import METRES
 from calib.recording.board_pictures import BoardPictures, find_board
@@ -23,7 +24,6 @@ from calib.recording.bundle import project
 from calib.recording.lens import Lens
 from calib.recording.motion_tables import FlangeTable, read_flange_poses
 from calib.recording.readings import pose_readings
-from calib.arm.rigid import inverse, rigid
 
 FOLDS = 5
 SOLVERS = ("TSAI", "PARK", "HORAUD", "DANIILIDIS")

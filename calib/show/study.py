@@ -1,4 +1,4 @@
-"""Study: a model as one sensor sees its arm, with the rows, errors and causes that are shown."""
+"""Study: a model as one sensor sees its arm, with the rows and deviations that are shown."""
 
 from __future__ import annotations
 
@@ -22,7 +22,12 @@ from ..use.evaluate import (
     learned_rows,
     simulation_of,
 )
-from .causes import Cause, causes_of, drawing_behind, frame_of
+from .deviations import (
+    Deviation,
+    deviations_of,
+    drawing_behind,
+    frame_parameters,
+)
 from .settings import SETTINGS
 
 
@@ -59,8 +64,8 @@ class Bar(NamedTuple):
     def of(name: str, errors: Array, blocks: int = 10) -> Bar:
         """The mean distance of errors (n, m), with the spread of contiguous blocks of rows."""
         distance = np.linalg.norm(errors, axis=1)
-        parts = np.array_split(distance, min(blocks, len(distance)))
-        means = [part.mean() for part in parts]
+        pieces = np.array_split(distance, min(blocks, len(distance)))
+        means = [piece.mean() for piece in pieces]
         student = 2.26  # 95 % of ten blocks
         half = student * float(np.std(means)) / max(len(means) - 1, 1) ** 0.5
         return Bar(name, float(distance.mean()), half)
@@ -95,12 +100,13 @@ class Study:
     def delivered(self) -> Array | None:
         """Errors (n, m) [unit] of the drawing's arm in the frame and with the tool that suit it."""
         drawn = drawing_behind(self.model)
-        if self.rows is None or drawn is None:
+        body = self.model.body
+        if self.rows is None or drawn is None or body is None:
             return None
         structure, beta = drawn
         outputs = structure.blocks[0]
         predicted, slope = structure.linearise(
-            self.rows.q, beta, frame_of(self.model)
+            self.rows.q, beta, frame_parameters(body)
         )
         error = self.rows.x - predicted[:, :outputs]
         columns = slope[:, :outputs].reshape(error.size, -1)
@@ -136,19 +142,17 @@ class Study:
         return ((0, 1),)
 
     @cached_property
-    def causes(self) -> list[Cause]:
-        """What is off, the largest effect on the tip first."""
-        return causes_of(self.model)
-
-    @property
-    def certain(self) -> list[Cause]:
-        """Causes whose intervals exclude nothing, but for those that hardly move the tip."""
-        largest = max((cause.effect for cause in self.causes), default=0.0)
+    def certain(self) -> list[Deviation]:
+        """What is off, the largest effect first, but for deviations that hardly move the tip."""
+        deviations = deviations_of(self.model)
+        largest = max(
+            (deviation.effect for deviation in deviations), default=0.0
+        )
         least = SETTINGS.small_effect * largest
         return [
-            cause
-            for cause in self.causes
-            if cause.certain and cause.effect > least
+            deviation
+            for deviation in deviations
+            if deviation.certain and deviation.effect > least
         ]
 
 
@@ -159,9 +163,9 @@ def studies_of(model: Model, log: Samples | None = None) -> list[Study]:
         Study(
             model.by(name),
             log if name == measured else None,
-            f"-{place}" if place > 1 else "",
+            f"-{number}" if number > 1 else "",
         )
-        for place, name in enumerate(model.sensors, 1)
+        for number, name in enumerate(model.sensors, 1)
     ]
 
 

@@ -207,9 +207,9 @@ def _of_log(model: Model, samples: Samples, source: str) -> Evaluation:
 def as_made(model: Model) -> Evaluation:
     """The errors on rows that a model had not seen when it was made."""
     about = model.about
-    source = FRESH if about.source == "simulation" else HELD_OUT
     errors = dict(about.errors)
     within = dict(about.within)
+    source = FRESH if about.source == "simulation" else HELD_OUT
     return Evaluation(errors, about.tested, about.left_out, source, within)
 
 

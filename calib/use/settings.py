@@ -35,20 +35,15 @@ class Aiming:
     most: int = 400  # of them to choose from
     near: float = 1e-6  # within which a posture is at its point [m]
     play: float = 1e-4  # of a socket [m]
-    lens: tuple[float, float, float, float] = (
-        900.0,
-        640.0,
-        360.0,
-        0.0,
-    )  # a common one's [px]
-    picture: tuple[float, float] = (1280.0, 720.0)  # its [px]
+    picture: tuple[int, int] = (1280, 720)  # a common camera's [px]
+    # its focal lengths and centre [px], k1, k2, p1, p2, k3
+    lens: tuple[float, ...] = (900, 900, 640, 360, 0, 0, 0, 0, 0)
     noise: float = 0.2  # of a corner [px]
+    turn: float = 1e-5  # of the arm's poses [rad]
+    shift: float = 1e-5  # the same [m]
     filled: float = 0.25  # share of the picture's width that a board fills
-    tilt: float = math.radians(
-        45.0
-    )  # most of the camera's about the board [rad]
-    # least cosine between the line of sight and the board's normal
-    upright: float = 0.5
+    # most that a board turns about its axes before the camera [rad]
+    tilt: tuple[float, float, float] = (0.8, 0.8, 2.0)
 
 
 @dataclass(frozen=True)

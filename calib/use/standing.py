@@ -101,7 +101,7 @@ def limit(model: Model, errors: Errors) -> str:
     simulated = about.source == "simulation"
     if model.body is None:
         more = "more samples (-n)" if simulated else "more rows"
-        return f"limited by maps that stand alone; {more} and a larger --size help most"
+        return f"limited by maps that stand alone; {more} and a larger `size` help most"
     if simulated:
         if mean < _EXACT * float(np.linalg.norm(model.sensory.scale.span)):
             return "limited by rounding alone: the model holds all that was simulated"

@@ -15,7 +15,7 @@ from calib.common.wording import error_size, for_people, with_unit
 
 from .. import options as opt
 from .. import parsing
-from ..logs import Reading, log_for
+from ..logs import LogFormat, log_for
 from ..output import NO, Outcome, TextTable, say
 from ..pictures import log_of_pictures
 from ..units import units_of
@@ -48,9 +48,9 @@ def check(
     camera: opt.DatasetCamera = None,
 ) -> Outcome:
     loaded = calib.load(model)
-    reading = Reading(columns, unit, time_offset, degrees)
+    log_format = LogFormat(columns, unit, time_offset, degrees)
     if joints_file is None and not Path(data).is_dir():
-        log = log_for(loaded, data, reading)
+        log = log_for(loaded, data, log_format)
     else:
         log = log_of_pictures(loaded, data, joints_file, camera, degrees)
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)

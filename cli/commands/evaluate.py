@@ -10,14 +10,10 @@ from calib.common.wording import with_unit
 from calib.use import standing
 
 from .. import options as opt
-from ..logs import Reading, log_of, with_facts
+from ..logs import LogFormat, log_of, with_facts
 from ..output import Outcome, say
 from ..parsing import BadOption
-from ..summary import (
-    code_of,
-    error_table,
-    summary,
-)
+from ..summary import code_of, error_table, summary
 
 if TYPE_CHECKING:
     from calib.use.iso9283 import Iso9283
@@ -34,10 +30,7 @@ def evaluate(
     plane: opt.Planes = None,
     frame: Annotated[
         Literal["kept", "free"],
-        opt.option(
-            "--frame",
-            "free: the sensor's frame is found anew.",
-        ),
+        opt.option("--frame", "free: the sensor's frame is found anew."),
     ] = "kept",
     sensor: opt.OfSensor = "sensor",
     iso: Annotated[
@@ -48,8 +41,8 @@ def evaluate(
     from ..query import model_in
 
     loaded = model_in(model, sensor)
-    reading = Reading(columns, unit, time_offset, degrees)
-    log = log_of(loaded, data, reading)
+    log_format = LogFormat(columns, unit, time_offset, degrees)
+    log = log_of(loaded, data, log_format)
     if log is not None:
         log = with_facts(log, distance, plane)
         loaded = loaded.by(log.sensor)

@@ -51,8 +51,7 @@ def handeye(
     poses_file: Annotated[
         str | None,
         opt.value(
-            "--poses-file FILE",
-            "Flange poses of a controller, as it has them.",
+            "--poses-file FILE", "Flange poses of a controller, as it has them."
         ),
     ] = None,
     camera: opt.DatasetCamera = None,
@@ -74,8 +73,7 @@ def handeye(
         ),
     ] = None,
     transform: Annotated[
-        str | None,
-        opt.value("--transform FILE", "All as static transforms."),
+        str | None, opt.value("--transform FILE", "All as static transforms.")
     ] = None,
     degrees: opt.Degrees = False,
     unit: Annotated[

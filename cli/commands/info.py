@@ -8,17 +8,10 @@ from calib.use import standing
 
 from .. import options as opt
 from ..output import Line, Outcome, as_typed
-from ..summary import (
-    code_of,
-    error_table,
-    summary,
-)
+from ..summary import code_of, error_table, summary
 
 
-def info(
-    model: opt.ModelFile,
-    degrees: opt.Degrees = False,
-) -> Outcome:
+def info(model: opt.ModelFile, degrees: opt.Degrees = False) -> Outcome:
     from calib.model.about import facts
     from calib.use.geometry_fit import body_with_zeros
 

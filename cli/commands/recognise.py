@@ -8,7 +8,7 @@ import calib
 from calib.common.wording import error_size, for_people
 
 from .. import options as opt
-from ..logs import Reading, log_for
+from ..logs import LogFormat, log_for
 from ..output import NO, Outcome, TextTable
 from ..units import units_of
 
@@ -21,7 +21,7 @@ def recognise(
     data: opt.NewLog,
 ) -> Outcome:
     loaded = [calib.load(path) for path in models]
-    result = calib.recognise(loaded, log_for(loaded[0], data, Reading()))
+    result = calib.recognise(loaded, log_for(loaded[0], data, LogFormat()))
     name = None if result.index is None else models[result.index]
     about = loaded[0].about
     factor, shown = for_people(about.unit)
@@ -44,8 +44,4 @@ def recognise(
         "unit": about.unit,
         "units": units_of(about),
     }
-    return Outcome(
-        document,
-        [verdict, table],
-        code=0 if name else NO,
-    )
+    return Outcome(document, [verdict, table], code=0 if name else NO)

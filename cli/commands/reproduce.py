@@ -29,10 +29,7 @@ _TERMS = (
 
 
 def reproduce(
-    what: Annotated[
-        Subject,
-        Argument(help="What to repeat."),
-    ] = "all",
+    what: Annotated[Subject, Argument(help="What to repeat.")] = "all",
     output: Annotated[
         str, opt.value("--output -o DIR", "Folder of tables, figures.")
     ] = "reproduced",

@@ -31,11 +31,7 @@ def urdf(
     from calib.common.atomic import atomic_write
     from calib.use.frames import assumption
     from calib.use.geometry_fit import fit_geometry
-    from calib.use.urdf import (
-        MOST_UNEXPLAINED,
-        check_output,
-        corrected_urdf,
-    )
+    from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
 
     check_file(output, (".urdf", ".xml"))
     loaded = calib.load(model)

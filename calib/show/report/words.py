@@ -87,9 +87,9 @@ def largest_cause(study: Study) -> str:
     if study.model.body is None:
         return "Not told: maps without a body have no parameters to compare with a drawing."
     if study.certain:
-        cause = study.certain[0]
-        effect = quantity(cause.effect, study.model.about.unit)
-        return f"{cause.words}: it moves the tip by {effect}."
+        deviation = study.certain[0]
+        effect = quantity(deviation.effect, study.model.about.unit)
+        return f"{deviation.words}: it moves the tip by {effect}."
     if not study.model.about.urdf:
         return "No drawing came with this model: there is nothing to compare it with."
     return "Nothing differs from the drawing by more than these rows can show."
