@@ -206,7 +206,7 @@ def log_of_pictures(
         joints_file,
         about.joint_names,
         about.degrees if degrees is None else degrees,
-        [name for name, turns in joints if not turns],
+        [name for name, revolute in joints if not revolute],
     )
     lens = lens_of_model(model)
     return record_board(

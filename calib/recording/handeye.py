@@ -102,7 +102,7 @@ def handeye(
         # pictures -> corners -> lens and board before each camera
         for name, source in cameras.items():
             place = eyes.get(name)
-            check_choice("eye", place, EYES)
+            check_choice(f"eye of {name}", place, EYES)
             corners = source
             if not isinstance(corners, BoardPictures):
                 corners = find_board(

@@ -43,17 +43,19 @@ class Aiming:
     near: float = 1e-6
     # play of a socket [m]
     play: float = 1e-4
-    # a common camera: focal length, centre, distortion and the size of its picture [px]
-    lens: tuple[float, float, float, float] = (900.0, 640.0, 360.0, 0.0)
-    picture: tuple[float, float] = (1280.0, 720.0)
+    # a common camera's picture [px]
+    picture: tuple[int, int] = (1280, 720)
+    # its focal lengths and centre [px], k1, k2, p1, p2, k3
+    lens: tuple[float, ...] = (900, 900, 640, 360, 0, 0, 0, 0, 0)
     # noise of a corner [px]
     noise: float = 0.2
+    # noise of the arm's poses [rad, m]
+    turn: float = 1e-5
+    shift: float = 1e-5
     # share of the picture's width that a board fills
     filled: float = 0.25
-    # largest tilt of the camera about the board [rad]
-    tilt: float = math.radians(45.0)
-    # least cosine between the line of sight and the board's normal
-    upright: float = 0.5
+    # most that a board turns about its axes before the camera [rad]
+    tilt: tuple[float, float, float] = (0.8, 0.8, 2.0)
 
 
 @dataclass(frozen=True)
