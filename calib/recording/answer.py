@@ -7,6 +7,14 @@ from functools import cached_property
 
 import numpy as np
 
+from ..arm.rigid import (
+    adjoint,
+    along_parent,
+    inverse,
+    shift_of,
+    shifts_along_parents,
+    turn_of,
+)
 from ..arm.rotations import quaternion_of
 from ..body.belief import Body
 from ..body.sensor_pose import SensorPose, hand_pose
@@ -20,14 +28,6 @@ from .joint_motions import JointMotions
 from .notes import limit_of, notes_of
 from .problem import Problem
 from .rig import CameraPlace, HandEye, LensFacts, Place
-from .rigid import (
-    adjoint,
-    along_parent,
-    inverse,
-    shift_of,
-    shifts_along_parents,
-    turn_of,
-)
 
 
 def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:

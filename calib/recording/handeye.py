@@ -17,6 +17,7 @@ import numpy as np
 from ..arm.arm import Arm, SpatialArm
 from ..arm.description import parse_robot
 from ..arm.loading import load_arm
+from ..arm.rigid import place_points, shift_of, turn_of
 from ..common.arrays import Array
 from ..common.choices import EYES, PICTURES, check_choice
 from ..common.parallel import one_blas_thread
@@ -29,7 +30,6 @@ from .lerobot import is_dataset
 from .motion_tables import FlangeTable, JointTable, read_flange_poses
 from .problem import of_joints, of_poses
 from .rig import HandEye as HandEye
-from .rigid import place_points, shift_of, turn_of
 from .view import view_of
 
 Path_ = str | os.PathLike[str]

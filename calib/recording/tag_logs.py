@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arm.rigid import shift_of, turn_of
 from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Index, Mask
 from ..common.parallel import one_blas_thread
@@ -27,7 +28,6 @@ from .clocks import Clocks, align_clocks
 from .motion_tables import JointTable, read_shots
 from .pictures import Shot, Video
 from .reference import find_pose, matrices
-from .rigid import shift_of, turn_of
 from .setting import LOOKS, Setup, Sightings, find_sightings
 from .tags import LEAST_NOISE, Tag
 from .track import jumps, row_shift

@@ -20,7 +20,7 @@ def node_errors(model: Model) -> tuple[Array, Array]:
     A sensory node has the mean of its motor partners' bounds, weighted by the links.
     """
     motor = np.where(model.visited, model.bounds, np.nan)
-    # bounds of nodes without samples are extrapolated: they take no som
+    # bounds of nodes without samples are extrapolated: they take no part
     weight = np.asarray(model.links.T @ model.visited.astype(float))
     total = np.asarray(model.links.T @ np.nan_to_num(motor))
     sensory = np.full(len(weight), np.nan)

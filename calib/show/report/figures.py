@@ -77,13 +77,7 @@ def _intervals(
     figure, ax = named_rows(names, printable(f"{label} [{shown}]"))
     rows = range(len(names))
     ax.barh(rows, factor * values, 0.34, color=ACCENT, alpha=0.45)
-    ax.errorbar(
-        factor * values,
-        rows,
-        xerr=factor * halves,
-        fmt="o",
-        color=INK,
-    )
+    ax.errorbar(factor * values, rows, xerr=factor * halves, fmt="o", color=INK)
     ax.set_xlim(left=0.0)
     return figure
 
@@ -113,14 +107,7 @@ def draw_setup(frames: Array, things: Sequence[Thing]) -> Figure:
     kinds = list(dict.fromkeys(thing.kind for thing in things))
     for ax, view in zip(axes, views, strict=True):
         arm = 1e3 * bones[:, view].T
-        ax.plot(
-            *arm,
-            "o-",
-            color=GREY,
-            lw=3,
-            ms=5,
-            label="arm",
-        )
+        ax.plot(*arm, "o-", color=GREY, lw=3, ms=5, label="arm")
         for thing, corners in zip(things, placed, strict=True):
             lines = 1e3 * corners[np.array(thing.pairs)][:, :, view]
             drawn = ax.plot(
@@ -192,12 +179,7 @@ def coverage(study: Study) -> Figure | None:
     figure, ax = named_rows(names, "share of the range [%]")
     shade = max(0.08, min(1.0, 60.0 / len(u)))
     ax.barh(range(len(names)), 100.0, 0.34, color="none", edgecolor=RULE)
-    ax.eventplot(
-        100.0 * u.T,
-        linelengths=0.34,
-        alpha=shade,
-        rasterized=True,
-    )
+    ax.eventplot(100.0 * u.T, linelengths=0.34, alpha=shade, rasterized=True)
     ax.set_xlim(0.0, 100.0)
     return figure
 
@@ -261,11 +243,7 @@ def order(study: Study, window: int = 15) -> Figure | None:
         middles = numbers[window // 2 :][: len(windows)]
         ax.plot(middles, np.median(windows, axis=1))
     label = printable(f"error [{unit}]")
-    ax.set(
-        xlabel="row of the log",
-        ylabel=label,
-        ylim=(0, None),
-    )
+    ax.set(xlabel="row of the log", ylabel=label, ylim=(0, None))
     return figure
 
 
@@ -287,12 +265,7 @@ def arrows(study: Study) -> Figure | None:
     for ax, view in zip(axes, views, strict=True):
         ends = np.stack([x - times * error, x])[:, :, view]
         # a line to each dot, where it was measured
-        ax.plot(
-            *ends.transpose(2, 0, 1),
-            color=SECOND,
-            lw=0.8,
-            rasterized=True,
-        )
+        ax.plot(*ends.transpose(2, 0, 1), color=SECOND, lw=0.8, rasterized=True)
         ax.plot(*ends[1].T, ".", color=SECOND, rasterized=True)
     axes[0].set_title(f"errors, drawn {number(times)} times as long")
     return figure
