@@ -25,7 +25,6 @@ from .parsing import TABLES, BadOption, bad_value, check_file, refuse
 from .units import JointFormat, units_of
 
 BOUNDS = ("expected_error", "model_error")
-TURN = ("qx", "qy", "qz", "qw")
 # columns in the unit of the positions
 _LENGTHS = ("x", "y", "z", "distance", *BOUNDS)
 

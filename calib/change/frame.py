@@ -197,12 +197,12 @@ def _scaled(body: Body, structure: Structure, factor: float) -> Body:
 def offset_after(
     old: Body, new: Body, beta: Array, q: Array, offset: Array
 ) -> Array:
-    """What maps add to a body, (n, m), after a change: as the joints that cause it move the tip."""
+    """What maps add to a body, (n, .., m), after a change: as joints that cause it move the tip."""
     before = old.structure.slope(q, old.beta)
     after = new.structure.slope(q, beta)
     inverse = np.linalg.pinv(before, rcond=1e-3)
-    joints = np.einsum("ndm,nm->nd", inverse, offset)
-    moves: Array = np.einsum("nmd,nd->nm", after, joints)
+    joints = np.einsum("ndm,n...m->n...d", inverse, offset)
+    moves: Array = np.einsum("nmd,n...d->n...m", after, joints)
     return moves
 
 
