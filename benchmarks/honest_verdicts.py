@@ -92,6 +92,7 @@ def sessions(folder: Path, quick: bool) -> Iterator[Row]:
     case = f"windows of another session, of {count}: calm where the bound fails"
     yield row(case, calm, most=0, more=more)
     yield row("the same: worst error after / before", max(ratios), most=1.12)
+    yield row("the same: mean error after / before", float(np.mean(ratios)), most=0.75)
 
 
 def approach(quick: bool) -> Iterator[Row]:

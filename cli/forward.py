@@ -15,9 +15,10 @@ from calib.model.prediction import predict
 from calib.model.space import Space
 from calib.samples.joint_values import check_joint_values
 from calib.samples.motion import Motion
+from calib.samples.roles import QUATERNION
 
 from .output import NO, Outcome, TextTable, note, with_decimals
-from .query import BOUNDS, TURN, Query, columns_with
+from .query import BOUNDS, Query, with_answers
 
 
 def answer_one(
@@ -36,10 +37,11 @@ def answer_one(
     shown = {name: answers[name] for name in (*query.axes, *query.bounds)}
     lines: list[str | TextTable] = [query.table(q, shown)]
     if "qw" in answers:
-        turn = [numbers.pop(name) for name in TURN]
-        document["quaternion"] = turn
+        quaternion = [numbers.pop(name) for name in QUATERNION]
+        document["quaternion"] = quaternion
         lines.append(
-            "quaternion " + " ".join(with_decimals(value, 6) for value in turn)
+            "quaternion "
+            + " ".join(with_decimals(value, 6) for value in quaternion)
         )
     document |= numbers | query.meaning
     outside = joints.beyond(query.model, q[0].tolist())
@@ -47,9 +49,8 @@ def answer_one(
     if outside is not None:
         note(f"no answer: {outside}")
         return Outcome(document, code=NO)
-    alone = " ".join(
-        with_decimals(query.factor * value, 4) for value in position
-    )
+    printed = query.positions.to_printed * np.array(position)
+    alone = " ".join(with_decimals(value, 4) for value in printed.tolist())
     return Outcome(document, lines, result=[alone])
 
 
@@ -57,20 +58,20 @@ def answer_table(query: Query, readout: str | None) -> Outcome:
     """Answer every row of a table."""
     about = query.model.about
     batch, valid = query.read(query.joints.names)
-    q = batch.values / np.array(query.joints.typed)
+    q = batch.values / query.joints.to_typed
     ranges = (about.joint_names, about.lower, about.upper, about.revolute)
     check_joint_values(
         q,
         *ranges,
-        degrees=query.degrees,
-        label=str(query.input),
+        degrees=query.joints.degrees,
+        label=str(query.files.input),
         error=QueryError,
     )
-    answers = columns_with(batch, valid, _answers(query, q[valid], readout))
+    answers = with_answers(batch, _answers(query, q[valid], readout))
     unanswered = np.flatnonzero(valid & np.isnan(np.asarray(answers["x"])))
     rows = (unanswered + 1).tolist()
     failures = {"out_of_reach": (rows, "outside of what was learned")}
-    return query.answer(batch, answers, failures)
+    return query.write(batch, answers, failures)
 
 
 def _answers(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
@@ -78,14 +79,17 @@ def _answers(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
     model = query.model
     if query.frame == "base":
         space = Space.of(model)
-        position, turn = space.forward(q)
+        position, quaternion = space.forward(q)
         bound = np.where(np.isfinite(position[:, 0]), space.bound(q), np.nan)
-        columns = [*position.T, *turn.T, bound, bound]
-        return by_name((*query.axes, *TURN, *BOUNDS), columns)
+        columns = [*position.T, *quaternion.T, bound, bound]
+        return by_name((*query.axes, *QUATERNION, *BOUNDS), columns)
     answers = by_name(model.axes, model.forward(q, readout).T)
     if len(model.axes) == 3 and knows_orientation(model.body):
-        answers |= by_name(TURN, model.pose(q)[1].T)
+        answers |= by_name(QUATERNION, model.pose(q)[1].T)
     prediction = predict(model, Motion(q))
-    apart = prediction.apart(readout or model.default_readout)
-    bounds = (prediction.bound + apart, prediction.true_bound + apart)
+    disagreement = prediction.apart(readout or model.default_readout)
+    bounds = (
+        prediction.bound + disagreement,
+        prediction.true_bound + disagreement,
+    )
     return answers | by_name(BOUNDS, bounds)

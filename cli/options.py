@@ -57,8 +57,7 @@ DataOfSensors = Annotated[
 ]
 NewLog = Annotated[str, value("--data LOG", f"New samples: {_LOG}.")]
 JointsFile = Annotated[
-    str | None,
-    value("--joints-file FILE", "A row of joints for each picture."),
+    str | None, value("--joints-file FILE", "A row of joints for each picture.")
 ]
 DatasetCamera = Annotated[
     str | None, value("--camera NAME", "Which one of a dataset with several.")
@@ -174,8 +173,7 @@ Sigma = Annotated[
     ),
 ]
 BodyKind = Annotated[
-    choices.BodyWord,
-    option("--body", "none: maps and links alone."),
+    choices.BodyWord, option("--body", "none: maps and links alone.")
 ]
 SensorView = Annotated[
     choices.ViewWord,
@@ -242,8 +240,7 @@ StartJoints = Annotated[
     value("--from Q1,Q2", "Start near these joints.", parsing.reals),
 ]
 InFrame = Annotated[
-    str,
-    value("--in SENSOR|base", "Frame of positions (the first sensor's)."),
+    str, value("--in SENSOR|base", "Frame of positions (the first sensor's).")
 ]
 OfSensor = Annotated[
     str, value("--in SENSOR", "Which sensor's frame counts (the first's).")
@@ -261,8 +258,7 @@ Output = Annotated[
     value("--output FILE", "CSV or Parquet (default standard output)."),
 ]
 WhatChanged = Annotated[
-    choices.CauseWord | None,
-    option("--cause", "What changed, if known."),
+    choices.CauseWord | None, option("--cause", "What changed, if known.")
 ]
 Free = Annotated[
     choices.FreeWord,

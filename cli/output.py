@@ -17,14 +17,13 @@ from contextlib import suppress
 from dataclasses import dataclass, field, is_dataclass
 from typing import TYPE_CHECKING, TextIO
 
-from calib.common.wording import for_people, one_line, printable
+from calib.common.wording import one_line, printable
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 NO = 3  # exit code of a result that a script should act on; each command says which
 _WIDTH = 100  # of lines of words and of tables
-_ROUNDING = 1e-6  # below a nanometre or a millionth of a degree
 
 Document = Mapping[str, object] | Sequence[object]
 
@@ -270,25 +269,6 @@ def _as_list(value: object) -> object:
 def fields(holder: object, names: str) -> dict[str, object]:
     """Return attributes that a document has under the same names."""
     return {name: getattr(holder, name) for name in names.split()}
-
-
-def number(value: float | None) -> str:
-    """Return the size of an error with three significant digits, or a dash for none."""
-    if value is None or not math.isfinite(value):
-        return "-"
-    size = abs(value)
-    if size < _ROUNDING:
-        return "<1e-6" if size else "0"
-    # decimals that three digits need: 1.23, 12.3, 0.000123
-    return f"{value:.{max(0, 2 - math.floor(math.log10(size)))}f}"
-
-
-def with_unit(value: float, unit: str) -> str:
-    """Return a length or an angle with the unit that people read, mm or degrees."""
-    factor, shown = for_people(unit)
-    if 0.0 < abs(factor * value) < _ROUNDING:
-        return f"below {_ROUNDING:.6f} {shown}"
-    return f"{number(factor * value)} {shown}"
 
 
 def with_decimals(value: float, decimals: int) -> str:

@@ -201,9 +201,7 @@ names = parser(
     lambda names: all(names) and len(set(names)) == len(names),
 )
 lattice_size = parser(
-    "whole numbers of 2 or more such as 70 or 70x70",
-    _lattice_size,
-    bool,
+    "whole numbers of 2 or more such as 70 or 70x70", _lattice_size, bool
 )
 joint_value = parser(
     "JOINT=VALUE such as wrist=0.5",

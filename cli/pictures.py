@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import calib
 from calib.common.choices import PICTURES, VIDEOS
 
-from .logs import Reading, log_of
+from .logs import LogFormat, log_of
 from .output import say
 from .parsing import BadOption
 
 if TYPE_CHECKING:
-    from calib.recording.lens import Lens
     from calib.recording.setting import Setup
+    from calib.samples.lens import Lens
 
 
 def is_of_camera(name: str) -> bool:
@@ -32,7 +32,7 @@ def is_film(names: Sequence[str]) -> bool:
 
 
 @dataclass(frozen=True)
-class JointReading:
+class JointFile:
     """How the joints beside pictures are read."""
 
     path: str | None
@@ -90,7 +90,7 @@ def record_tag(
     sources: Sequence[str],
     output: str,
     setting: Setup,
-    joints: JointReading,
+    joints: JointFile,
     picture: str | None,
     *,
     max_gap: float,
@@ -156,7 +156,7 @@ def record_board(
     board: str | None,
     eye: str,
     lens: Lens | str | None,
-    joints: JointReading,
+    joints: JointFile,
     camera: str | None,
 ) -> calib.Samples:
     """Make a log of pictures of a board; `lens` is a lens, its file or its pictures, or None."""
@@ -202,15 +202,15 @@ def log_of_pictures(
             "the model was not made of pictures: expected --data of a log, and no --joints-file"
         )
     joints = zip(about.joint_names, about.revolute, strict=True)
-    reading = JointReading(
+    joint_file = JointFile(
         joints_file,
         about.joint_names,
         about.degrees if degrees is None else degrees,
-        [name for name, turns in joints if not turns],
+        [name for name, revolute in joints if not revolute],
     )
     lens = lens_of_model(model)
     return record_board(
-        source, board["board"], board["eye"], lens, reading, camera
+        source, board["board"], board["eye"], lens, joint_file, camera
     )
 
 
@@ -241,10 +241,7 @@ def photo_of_log(
 
 
 def load_drawn(
-    path: str,
-    data: str | None,
-    photo: str | None,
-    no_photo: bool,
+    path: str, data: str | None, photo: str | None, no_photo: bool
 ) -> tuple[calib.Model | calib.HandEye, calib.Samples | None]:
     """Load a model or a rig as it is to be drawn, and a log of its own arm where one is given."""
     from calib.recording.rig import is_rig, load_rig
@@ -256,7 +253,7 @@ def load_drawn(
             )
         return load_rig(path), None
     model = calib.load(path)
-    log = log_of(model, data, Reading())
+    log = log_of(model, data, LogFormat())
     if photo is not None:
         model = with_photo(model, photo, log)
     elif no_photo:

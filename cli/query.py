@@ -3,29 +3,34 @@
 It needs NumPy: commands import it when they run.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 import calib
 from calib.common.arrays import Array, Mask
+from calib.common.rows import finite_rows
 from calib.common.scale import METRES
-from calib.common.wording import for_people, listing
-from calib.samples.tables import Batch, read_batch, write_table
+from calib.common.wording import error_size, for_people, listing
+from calib.samples.batch import Batch, read_batch
+from calib.samples.tables import write_table
+from calib.use import standing
 
-from .output import NO, Outcome, TextTable, note, number, say, with_decimals
+from .output import NO, Outcome, TextTable, note, say, with_decimals
 from .parsing import TABLES, BadOption, bad_value, check_file, refuse
-from .summary import bound_warnings
 from .units import JointFormat, units_of
 
 BOUNDS = ("expected_error", "model_error")
-TURN = ("qx", "qy", "qz", "qw")
 # columns in the unit of the positions
 _LENGTHS = ("x", "y", "z", "distance", *BOUNDS)
 
 Columns = Mapping[str, ArrayLike]
+Failures = Mapping[str, tuple[Sequence[int], str]]
+"""Numbers of rows and why they fail, by the key of a document."""
 
 
 def model_in(path: str, frame: str, *, base: bool = False) -> calib.Model:
@@ -39,72 +44,113 @@ def model_in(path: str, frame: str, *, base: bool = False) -> calib.Model:
         if base:
             choices.append("base")
         raise BadOption(f"--in {frame!r}: expected {', '.join(choices)}")
-    say(bound_warnings(model.about))
+    say(standing.bound_warnings(model.about))
     return model
 
 
-class Query:
-    """A model that is asked, and how its joints and positions are typed and printed."""
+@dataclass(frozen=True)
+class PositionFormat:
+    """How positions are typed and printed."""
 
-    def __init__(
-        self,
+    unit: str  # of the model's answers
+    to_typed: float  # factor from it to what is typed, and written to tables
+    to_printed: float
+    printed: str  # unit
+
+    @classmethod
+    def of(cls, unit: str, typed: str | None) -> PositionFormat:
+        """Return the format of positions, which may be typed and printed in a unit of their own."""
+        if typed is None:
+            return cls(unit, 1.0, *for_people(unit))
+        factors = METRES if unit in METRES else {unit: 1.0}
+        if typed not in factors:
+            expected = (
+                f"a unit that positions in {unit} have: {', '.join(factors)}"
+            )
+            raise bad_value(typed, expected, "--unit")
+        factor = factors[typed] / factors[unit]
+        return cls(unit, factor, factor, typed)
+
+    def words(self, length: float) -> str:
+        """Return a length [unit] in words."""
+        return f"{error_size(length * self.to_printed)} {self.printed}"
+
+
+@dataclass(frozen=True)
+class Files:
+    """A table of queries, if there is one, and the table of their answers."""
+
+    input: str | None
+    columns: Mapping[str, str] | None = None  # names of its columns by role
+    output: str | None = None  # None and "-" are standard output
+    values: Sequence[float] | None = None  # of one query, in place of a table
+
+    def __post_init__(self) -> None:
+        """Refuse files that answer nothing, or that cannot be written."""
+        if self.input is None:
+            why = "is for many queries: expected --input FILE too"
+            refuse({"output": self.output, "columns": self.columns}, why)
+        elif self.values:
+            raise BadOption(
+                f"--input {self.input!r} and {len(self.values)} values: expected one"
+            )
+        check_file(self.output, TABLES, stream=True)
+
+
+@dataclass(frozen=True)
+class Query:
+    """A model that is asked in a frame, and how joints and positions are typed and printed."""
+
+    model: calib.Model
+    frame: str  # "sensor" or "base"
+    joints: JointFormat
+    positions: PositionFormat
+    files: Files
+
+    @classmethod
+    def of(
+        cls,
         path: str,
-        input_: str | None,
-        columns: Mapping[str, str] | None,
-        output: str | None,
+        files: Files,
         unit: str | None,
         degrees: bool,
         frame: str = "sensor",
-        values: Sequence[float] | None = None,
-    ) -> None:
-        if input_ is None:
-            why = "is for many queries: expected --input FILE too"
-            refuse({"output": output, "columns": columns}, why)
-        elif values:
-            raise BadOption(
-                f"--input {input_!r} and {len(values)} values: expected one"
-            )
-        check_file(output, TABLES, stream=True)
-        self.model = model_in(path, frame, base=True)
-        self.input = input_
-        self.degrees = degrees
-        self._columns = columns
-        self._output = None if output == "-" else output
-        about = self.model.about
-        self.joints = JointFormat(about, degrees)
-        based = frame == "base"
-        self.frame = "base" if based else "sensor"
-        self.axes = ("x", "y", "z") if based else self.model.axes
-        self.unit = "m" if based else about.unit
-        # of a simulation, and in the base frame, both bounds are the same: one is printed
-        one_bound = based or about.source != "log"
-        self.bounds = BOUNDS[:1] if one_bound else BOUNDS
-        self.meaning: dict[str, object] = {
-            "unit": self.unit,
-            "bound_of": "true position" if based else about.bound_of,
-            "units": units_of(about, self.unit),
-        }
-        """What the numbers of an answer mean, for JSON."""
-        if based:
-            self.meaning["frame"] = frame
-        elif about.sensor:
-            self.meaning["sensor"] = about.sensor
-        self.factor, self.shown = for_people(self.unit)
-        self.typed = 1.0
-        """Factor from the model's unit to what is typed, and written to tables of answers."""
-        if unit is not None:
-            factors = METRES if self.unit in METRES else {self.unit: 1.0}
-            if unit not in factors:
-                units = ", ".join(factors)
-                expected = f"a unit that positions in {self.unit} have: {units}"
-                raise bad_value(unit, expected, "--unit")
-            self.typed = factors[unit] / factors[self.unit]
-            self.factor = self.typed
-            self.shown = unit
+    ) -> Query:
+        """Return a query of the model in a file, in the frame of a sensor or of the base."""
+        model = model_in(path, frame, base=True)
+        frame = "base" if frame == "base" else "sensor"
+        unit_of_answers = "m" if frame == "base" else model.about.unit
+        joints = JointFormat(model.about, degrees)
+        positions = PositionFormat.of(unit_of_answers, unit)
+        return cls(model, frame, joints, positions, files)
 
-    def words(self, length: float) -> str:
-        """Return a length [the model's unit] in words."""
-        return f"{number(length * self.factor)} {self.shown}"
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the coordinates of a position."""
+        return ("x", "y", "z") if self.frame == "base" else self.model.axes
+
+    @property
+    def bounds(self) -> tuple[str, ...]:
+        """Bounds that are printed: one where both are the same."""
+        is_one = self.frame == "base" or self.model.about.source != "log"
+        return BOUNDS[:1] if is_one else BOUNDS
+
+    @property
+    def meaning(self) -> dict[str, object]:
+        """What the numbers of an answer mean, for JSON."""
+        about = self.model.about
+        in_base = self.frame == "base"
+        unit = self.positions.unit
+        meaning: dict[str, object] = {
+            "unit": unit,
+            "bound_of": "true position" if in_base else about.bound_of,
+            "units": units_of(about, unit),
+        }
+        if in_base:
+            meaning["frame"] = "base"
+        elif about.sensor:
+            meaning["sensor"] = about.sensor
+        return meaning
 
     def within_range(
         self, option: str, typed: Sequence[float] | None
@@ -125,7 +171,8 @@ class Query:
         header = self.joints.header
         rows = [self.joints.cells(joints) for joints in q.tolist()]
         for name, values in quantities.items():
-            factor, unit = self.factor, self.shown
+            factor = self.positions.to_printed
+            unit = self.positions.printed
             if name == "turned":
                 factor, unit = for_people("rad")
             header.append(f"{name.replace('_', ' ')} [{unit}]")
@@ -137,24 +184,25 @@ class Query:
         self, names: Sequence[str], more: Sequence[Sequence[str]] = ()
     ) -> tuple[Batch, Mask]:
         """Read queries, positions in the model's unit, and which rows (n,) are numbers."""
-        if self.input is None:
+        files = self.files
+        if files.input is None:
             raise BadOption(
                 "--input FILE is missing: expected a table of queries"
             )
-        batch = read_batch(self.input, names, more, self._columns or {})
-        lengths = [
-            n in _LENGTHS and n not in self.joints.names for n in batch.names
+        batch = read_batch(files.input, names, more, files.columns or {})
+        lengths = {*_LENGTHS} - {*self.joints.names}
+        factors = [
+            self.positions.to_typed if name in lengths else 1.0
+            for name in batch.names
         ]
-        values = batch.values / np.where(lengths, self.typed, 1.0)
-        return replace(batch, values=values), np.asarray(
-            np.isfinite(values).all(axis=1)
-        )
+        batch = replace(batch, values=batch.values / factors)
+        return batch, finite_rows(batch.values)
 
-    def answer(
+    def write(
         self,
         batch: Batch,
         columns: Columns | None,
-        failures: Mapping[str, tuple[Sequence[int], str]],
+        failures: Failures,
         *,
         count: int | None = None,
         key: str = "answers",
@@ -163,44 +211,46 @@ class Query:
     ) -> Outcome:
         """Write a table of answers, None for no table, and say which rows fail.
 
-        `failures` have the numbers of rows and why they fail, by the key of a document; `count` is
-        the number of rows of the table, if not that of the queries.
+        count : number of rows of the table, if not that of the queries
+        key : of the answers in a document that no file has
         """
         n = len(batch.values)
+        output = None if self.files.output == "-" else self.files.output
         note_rows(batch.invalid, n, "not all values are numbers, no answer")
-        code = 0
         document: dict[str, object] = {
-            "output": None if columns is None else self._output,
+            "output": None if columns is None else output,
             "rows": n if count is None else count,
             "invalid": batch.invalid,
         }
+        code = 0
         for name, (rows, why) in failures.items():
             note_rows(rows, count or n, why)
             document[name] = list(rows)
             if rows:
                 code = NO
-        document |= {**(facts or {}), **self.meaning}
         if batch.invalid:
             code = 1
+        document |= {**(facts or {}), **self.meaning}
         if columns is None:
             return Outcome(document, lines, code=code)
-        written = dict(columns)
-        for name in written.keys() & set(_LENGTHS):
-            written[name] = np.asarray(written[name], float) * self.typed
-        if self._output is not None:
-            write_table(self._output, written)
+        typed = dict(columns)
+        for name in typed.keys() & set(_LENGTHS):
+            lengths = np.asarray(columns[name], float)
+            typed[name] = lengths * self.positions.to_typed
+        if output is not None:
+            write_table(output, typed)
             return Outcome(document, lines, code=code)
         in_si = dict(columns)
-        for name, typed in zip(
-            self.joints.names, self.joints.typed, strict=True
-        ):
-            in_si[name] = np.asarray(columns[name]) / typed
+        joints = self.joints
+        for name, factor in zip(joints.names, joints.to_typed, strict=True):
+            in_si[name] = np.asarray(columns[name]) / factor
         document[key] = in_si
-        return Outcome(document, lines, result=(), columns=written, code=code)
+        return Outcome(document, lines, result=(), columns=typed, code=code)
 
 
-def columns_with(batch: Batch, valid: Mask, added: Columns) -> Columns:
-    """Columns of a table of queries with answers of rows that are `valid` (n,), else NaN or 0."""
+def with_answers(batch: Batch, added: Columns) -> Columns:
+    """Return the columns of queries with answers of those that are numbers, else NaN or 0."""
+    valid = finite_rows(batch.values)
     answers: dict[str, ArrayLike] = {}
     for name, column in added.items():
         whole = np.full(len(valid), 0 if name == "reachable" else np.nan)

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import calib
-from calib.common.wording import by_name, for_people, unit_of_joint
+from calib.common.wording import by_name, for_people, unit_of_joint, with_unit
 
-from .output import with_decimals, with_unit
+from .output import with_decimals
 from .parsing import BadOption, OfJoint, bad_value
 
 if TYPE_CHECKING:
@@ -33,9 +33,11 @@ class JointFormat:
     def __init__(self, about: About | Arm, degrees: bool) -> None:
         self.names = about.joint_names
         self._about = about
-        self._degrees = degrees
-        units = [unit_of_joint(turns, degrees) for turns in about.revolute]
-        self.typed = [factor for factor, _ in units]
+        self.degrees = degrees
+        units = [
+            unit_of_joint(revolute, degrees) for revolute in about.revolute
+        ]
+        self.to_typed = [factor for factor, _ in units]
         """Factors from SI units to what is typed, and written to tables of answers."""
         self._units = [unit for _, unit in units]
         self._printed = [
@@ -68,7 +70,7 @@ class JointFormat:
             raise bad_value(shown, expected, option)
         return [
             value / factor
-            for value, factor in zip(typed, self.typed, strict=True)
+            for value, factor in zip(typed, self.to_typed, strict=True)
         ]
 
     def beyond(self, model: calib.Model, q: Sequence[float]) -> str | None:
@@ -78,8 +80,8 @@ class JointFormat:
         from calib.model.about import range_in_words
 
         for k in np.flatnonzero(~model.in_range(np.array([q]))[0]).tolist():
-            ends = range_in_words(model.about, k, degrees=self._degrees)
-            value = f"{q[k] * self.typed[k]:.6g} {self._units[k]}"
+            ends = range_in_words(model.about, k, degrees=self.degrees)
+            value = f"{q[k] * self.to_typed[k]:.6g} {self._units[k]}"
             return f"{self.names[k]} = {value} is outside of the learned range {ends}"
         return None
 
@@ -91,23 +93,23 @@ class JointFormat:
 def in_si(
     option: str,
     typed: Sequence[OfJoint] | None,
-    turns: Mapping[str, bool],
+    revolute: Mapping[str, bool],
     degrees: bool,
 ) -> dict[str, tuple[float, float]]:
     """Return what was typed for joints in SI units, by joint."""
     values: dict[str, tuple[float, float]] = {}
-    for part in typed or ():
-        if part.joint in values:
+    for value in typed or ():
+        if value.joint in values:
             raise BadOption(
-                f"{option} {part.joint!r} is given twice: expected each joint once"
+                f"{option} {value.joint!r} is given twice: expected each joint once"
             )
-        in_degrees = degrees and turns.get(part.joint, True)
+        in_degrees = degrees and revolute.get(value.joint, True)
         factor = math.radians(1.0) if in_degrees else 1.0
-        values[part.joint] = (factor * part.low, factor * part.high)
+        values[value.joint] = (factor * value.low, factor * value.high)
     return values
 
 
-def joints_that_turn(robot: str) -> dict[str, bool]:
+def revolute_joints(robot: str) -> dict[str, bool]:
     """Return whether each movable joint of a robot turns."""
     from calib.arm.description import parse_robot
     from calib.arm.robot_text import read_urdf

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..common.arrays import TRIANGLE, Array, Shape
 from ..common.rows import row_lengths
-from .covariance import as_kept, radius_95, spread_of
+from .covariance import as_kept, radius_95, root_of, spread_of
 from .parameters import Gaussian, Indices
 from .sensor_pose import SensorPose
 from .settings import PRIOR_SHARE, SHARED
@@ -75,6 +75,19 @@ class Body(OfStructure):
     second: Second | None = None
     # sd of readings that repeated poses show [unit]; 0 where no pose was repeated
     repeat: float = 0.0
+
+    def with_covariance(self, indices: Indices, covariance: Array) -> Body:
+        """The belief with a further covariance (p, p) of some parameters (p,)."""
+        active = np.union1d(self.active, indices)
+        total = np.zeros((len(active), len(active)))
+        places = np.searchsorted(active, self.active)
+        block = np.ix_(places, places)
+        total[block] = self.covariance
+        places = np.searchsorted(active, indices)
+        block = np.ix_(places, places)
+        total[block] += covariance
+        root = root_of(total)
+        return replace(self, active=active, root=root)
 
     def predict(self, q: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof) [rad or m]."""

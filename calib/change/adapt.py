@@ -30,8 +30,8 @@ from .adaptation import (
 )
 from .causes import FRAME, GROUPS
 from .evidence import Evidence
+from .frame import LEAST_OWN
 from .judge import guarded_algebra, judge
-from .settings import LEAST_OWN
 from .update import Update
 from .verdict import Verdict
 from .words import frame_between

@@ -4,8 +4,9 @@ The evidence of a set whose causes free parameters of standard deviations sd is 
 
     log p(y | causes) = log p(y | d) + log p(d) - 1/2 log |A| - cost,    A = I + sd X' C^-1 X sd
 
-at the best d / sd.  The likelihood is raised to the power 1 / temper: rows that resemble their
-neighbours count for less than their number.  Each cause pays the logarithm of how many there are.
+at the best d / sd.  The likelihood is raised to the power 1 / correlation time: rows that resemble
+their neighbours count for less than their number.  Each cause pays the logarithm of how many there
+are.
 
 `Search.candidates` adds causes one by one in the linear system, `Search.explanation_of` fits the
 best sets to convergence, and where that leads far the system is linearised again there.
@@ -27,6 +28,7 @@ from ..common.arrays import Array
 from .causes import (
     FRAME,
     SETS,
+    WAVE_SIZES,
     changeable,
     frame_twin,
     indices_of,
@@ -34,11 +36,10 @@ from .causes import (
     single_causes,
 )
 from .explanation import Explanation, Place, climb
-from .settings import (
-    MARGIN,
-    WAVES,
-)
 from .system import System
+
+# Nats by which a change must be better than none, and within which explanations are averaged
+MARGIN = 5.0
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ class Candidate(NamedTuple):
     """A set of causes in the linear system, p of whose parameters are free."""
 
     causes: tuple[str, ...]
-    waves: float  # of `WAVES`
+    wave_size: float  # of `WAVE_SIZES`
     indices: Indices  # (p,), parameters that are free
     evidence: float  # [nats]
     normals: Array  # (p,), their best changes over the standard deviations by which they are free
@@ -87,7 +88,7 @@ _evidence = attrgetter("evidence")
 class Information(NamedTuple):
     """What rows tell of k parameters over their standard deviations, for l sizes of the noise.
 
-    All is divided by the temper.
+    All is divided by the correlation_time.
     """
 
     likelihood: Array  # (l,), where none of them changed [nats]
@@ -124,7 +125,7 @@ class Search:
     """Sets of causes of a log beside a reference.
 
     always : groups that are free in every set: a frame that was fitted to the log, a turned tool
-    temper : autocorrelation time of the rows; likelihoods are raised to 1 / temper
+    correlation_time : of the rows; likelihoods are raised to the power 1 / of it
     sd : (d,), by which the parameters may have changed
     always_free : parameters of `always`
     free : those that are free in any set
@@ -135,14 +136,14 @@ class Search:
         system: System,
         cause: str | None,
         always: Sequence[str],
-        temper: float,
+        correlation_time: float,
     ) -> None:
         reference = system.reference
         structure = reference.structure
         self.system = system
-        self.temper = temper
+        self.correlation_time = correlation_time
         groups = changeable(structure)
-        self.sd = sd_if_changed(reference.body, groups, reference.forgotten)
+        self.sd = sd_if_changed(reference.body, groups, reference.void)
         self.always_free = np.sort(indices_of(structure, always))
         singles = single_causes(structure, cause)
         allowed = np.concatenate([*singles.values()])
@@ -172,25 +173,25 @@ class Search:
                 free_sets[name] = free
         return free_sets
 
-    def information(self, waves: float) -> Information:
-        """What rows tell, beside some waves, of all that may be free."""
-        if waves not in self.informations:
-            information = self._for_noises(waves)
-            self.informations[waves] = self._with_likely_noises(information)
-        return self.informations[waves]
+    def information(self, wave_size: float) -> Information:
+        """What rows tell, beside waves of a size, of all that may be free."""
+        if wave_size not in self.informations:
+            information = self._for_noises(wave_size)
+            self.informations[wave_size] = self._with_likely_noises(information)
+        return self.informations[wave_size]
 
-    def _for_noises(self, waves: float) -> Information:
+    def _for_noises(self, wave_size: float) -> Information:
         """What rows tell for sizes of the noise all over their range."""
         x = self.system.x[:, self.free] * self.sd[self.free]
-        products = self.system.nuisance(waves).products(self.system.y, x)
+        products = self.system.nuisance(wave_size).products(self.system.y, x)
         noises, likelihood = products.noises()
         some = slice(None, None, SEARCH.coarser)
         by_noise = map(products.information, noises[some].tolist())
         matrices, vectors = zip(*by_noise, strict=True)
         return Information(
-            likelihood[some] / self.temper,
-            np.stack(matrices) / self.temper,
-            np.stack(vectors) / self.temper,
+            likelihood[some] / self.correlation_time,
+            np.stack(matrices) / self.correlation_time,
+            np.stack(vectors) / self.correlation_time,
         )
 
     def _with_likely_noises(self, information: Information) -> Information:
@@ -211,10 +212,12 @@ class Search:
         places = np.searchsorted(self.free, indices)
         cost = self.cost * len(causes)
         candidates = []
-        for waves in WAVES:
-            evidence, normals = self.information(waves).evidence(places)
+        for wave_size in WAVE_SIZES:
+            evidence, normals = self.information(wave_size).evidence(places)
             best = float(evidence.max()) - cost
-            candidates.append(Candidate(causes, waves, indices, best, normals))
+            candidates.append(
+                Candidate(causes, wave_size, indices, best, normals)
+            )
         return sorted(candidates, key=_evidence, reverse=True)
 
     def candidates(self) -> list[Candidate]:
@@ -268,7 +271,7 @@ class Search:
     def _place(self, candidate: Candidate, normals: Array) -> PlaceOfSet | None:
         """Compare the rows with changes (p,) of a set's parameters, None without a prediction.
 
-        The posterior is log p(y | d) / temper - normals' normals / 2, with d = sd * normals.
+        The posterior is log p(y | d) / correlation time - normals' normals / 2, d = sd * normals.
         """
         reference = self.system.reference
         free = candidate.indices
@@ -280,7 +283,7 @@ class Search:
         if not np.isfinite(residual).all():
             return None
         y = self.system.whiten(residual)
-        nuisance = self.system.nuisance(candidate.waves)
+        nuisance = self.system.nuisance(candidate.wave_size)
         products = nuisance.products(y, columns * sd)
         noise = products.most_likely_noise()
         likelihood = float(products.likelihood(noise)[0])
@@ -288,9 +291,10 @@ class Search:
         return PlaceOfSet(
             normals=normals,
             beta=beta,
-            fit=likelihood / self.temper - 0.5 * float(normals @ normals),
-            gradient=vector / self.temper - normals,
-            precision=matrix / self.temper + np.eye(len(normals)),
+            fit=likelihood / self.correlation_time
+            - 0.5 * float(normals @ normals),
+            gradient=vector / self.correlation_time - normals,
+            precision=matrix / self.correlation_time + np.eye(len(normals)),
             residual=residual,
             noise=noise,
         )
@@ -309,13 +313,13 @@ class Search:
         cost = self.cost * len(candidate.causes)
         return Explanation(
             causes=candidate.causes,
-            waves=candidate.waves,
+            wave_size=candidate.wave_size,
             reference=self.system.reference,
             indices=free,
             beta=place.beta,
             sd=sd,
             evidence=place.fit - half_determinant - cost,
-            temper=self.temper,
+            correlation_time=self.correlation_time,
             deviation=deviation,
             noise=place.noise,
             residual=place.residual,
@@ -344,7 +348,7 @@ class Search:
             causes = fits[0].causes
             self.system = self.system.relinearised(fits[0].beta)
             self.informations = {}
-        alone = {(fit.causes, fit.waves): fit for fit in reversed(fits)}
+        alone = {(fit.causes, fit.wave_size): fit for fit in reversed(fits)}
         return list(alone.values())
 
 
@@ -352,7 +356,7 @@ def explain(
     systems: Sequence[System],
     cause: str | None,
     *,
-    temper: float,
+    correlation_time: float,
     calm: bool,
     turned: Sequence[str] = (),
 ) -> tuple[Explanation, ...]:
@@ -360,7 +364,7 @@ def explain(
 
     systems : the log beside the belief as it was, and in the frame that fits the log best where
         that is far
-    temper : autocorrelation time of the rows
+    correlation_time : of the rows
     calm : whether no test fired: the causes are not searched then
     turned : groups that changed for sure, as orientations show: the tool that is turned has moved
     """
@@ -369,6 +373,6 @@ def explain(
         always = turned
         if system.reference.is_fitted:
             always = (*FRAME, *turned)
-        search = Search(system, cause, always, temper)
+        search = Search(system, cause, always, correlation_time)
         explanations += search.explanations(calm=calm)
     return tuple(sorted(explanations, key=_evidence, reverse=True))

@@ -24,7 +24,9 @@ from ..common.rows import median_length, row_lengths, spread_rows
 from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
 from .causes import FRAME, Cause, indices_of, is_sensors
-from .settings import LEAST_OWN
+
+# Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm
+LEAST_OWN = 1e-6
 
 
 @dataclass(frozen=True)
@@ -63,9 +65,7 @@ class Reference:
     # size of positions over what it was; 1 where they are in the old unit
     scale: float = 1.0
     # (g,), parameters of the view whose old posterior does not count any more
-    forgotten: Indices = field(
-        default_factory=lambda: np.zeros(0, dtype=np.intp)
-    )
+    void: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
     @property
     def has_discrete_cause(self) -> bool:
@@ -75,7 +75,7 @@ class Reference:
     @property
     def is_fitted(self) -> bool:
         """Whether the frame was fitted to the log."""
-        return len(self.forgotten) > 0
+        return len(self.void) > 0
 
     @property
     def structure(self) -> Structure:
@@ -106,7 +106,7 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     if isinstance(structure, SpatialStructure) and is_camera(structure.view):
         start = _camera_anew(structure, body.beta, q, z)
         beta = _frame_fit(structure, q, z, start, FRAME)
-        return Reference(body, beta, forgotten=indices_of(structure, FRAME))
+        return Reference(body, beta, void=indices_of(structure, FRAME))
     return _by_best_sense(body, q, z, unit)
 
 
@@ -139,15 +139,15 @@ def _by_best_sense(body: Body, q: Array, z: Array, unit: str) -> Reference:
         if Alignment.between(before, after).is_swapped:
             words = "x and y of the log are exchanged, compared with the model"
             causes[0] = replace(causes[0], words=words)
-    forgotten: tuple[str, ...] = FRAME
+    void: tuple[str, ...] = FRAME
     if causes:
-        forgotten = tuple(filter(is_sensors, structure.groups))
+        void = tuple(filter(is_sensors, structure.groups))
     return Reference(
         body=_scaled(body, structure, factor),
         beta=beta,
         causes=tuple(causes),
         scale=factor,
-        forgotten=indices_of(structure, forgotten),
+        void=indices_of(structure, void),
     )
 
 
@@ -197,12 +197,12 @@ def _scaled(body: Body, structure: Structure, factor: float) -> Body:
 def offset_after(
     old: Body, new: Body, beta: Array, q: Array, offset: Array
 ) -> Array:
-    """What maps add to a body, (n, m), after a change: as the joints that cause it move the tip."""
+    """What maps add to a body, (n, .., m), after a change: as joints that cause it move the tip."""
     before = old.structure.slope(q, old.beta)
     after = new.structure.slope(q, beta)
     inverse = np.linalg.pinv(before, rcond=1e-3)
-    joints = np.einsum("ndm,nm->nd", inverse, offset)
-    moves: Array = np.einsum("nmd,nd->nm", after, joints)
+    joints = np.einsum("ndm,n...m->n...d", inverse, offset)
+    moves: Array = np.einsum("nmd,n...d->n...m", after, joints)
     return moves
 
 

@@ -9,7 +9,7 @@ The residuals of a log are linear in what may have changed, and Gaussian in all 
     sd  (d,)    by which parameters change; zero where no cause frees them  (`causes`)
     K   (N, N)  what an unchanged arm may show: the model's own posterior, a creep, and a smooth
                 residual of this log alone                                  (`system`)
-    s           size of the noise, 1 as usual                               (`significance`)
+    s           size of the noise, 1 as usual                               (`noise`)
 
 From these follow in turn the p-values of the tests (`significance`), the evidence p(y | causes)
 of each set of causes (`explain`) and the posterior of d (`update`); `_verdict_on_body` reads in
@@ -30,15 +30,13 @@ from ..common.parallel import one_blas_thread
 from ..errors import LogError, ModelError, require
 from ..model.model import Model
 from ..samples.samples import Samples
-from .bound import bound_test
 from .causes import as_built, as_drawn
 from .evidence import Comparison, weigh, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
-from .observations import Observations, sound_observations
-from .play import Play, find_play
-from .rows import LogRows, rows_of
-from .significance import FreeNoise, group_tests
+from .noise import find_play, noise_of, noise_with_joint
+from .rows import LogRows, Observations, rows_of, sound_observations
+from .significance import bound_test, group_tests
 from .system import System, frame_variance
 from .update import update
 from .verdict import Episode, Verdict, notes_of, verdict_on_maps
@@ -114,17 +112,22 @@ def _verdict_on_body(
     rows, observations = sound_observations(logged, reference)
 
     # 2. s: the noise where everything may have changed, and a joint's play, which is taken up
-    unchanged = Reference(rows.body, rows.body.beta)
+    model_frame = Reference(rows.body, rows.body.beta)
     if reference.has_discrete_cause:
-        unchanged = reference
-    nearest = reference if reference.is_fitted else unchanged
-    observations, noise, play = _without_play(nearest, observations, rows)
+        model_frame = reference
+    log_frame = reference if reference.is_fitted else model_frame
+    noise = noise_of(System(log_frame, observations))
+    play = find_play(noise, rows.model.approach)
+    if play is not None:
+        q = observations.q - play.half * observations.side
+        observations = replace(observations, q=q)
+        noise = noise_of(System(log_frame, observations))
 
     # 3. p: the chance of such rows where nothing changed, by groups of parameters and by the bound
-    noise_beside_unchanged = noise
-    if unchanged is not nearest:
-        noise_beside_unchanged = FreeNoise(System(unchanged, observations))
-    tests = group_tests(noise_beside_unchanged, rows.probes)
+    noise_in_model_frame = noise
+    if model_frame is not log_frame:
+        noise_in_model_frame = noise_of(System(model_frame, observations))
+    tests = group_tests(noise_with_joint(noise_in_model_frame), rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
     shared_variance = frame_variance(reference, observations)
     comparison = Comparison(
@@ -139,12 +142,15 @@ def _verdict_on_body(
 
     # 4. p(y | causes): which sets of causes explain the rows?
     systems = _systems(prior, reference, observations)
-    temper = max(rows.body.kappa**2, 1.0, noise.temper)
+    correlation_time = max(rows.body.kappa**2, 1.0, noise.correlation_time)
     explanations = explain(
-        systems, cause, temper=temper, calm=not comparison.fired
+        systems,
+        cause,
+        correlation_time=correlation_time,
+        calm=not comparison.fired,
     )
     evidence = weigh(comparison, explanations)
-    evidence = with_orientations(evidence, systems, temper)
+    evidence = with_orientations(evidence, systems, correlation_time)
 
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
     better = None
@@ -168,20 +174,6 @@ def _verdict_on_body(
         update=better,
         evidence=evidence,
     )
-
-
-def _without_play(
-    nearest: Reference, observations: Observations, rows: LogRows
-) -> tuple[Observations, FreeNoise, Play | None]:
-    """The observations with a joint's play taken up, their noise, and that play if there is one."""
-    noise = FreeNoise(System(nearest, observations))
-    play = find_play(noise, rows)
-    if play is None:
-        return observations, noise, None
-    q = observations.q - play.half * rows.side
-    observations = replace(observations, q=q)
-    noise = FreeNoise(System(nearest, observations))
-    return observations, noise, play
 
 
 def _systems(

@@ -21,32 +21,17 @@ import numpy as np
 from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
 from ..body.structure import Structure
-from ..common.arrays import Array
-from .causes import (
-    FRAME,
-    changeable,
-    frame_twin,
-    indices_of,
-    sd_if_changed,
-    single_causes,
-)
-from .frame import Reference
-from .settings import CREEP, CREPT, FALSE_ALARM, NOISIER
-from .system import (
-    SYSTEM,
-    NoisyJoint,
-    Nuisance,
-    Products,
-    System,
-)
+from ..common.arrays import Array, Mask
+from .causes import CREEP_WAVES, FRAME, indices_of, single_causes
+from .noise import FALSE_ALARM, NoiseFit, f_chance, score_of
+from .rows import LogRows
+from .system import CREEP_SHARE, NoisyJoint, Nuisance, Products
 
 
 @dataclass(frozen=True)
 class SignificanceSettings:
     """When something is no chance."""
 
-    # noise of one encoder over that of the sensor, at the tip: steps of two left 2 of 90 drifted
-    joint_noises: tuple[float, ...] = tuple(2.0 ** np.arange(-1.0, 6.5, 0.5))
     # share of logs in which the smallest change that is told would be found
     power: float = 0.9
     # times the noise of a change that rows have to be able to show: 10 rows of two joints, which
@@ -57,6 +42,10 @@ class SignificanceSettings:
 
 
 SIGNIFICANCE = SignificanceSettings()
+
+# Share of rows beyond a 95 % bound that fails for sure: halves of A and C have 13 % at most
+BEYOND = 0.2
+LASTING = 10  # rows over which noise may last
 SHOWN = {"scale": "sensor scale", "tilt": "sensor tilt"}
 """Groups whose names alone do not say that they are the sensor's."""
 
@@ -86,8 +75,7 @@ class GroupTest:
     @property
     def score(self) -> float:
         """Logarithm of the p-value over that of `FALSE_ALARM`: above 1 it fired."""
-        chance = max(self.p_value, 1e-300)
-        return abs(math.log(chance) / math.log(FALSE_ALARM))
+        return score_of(self.p_value)
 
 
 @dataclass(frozen=True)
@@ -144,107 +132,6 @@ def groups_of(structure: Structure) -> dict[str, Indices]:
     return groups
 
 
-class FreeNoise:
-    """The noise s of the greatest likelihood where all parameters may have changed.
-
-    size : s, in `Reference.sizes`
-    rest : (n, m), residuals less all that changes and K follow, s C^-1 y
-    temper : autocorrelation time of these [rows]: rows that err together count once
-    """
-
-    def __init__(self, system: System) -> None:
-        reference = system.reference
-        freed = sd_of_changes(reference)
-        nothing = system.x[:, :0]
-        self.system = system
-        self.usual = usual_noise(reference)
-        self.nuisance = Nuisance(system, CREEP, CREPT, freed)
-        self.products = self.nuisance.products(system.y, nothing)
-        self.size = self.products.most_likely_noise(self.usual)
-        self.likelihood = float(self.products.likelihood(self.size)[0])
-        self.rest = self.nuisance.rest(system.y, self.size)
-        self.temper = autocorrelation_time(self.rest)
-
-    def chance_beside(self, likelihood: float) -> float:
-        """Chance (chi-square, 1) of so much more likelihood by one more parameter."""
-        from scipy.special import chdtrc
-
-        gain = 2.0 * (self.likelihood - likelihood) / self.temper
-        return float(chdtrc(1, max(gain, 0.0)))
-
-    @property
-    def larger(self) -> bool:
-        """Whether it is larger than usual, and that is no chance."""
-        likelihood = float(self.products.likelihood(self.usual)[0])
-        chance = self.chance_beside(likelihood)
-        return self.size > NOISIER * self.usual and chance < FALSE_ALARM
-
-    def of_one_joint(self) -> FreeNoise:
-        """The noise with that of one joint's encoder, where this is more likely than chance."""
-        system = self.system
-        # of a joint at the tip, in the sensor's noise: its slope by row, and what is typical
-        slope = system.slope / system.reference.sizes[:, None]
-        squares = (slope**2).sum(axis=1)
-        typical = np.sqrt(np.maximum(squares.mean(axis=0), 1e-300))
-        joint = self._noisiest_joint(slope, squares, typical)
-        noises = []
-        for times in SIGNIFICANCE.joint_noises:
-            noisy = joint, times / float(typical[joint])
-            noisy_system = System(system.reference, system.observations, noisy)
-            noises.append(FreeNoise(noisy_system))
-        best = max(noises, key=lambda noise: noise.likelihood)
-        chance = best.chance_beside(self.likelihood)
-        chance *= 1 + len(typical)
-        return best if chance < FALSE_ALARM else self
-
-    def _noisiest_joint(
-        self, slope: Array, squares: Array, typical: Array
-    ) -> int:
-        """The joint j whose noise makes the residuals r of `rest` most likely, by one step.
-
-        A row has the covariance I + ratio^2 g g' (g the slope), and so the likelihood
-        -2 log p = log(1 + ratio^2 g'g) + r'r - ratio^2 (g'r)^2 / (1 + ratio^2 g'g).
-
-        slope, squares, typical : (n, m, dof), (n, dof), (dof,), g of each joint, g'g and its root
-            mean, in the sensor's noise
-        """
-        rest = self.rest[:, :, None]
-        square = (rest**2).sum(axis=1)
-        along = np.einsum("nmd,nm->nd", slope, self.rest) ** 2
-        gains = []
-        for times in SIGNIFICANCE.joint_noises:
-            ratio = (times / typical) ** 2
-            variance = 1.0 + ratio * squares
-            left_over = square - ratio * along / variance
-            ratio_of_means = square.mean() / left_over.mean(axis=0)
-            gain = self.rest.size * np.log(ratio_of_means)
-            gains.append(gain - np.log(variance).sum(axis=0))
-        best = np.max(gains, axis=0)
-        return int(np.argmax(best))
-
-    def tests(self, products: Products, count: int) -> FTests:
-        """F tests of columns by their products, beside this noise; `count` of them."""
-        noise_freedom = self.products.noise_freedom(self.size) / self.temper
-        return FTests(products, self.size, noise_freedom, self.temper, count)
-
-
-def sd_of_changes(reference: Reference) -> Array:
-    """Standard deviation (d,) by which the parameters may have changed, all together."""
-    # what bends the joints, and couplings, would leave few rows no freedom
-    groups = set(changeable(reference.structure))
-    groups -= {"elastic", "payload", "coupling"}
-    sd = sd_if_changed(reference.body, groups, reference.forgotten)
-    # the frame turns about the first joint's axis as its offset does: it is free once
-    sd[frame_twin(reference.body)] = 0.0
-    return sd
-
-
-def usual_noise(reference: Reference) -> float:
-    """The noise that a belief expects, in `Reference.sizes`."""
-    usual = float(np.min(reference.body.noise / reference.sizes))
-    return max(usual, SYSTEM.exact)
-
-
 @dataclass(frozen=True)
 class FTests:
     """F tests of columns beside the noise s and K."""
@@ -253,7 +140,7 @@ class FTests:
     noise: float  # s
     # degrees of freedom: directions of the rows that tell the noise
     noise_freedom: float
-    temper: float  # autocorrelation time of the rows
+    correlation_time: float  # of the rows
     count: int  # tests, of which one may fire by chance
 
     def of_groups(
@@ -274,15 +161,6 @@ class FTests:
                 )
                 tests.append(test)
         return tests
-
-    def chance(self, statistic: float, freedom: float) -> float:
-        """Chance of a statistic of k degrees of freedom where nothing changed, after Bonferroni."""
-        from scipy.special import fdtrc
-
-        noise_freedom = max(self.noise_freedom, 1e-3)
-        ratio = statistic / freedom
-        chance = float(fdtrc(freedom, noise_freedom, ratio))
-        return min(1.0, self.count * chance)
 
     def of_group(
         self,
@@ -308,16 +186,17 @@ class FTests:
         change = Change(
             indices=indices,
             sizes=directions @ (along / values),
-            deviations=np.sqrt(variance * self.temper),
+            deviations=np.sqrt(variance * self.correlation_time),
         )
-        statistic = float((along**2 / values).sum()) / self.temper
+        statistic = float((along**2 / values).sum()) / self.correlation_time
         freedom = len(values)
+        chance = f_chance(statistic, freedom, self.noise_freedom)
         # the least displacement by one parameter, by its standard deviation 1 / scale
         some = precision > 0.0
         move = float((moves[some] / scale[some]).min())
         return GroupTest(
             name=SHOWN.get(name, name),
-            p_value=self.chance(statistic, freedom),
+            p_value=min(1.0, self.count * chance),
             statistic=statistic,
             freedom=freedom,
             change=change,
@@ -340,7 +219,7 @@ class FTests:
         if needed >= SIGNIFICANCE.largest:
             return math.inf
         square = chndtrinc(needed, freedom, 1.0 - SIGNIFICANCE.power)
-        return float(np.sqrt(square * self.temper)) * move
+        return float(np.sqrt(square * self.correlation_time)) * move
 
 
 def moves_of(structure: Structure, beta: Array, probes: Array) -> Array:
@@ -355,31 +234,146 @@ def moves_of(structure: Structure, beta: Array, probes: Array) -> Array:
     return rms
 
 
-def group_tests(noise: FreeNoise, probes: Array) -> GroupTests:
+def group_tests(noise: NoiseFit, probes: Array) -> GroupTests:
     """Test every group against the belief as the model knows it.
 
     noise : of the observations beside that belief
     probes : (p, dof), joints all over the learned range
     """
-    reference = noise.system.reference
-    noisier = not reference.is_fitted and noise.larger
-    if noisier:
-        noise = noise.of_one_joint()
-        noisier = noise.larger
-    noisy_joint = None
-    if noise.system.noisy is not None:
-        joint, ratio = noise.system.noisy
-        noisy_joint = joint, ratio * noise.size
-
     system = noise.system
+    reference = system.reference
     groups = groups_of(reference.structure)
-    nuisance = Nuisance(system, CREEP, CREPT)
-    tests = noise.tests(nuisance.products(system.y, system.x), len(groups))
+    nuisance = Nuisance(system, CREEP_WAVES, CREEP_SHARE)
+    tests = FTests(
+        products=nuisance.products(system.y, system.x),
+        noise=noise.size,
+        noise_freedom=noise.freedom,
+        correlation_time=noise.correlation_time,
+        count=len(groups),
+    )
     moves = moves_of(reference.structure, reference.beta, probes)
     return GroupTests(
         groups=tuple(tests.of_groups(groups, moves)),
-        noise=noise.size * float(reference.sizes[0]),
+        noise=noise.sd,
         usual=float(reference.body.noise[0]),
-        noisy=noisy_joint,
-        noisier=noisier,
+        noisy=noise.noisy_joint,
+        noisier=noise.is_larger,
     )
+
+
+@dataclass(frozen=True)
+class BoundTest:
+    """The rows that are beyond the model's own 95 % bound."""
+
+    beyond: float  # share of them
+    usual: float  # median of the bounds [unit]
+    test: GroupTest  # the chance of so many by noise
+
+    @property
+    def fails(self) -> bool:
+        """Whether they are too many, noise or not."""
+        return self.beyond > BEYOND
+
+    @property
+    def holds(self) -> bool:
+        """Whether they are about as many as usual."""
+        return not self.fails and self.test.score <= 1.0
+
+    def words(self, *, noisier: bool) -> str:
+        """The share in words; `noisier` if noise may be all there is to it."""
+        cause = "a noisier sensor or encoder, " if noisier else ""
+        return (
+            f"{100 * self.beyond:.0f} % of the rows are further from the prediction than its "
+            f"bound, where 5 % should be: {cause}the bound does not hold"
+        )
+
+
+def bound_test(
+    rows: LogRows,
+    limit: Array,
+    shared_variance: Array | float,
+    tests: GroupTests,
+) -> BoundTest:
+    """Count the rows beyond the 95 % bound, beside what a noisier sensor or encoder would do.
+
+    rows : n of them that do not contradict all others
+    limit : (n,), the bound of each row [unit]
+    shared_variance : (n,), of what all rows share [unit^2]
+    """
+    from scipy.special import chdtri
+
+    residual = rows.x - rows.predicted
+    square = (residual**2).sum(axis=1)
+    usual = float(np.median(limit))
+    # squared, of 95 % of a Gaussian, in deviations
+    radius = float(chdtri(residual.shape[1], 0.05))
+    noise = _noise_of_sensor(square, residual.shape[1], tests)
+    # rows of like joints that err alike are no noisier sensor
+    if noise > 0.0 and variance_of_places(rows, residual) * radius > usual**2:
+        noise = 0.0
+    by_noise = noise + _noise_of_joint(rows, tests)
+    expected = limit**2 + radius * shared_variance
+    is_beyond = square > expected
+    is_beyond_noise = square > expected + radius * by_noise
+    test = GroupTest("bound", _chance(is_beyond_noise))
+    return BoundTest(float(np.mean(is_beyond)), usual, test)
+
+
+def _chance(beyond: Mask) -> float:
+    """Chance (binomial) of so many rows (n,) beyond a bound that as many as usual may exceed.
+
+    Rows that err together count once.
+    """
+    from scipy.special import bdtrc
+
+    if not beyond.any():
+        return 1.0
+    time = autocorrelation_time(beyond[:, None].astype(float))
+    count = int(beyond.sum() / time)
+    independent = math.ceil(len(beyond) / time)
+    return float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
+
+
+def _noise_of_sensor(square: Array, outputs: int, tests: GroupTests) -> float:
+    """Variance of an axis [unit^2] beyond the usual one, of squared distances (n,)."""
+    from scipy.special import chdtri
+
+    # half of the rows of a noisier sensor are nearer than its median
+    median = float(np.median(square)) / float(chdtri(outputs, 0.5))
+    return max(max(tests.noise**2, median) - tests.usual**2, 0.0)
+
+
+def _noise_of_joint(rows: LogRows, tests: GroupTests) -> Array:
+    """Variance (n,) [unit^2] of the rows by a joint whose encoder is noisy."""
+    if tests.noisy is None:
+        return np.zeros(len(rows))
+    joint, sd = tests.noisy
+    body = rows.body
+    slope = body.structure.slope(rows.q, body.beta)
+    moves = slope[..., joint] ** 2
+    variance: Array = sd**2 * moves.sum(axis=1)
+    return variance
+
+
+def variance_of_places(rows: LogRows, residual: Array) -> float:
+    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
+    from scipy.spatial import cKDTree
+    from scipy.special import ndtri
+
+    # of so many rows at least one is no neighbour in time: noise may last over some rows
+    lasting = LASTING
+    count = min(2 * lasting + 2, len(rows))
+    _, neighbours = cKDTree(rows.u).query(rows.u, count)
+    near = np.asarray(neighbours)
+    index = np.arange(len(rows))
+    later = np.abs(near - index[:, None]) > lasting
+    row = np.flatnonzero(later.any(axis=1))
+    if not len(row):
+        return 0.0
+    other = near[row, later[row].argmax(axis=1)]
+    pairs = np.sort(np.stack([row, other], axis=1), axis=1)
+    first, second = np.unique(pairs, axis=0).T
+    product = (residual[first] * residual[second]).sum(axis=1)
+    # whatever its size, noise makes either sign as likely
+    sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
+    return float(product.mean()) / residual.shape[1] if sure else 0.0

@@ -8,12 +8,11 @@ import numpy as np
 
 from ..common.rows import spread_rows
 from ..model.baseline import Signal
-from .bound import BoundTest, bound_test
 from .causes import Cause
 from .evidence import Evidence
-from .rows import LogRows
-from .settings import FALSE_ALARM, OUTLIER
-from .significance import GroupTest, GroupTests, alarms
+from .noise import FALSE_ALARM
+from .rows import OUTLIER, LogRows
+from .significance import BoundTest, GroupTest, GroupTests, alarms, bound_test
 from .update import Update
 
 # rows that distortions are measured on

@@ -19,11 +19,18 @@ from ..body.structure import Structure
 from ..common.arrays import Array
 from ..common.wording import for_people, quantity, two_digits
 from ..model.alignment import Alignment
-from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, single_causes
+from .causes import (
+    CREEP_WAVES,
+    FRAME,
+    GROUPS,
+    Cause,
+    indices_of,
+    is_sensors,
+    single_causes,
+)
 from .evidence import Evidence
 from .explanation import groups_at
-from .play import Play
-from .settings import CREEP, NOISIER
+from .noise import NOISIER, Play
 from .significance import alarms, moves_of
 
 
@@ -170,7 +177,7 @@ def _changes(evidence: Evidence) -> list[Cause]:
     if not len(estimate.indices):
         words = "the joints have waves that the model does not know: gears, or their sensors"
         waves = Cause("curve", "curve", words)
-        return [waves] if best.waves > CREEP else []
+        return [waves] if best.wave_size > CREEP_WAVES else []
     change = np.abs(estimate.beta - evidence.prior.beta)
     clear = change > WORDS.clear * estimate.deviation
     clear &= estimate.deviation > 0.0

@@ -1,6 +1,7 @@
 """Rows of numbers: lengths, medians, sums by group, least squares."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .arrays import Array, Index, Mask
 
@@ -27,15 +28,20 @@ def spread_rows(count: int, most: int) -> Index:
     )
 
 
-def group_sums(group: Index, values: Array, groups: int = 0) -> Array:
-    """Return the sums (groups, ...) of values (n, ...) over the rows of each group (n,)."""
-    columns = values.reshape(len(values), -1).T
-    sums = [np.bincount(group, column, groups) for column in columns]
-    return np.stack(sums, axis=1, dtype=float).reshape(-1, *values.shape[1:])
+def group_sums(
+    group: NDArray[np.integer], values: Array, groups: int = 0
+) -> Array:
+    """Return sums (groups,) or (groups, m) of values (n,) or (n, m) by groups (n,)."""
+    if values.ndim == 1:
+        return np.bincount(group, values, groups).astype(float)
+    sums = [group_sums(group, column, groups) for column in values.T]
+    return np.stack(sums, axis=1)
 
 
-def group_means(group: Index, values: Array, groups: int = 0) -> Array:
-    """Return the means (groups, ...) of values (n, ...); NaN of a group without rows."""
+def group_means(
+    group: NDArray[np.integer], values: Array, groups: int = 0
+) -> Array:
+    """Return the means as `group_sums` the sums; NaN of a group without rows."""
     count = np.bincount(group, minlength=groups)
     sums = group_sums(group, values, groups)
     return np.asarray((sums.T / np.where(count > 0, count, np.nan)).T)

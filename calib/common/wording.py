@@ -15,6 +15,9 @@ INSTALL = "pip install 'calib-arm[{0}]', or in a checkout pip install '.[{0}]'"
 ROUNDED_AWAY = 1e-9
 """Errors below this [m], or below this share of a sensor's extent, are rounding."""
 
+SMALLEST = 1e-6
+"""Below it, a nanometre in mm or a millionth of a degree, an error is said to be no larger."""
+
 # a place to fill in, in a page that is a file of a package
 _PLACE = re.compile(r"@([a-z]+(?:\.[a-z]+)?)@")
 
@@ -101,6 +104,25 @@ def unit_of_joint(revolute: bool, degrees: bool) -> tuple[float, str]:
     if not revolute:
         return 1.0, "m"
     return (math.degrees(1.0), "deg") if degrees else (1.0, "rad")
+
+
+def error_size(value: float | None) -> str:
+    """Return the size of an error with three significant digits, or a dash for none."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    size = abs(value)
+    if size < SMALLEST:
+        return "<1e-6" if size else "0"
+    # decimals that three digits need: 1.23, 12.3, 0.000123
+    return f"{value:.{max(0, 2 - math.floor(math.log10(size)))}f}"
+
+
+def with_unit(value: float, unit: str) -> str:
+    """Return a length or an angle with the unit that people read, mm or degrees."""
+    factor, shown = for_people(unit)
+    if 0.0 < abs(factor * value) < SMALLEST:
+        return f"below {SMALLEST:.6f} {shown}"
+    return f"{error_size(factor * value)} {shown}"
 
 
 def vector(values: Iterable[float]) -> str:

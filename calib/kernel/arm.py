@@ -129,6 +129,16 @@ class KernelArm:
         assert isinstance(structure, SpatialStructure)  # noqa: S101
         return _spatial(structure, beta)
 
+    @property
+    def bends(self) -> bool:
+        """Whether its joints have curves, or bend with their posture."""
+        sizes = [self.curves, self.coupling]
+        if self.flex is not None:
+            sizes.append(self.flex)
+        if self.sag is not None:
+            sizes.append(self.sag.elastic)
+        return any(size.any() for size in sizes)
+
     @cached_property
     def links(self) -> Links:
         """Its links as the body has them."""

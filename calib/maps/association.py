@@ -13,6 +13,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index, Shape, freeze
 from ..common.parallel import side_by_side
+from ..common.rows import group_sums
 from .clusters import Clusters
 from .linear_models import LinearModels, regress
 from .links import WIRINGS, SparseRows, Wiring
@@ -88,16 +89,13 @@ class Association:
             partial(wiring.activity, motor, u),
             partial(wiring.activity, sensory, v),
         )
-        together = (a_i.T @ a_j).tocsr()  # sums of a_i a_j
-        of_motor = _ActivitySums.of(motor, a_i, u)
-        of_sensory = _ActivitySums.of(sensory, a_j, v)
         return Association(
             motor,
             sensory,
-            wiring.link(together, of_motor.squares, of_sensory.squares),
+            wiring.link(a_i, a_j),
             wiring,
-            of_motor.shifts(motor.spacing),
-            of_sensory.shifts(sensory.spacing),
+            _shifts(motor, a_i, u),
+            _shifts(sensory, a_j, v),
         )
 
     def predict(
@@ -142,31 +140,39 @@ class Association:
         strongest partner there, ``activity`` with the mean of that cluster of nodes, ``linear``
         with a regression on the sensory nodes' mean activity positions.
         """
-        scale = self.motor.scale
         clusters = self.clusters
         winner = self.sensory.nearest(v)[1][:, 0]
-        branch = clusters.nearest(winner, near, scale)
+        branch = clusters.nearest(winner, near, self.motor.scale)
         anchor = clusters.center[winner, branch]
-        # of each active node the cluster on the same branch, where it has one there
         nodes, activity = self.wiring.active_nodes(self.sensory, v)
-        cluster = clusters.nearest(nodes, anchor[:, None], scale)
-        center = clusters.center[nodes, cluster]
-        step = scale.difference(center, anchor[:, None])
-        distance = np.linalg.norm(step, axis=2)
-        on_branch = distance <= READOUT.core * self.motor.spacing
-        strength = clusters.strength[nodes, cluster]
-        weight = np.where(on_branch, activity * strength, 0.0)
+        step, strength = self._partners_on_branch(nodes, anchor)
+        weight = activity * strength
         weight[:, 0] += 1e-300  # their sum is no zero
-        total = weight.sum(axis=1, keepdims=True)
-        mean = np.einsum("nk,nkd->nd", weight, step) / total
         places = _places(self.sensory, self.sensory_shifts)
-        place = places[nodes] - v[:, None]
-        middle, value, slope = regress(place, step, weight)
+        offset = places[nodes] - v[:, None]
+        middle, mean, slope = regress(offset, step, weight)
         return {
-            "linear": anchor + value - np.einsum("nd,ndo->no", middle, slope),
+            "linear": anchor + mean - np.einsum("nd,ndo->no", middle, slope),
             "activity": anchor + mean,
             "winner": self.motor.units[clusters.core[winner, branch]],
         }
+
+    def _partners_on_branch(
+        self, nodes: Index, anchor: Array
+    ) -> tuple[Array, Array]:
+        """Of sensory nodes (n, k) the clusters on the branch of places (n, dof).
+
+        Returns (n, k, dof), (n, k), offsets from the place to their centers, and their strengths; 0
+        where a node has no cluster there.
+        """
+        scale = self.motor.scale
+        cluster = self.clusters.nearest(nodes, anchor[:, None], scale)
+        center = self.clusters.center[nodes, cluster]
+        step = scale.difference(center, anchor[:, None])
+        distance = np.linalg.norm(step, axis=2)
+        on_branch = distance <= READOUT.core * self.motor.spacing
+        strength = self.clusters.strength[nodes, cluster]
+        return step, np.where(on_branch, strength, 0.0)
 
     @cached_property
     def linear(self) -> LinearModels:
@@ -219,39 +225,22 @@ class Association:
         return Clusters.of(self.partners, self.motor)
 
 
-@dataclass(frozen=True)
-class _ActivitySums:
-    """Sums over the samples at which the nodes of a map were active."""
+def _shifts(network: Map, activity: csr_array, u: Array) -> Array:
+    """Mean offsets (nodes, d) [node spacings] of samples `u` (n, d) from the nodes active at them.
 
-    # (nodes, d), of activity times the sample's offset from the node
-    offsets: Array
-    activity: Array  # (nodes,)
-    squares: Array  # (nodes,), of the squared activity
-
-    @staticmethod
-    def of(
-        network: Map,
-        activity: csr_array,
-        u: Array,
-    ) -> _ActivitySums:
-        """Sums of the activity (n, nodes) at samples (n, d) of the unit box."""
-        rows = np.repeat(np.arange(len(u)), np.diff(activity.indptr))
-        nodes = activity.indices
-        a = activity.data
-        gap = network.scale.difference(u[rows], network.units[nodes])
-        offsets = [np.bincount(nodes, a * g, network.size) for g in gap.T]
-        total = np.bincount(nodes, a, network.size).astype(float)
-        squares = np.bincount(nodes, a * a, network.size).astype(float)
-        return _ActivitySums(np.stack(offsets, axis=1), total, squares)
-
-    def shifts(self, spacing: float) -> Array:
-        """Mean offsets (nodes, d) [node spacings]; a node that was never active has none."""
-        was_active = self.activity > READOUT.active
-        total = np.where(was_active, self.activity, np.inf)
-        shifts = self.offsets * (1.0 / total)[:, None] / spacing
-        within = np.clip(shifts, -READOUT.furthest, READOUT.furthest)
-        # in half precision, as in a model file
-        return np.asarray(within.astype(np.float16), dtype=float)
+    activity : (n, nodes); a node that was never active has none
+    """
+    rows = np.repeat(np.arange(len(u)), np.diff(activity.indptr))
+    nodes = activity.indices
+    a = activity.data
+    gap = network.scale.difference(u[rows], network.units[nodes])
+    offsets = group_sums(nodes, a[:, None] * gap, network.size)
+    total = group_sums(nodes, a, network.size)
+    total = np.where(total > READOUT.active, total, np.inf)
+    shifts = offsets * (1.0 / total)[:, None] / network.spacing
+    within = np.clip(shifts, -READOUT.furthest, READOUT.furthest)
+    # in half precision, as in a model file
+    return within.astype(np.float16).astype(float)
 
 
 def _places(network: Map, shifts: Array | None) -> Array:

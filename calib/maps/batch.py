@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from ..common.arrays import Array, Index
+from ..common.rows import group_sums
 from .density import Gain, Visit
 from .lattice import REACH, Lattice
 from .map import Epoch, nearest_nodes, search_tree, topographic_error
@@ -187,22 +188,12 @@ def learn_batch(
                 )
                 g[log_order] = gain(visit)  # eq. 7 and 8
             topographic = topographic_error(samples, tree, lattice)
-            sums = _sums_of_winners(samples, winner, g, lattice.size)
+            ones = np.ones(len(samples))
+            weighted = g[:, None] * np.column_stack([samples, ones])
+            sums = group_sums(winner, weighted, lattice.size)
             weights = next_weights(weights, sums, lattice, sigma, stage.step)
             error = float(distance.mean())
             yield Epoch(weights, lattice, sigma, error, topographic)
-
-
-def _sums_of_winners(
-    samples: Array,
-    winner: Index,
-    g: Array,
-    nodes: int,
-) -> Array:
-    """Sum of the samples (n, d) that each node won, and of their weights g, (nodes, d + 1)."""
-    columns = [*(g * coordinate for coordinate in samples.T), g]
-    sums = [np.bincount(winner, column, nodes) for column in columns]
-    return np.stack(sums, axis=1, dtype=float)
 
 
 def _by_place(u: Array) -> Index:

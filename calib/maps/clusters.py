@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Index
+from ..common.rows import group_sums
 from ..common.scale import Scale
 from .links import SparseRows
 from .map import Map
@@ -41,9 +42,10 @@ class Clusters:
         gap = motor.scale.difference(motor.units[motor_node], place[label])
         inside = np.linalg.norm(gap, axis=1) <= READOUT.core * motor.spacing
         weight = np.where(inside, links.data, 0.0)
-        total = np.bincount(label, weight)
-        sums = [np.bincount(label, weight * g) for g in gap.T]
-        center = place + np.stack(sums, axis=1) / total[:, None]
+        total = group_sums(label, weight)
+        center = (
+            place + group_sums(label, weight[:, None] * gap) / total[:, None]
+        )
         table = _table_of_clusters(links, strongest)
         strength = np.where(table >= 0, total[table], 0.0)
         return Clusters(center[table], strength, core[table])

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from ..common.choices import MAPS, check_choice
+from ..common.rows import group_sums
 from ..errors import OptionError
 from .lattice import Graph, Lattice
 from .settings import DENSITY
@@ -56,12 +57,10 @@ class Visit:
     @property
     def sums(self) -> Array:
         """Sum over the neighbours i of |w_j - w_i|^2, for each node j, (nodes,): that of eq. 7."""
-        a, b = self.lattice.edges().T
+        ends = self.lattice.edges().T
+        a, b = ends
         square = np.sum((self.weights[a] - self.weights[b]) ** 2, axis=1)
-        n = len(self.weights)
-        return np.asarray(
-            np.bincount(a, square, n) + np.bincount(b, square, n), dtype=float
-        )
+        return group_sums(ends.ravel(), np.tile(square, 2), len(self.weights))
 
 
 Gain = Callable[[Visit], Array]

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..common.arrays import Array, Index
+from ..common.rows import group_sums
 from .density import Gain, Visit
 from .lattice import Graph
 from .map import Epoch, nearest_nodes, search_tree
@@ -118,43 +119,33 @@ def present_gng(
             gas.graph,
         )
         error = error * gain(visit)
-    gas.error = gas.error + np.bincount(winner, error, n)
+    gas.error = gas.error + group_sums(winner, error, n)
     gas.error = gas.error * decay ** len(samples)
-    wins = np.bincount(winner, minlength=n).astype(float)
-    a, b = gas.pairs.T
-    gas.age = gas.age + wins[a] + wins[b]
-    _move_nodes(
-        gas,
-        samples,
-        winner,
-        wins,
-    )
+    wins = group_sums(winner, np.ones(len(samples)), n)
+    gas.age = gas.age + wins[gas.pairs].sum(axis=1)
+    _move_nodes(gas, wins, group_sums(winner, samples, n))
     _renew_edges(gas, winner, second)
     _remove_old_edges(gas)
     return float(distance.sum())
 
 
-def _move_nodes(
-    gas: Gas,
-    samples: Array,
-    winner: Index,
-    wins: Array,
-) -> None:
-    """Move each node towards the samples that it and its neighbours won."""
-    n = len(gas.weights)
-    a, b = gas.pairs.T
-    sums = np.stack([np.bincount(winner, c, n) for c in samples.T], axis=1)
+def _move_nodes(gas: Gas, wins: Array, sums: Array) -> None:
+    """Move each node towards the samples that it and its neighbours won.
+
+    wins, sums : (nodes,), (nodes, d), number and sum of the samples that each node won
+    """
+    n = len(wins)
+    ends = gas.pairs.T.ravel()
+    neighbours = gas.pairs[:, ::-1].T.ravel()
     # what many steps add up to: a node keeps (1 - epsilon)^wins of its place
     rate_winner = -np.log1p(-GROWING.epsilon_b)
     rate_neighbour = -np.log1p(-GROWING.epsilon_n)
-    rate = rate_winner * wins
-    pull = rate_winner * sums
-    for near, far in ((a, b), (b, a)):
-        far_sums = [np.bincount(near, c, n) for c in sums[far].T]
-        rate = rate + rate_neighbour * np.bincount(near, wins[far], n)
-        pull = pull + rate_neighbour * np.stack(far_sums, axis=1)
+    won = np.column_stack([wins, sums])
+    near = group_sums(ends, won[neighbours], n)
+    pull = rate_winner * won + rate_neighbour * near
+    rate = pull[:, 0]
     moved = np.flatnonzero(rate > 0.0)
-    target = pull[moved] / rate[moved, None]
+    target = pull[moved, 1:] / rate[moved, None]
     gas.weights[moved] -= np.expm1(-rate[moved])[:, None] * (
         target - gas.weights[moved]
     )

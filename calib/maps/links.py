@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array, Index, ReadOnly, Shape
 from ..common.choices import check_choice
+from ..common.rows import group_sums
 from .map import Map
 from .settings import LINKS
 
@@ -64,27 +65,22 @@ class Wiring:
         shape = (len(u), network.size)
         return csr_array((a.ravel(), nodes.ravel(), rows), shape=shape)
 
-    def link(
-        self,
-        together: csr_array,
-        motor: Array,
-        sensory: Array,
-    ) -> SparseRows:
+    def link(self, a_i: csr_array, a_j: csr_array) -> SparseRows:
         """Links (motor nodes, sensory nodes) at the fixed point of Oja's rule (eq. 5).
 
         Where its mean change vanishes, c_ij = <a_i a_j> / <a_j^2>, or with both sides
         <a_i a_j> / (<a_i^2> <a_j^2>)^(1/2).  Links of a node that was hardly ever active are the
         share 1 - exp(-sum a_j^2) of that, as far as the rule gets at a learning rate of one.
 
-        together : sums of a_i a_j, (motor nodes, sensory nodes); changed in place
-        motor, sensory : sums of a_i^2 and of a_j^2 of each node
+        a_i, a_j : activities (n, nodes) of the motor and of the sensory nodes
         """
-        rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
-        scale = _oja_factor(sensory)[together.indices]
+        links = (a_i.T @ a_j).tocsr()  # sums of a_i a_j
+        rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
+        factor = _oja_factor(a_j)[links.indices]
         if self.mutual:
-            scale = np.sqrt(scale * _oja_factor(motor)[rows])
-        together.data *= scale
-        return without_weak(together)
+            factor = np.sqrt(factor * _oja_factor(a_i)[rows])
+        links.data *= factor
+        return without_weak(links)
 
 
 WIRINGS = {
@@ -130,8 +126,9 @@ def without_weak(links: csr_array | NDArray[np.floating]) -> SparseRows:
     )
 
 
-def _oja_factor(square: Array) -> Array:
-    """Factor (nodes,) on sums of a_i a_j that gives the links of Oja's rule, from sums of a_j^2."""
+def _oja_factor(a: csr_array) -> Array:
+    """Factor (nodes,) on sums of a_i a_j that gives the links of Oja's rule, of one side's a."""
+    square = group_sums(a.indices, a.data**2, a.shape[1])
     return np.divide(
         -np.expm1(-square), square, out=np.zeros_like(square), where=square > 0
     )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask, Shape, freeze, frozen
+from ..common.rows import group_means
 from ..common.scale import Scale
 from .lattice import Graph, Lattice
 
@@ -98,12 +99,10 @@ class Map:
     def spacings(self) -> Array:
         """Mean distance of each node to those it is joined to, (nodes,), in the unit box."""
         ends = self.edges.T.ravel()
-        total = np.bincount(ends, np.tile(self.lengths, 2), self.size)
-        count = np.bincount(ends, minlength=self.size)
-        means = total / np.maximum(count, 1)
+        means = group_means(ends, np.tile(self.lengths, 2), self.size)
         # a node on top of its neighbours, or joined to none, has the spacing of the map
-        alone = means <= 1e-6 * self.spacing
-        return frozen(np.where(alone, self.spacing, means))
+        apart = means > 1e-6 * self.spacing
+        return frozen(np.where(apart, means, self.spacing))
 
     @property
     def u_matrix(self) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
+from ..common.rows import group_means
 from ..show.report.drawing import ACCENT, SECOND, draw_lattice
 from .adaptation import Episode
 from .setting import NETWORKS, Setting
@@ -203,10 +204,7 @@ def _distortion(net: Map, x: Array) -> Array:
 
 def _node_means(net: Map, points: Array, values: Array) -> Array:
     """Mean value of the points that each node wins, (nodes,); NaN where it wins none."""
-    winner = net.winners(points)
-    count = np.bincount(winner, minlength=net.size)
-    total = np.bincount(winner, values, net.size)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return group_means(net.winners(points), values, net.size)
 
 
 def _draw_map(

@@ -11,6 +11,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
+from ..arm.rigid import rigid
 from ..arm.rotations import logarithm, matrix_of
 from ..body.belief import Body
 from ..common.arrays import Array
@@ -22,7 +23,6 @@ from ..model.model import Model
 from ..model_file.container import check_sum, pack, unpack
 from ..samples.samples import Samples
 from .readings import Convention
-from .rigid import rigid
 
 KIND = "rig"
 UNWRITTEN = ("poses", "body")
@@ -182,6 +182,11 @@ class HandEye:
         ]
 
 
+def frame_of(place: Place) -> Array:
+    """A place as a matrix (4, 4)."""
+    return rigid(matrix_of(place["quaternion"]), place["position"])
+
+
 def _line(what: str, place: Place) -> str:
     """A place for people."""
     halves = place["position_95_up_to_gauge"]
@@ -280,20 +285,19 @@ def transform_files(
 
 
 def _lines(parent: str, child: str, place: Place) -> list[str]:
-    turn = matrix_of(place["quaternion"])
+    frame = frame_of(place)
     numbers = zip(
         ("x", "y", "z", "qx", "qy", "qz", "qw"),
         place["position"] + place["quaternion"],
         strict=True,
     )
     options = " ".join(f"--{name} {value!r}" for name, value in numbers)
-    rows = rigid(turn, place["position"])
     return [
         f"# {child} in {parent}",
         f"ros2 run tf2_ros static_transform_publisher {options} --frame-id {parent} "
         f"--child-frame-id {child}",
-        *(" ".join(f"{cell: .9f}" for cell in row) for row in rows),
-        f"rvec {logarithm(turn).tolist()}",
+        *(" ".join(f"{cell: .9f}" for cell in row) for row in frame),
+        f"rvec {logarithm(frame[:3, :3]).tolist()}",
         f"tvec {place['position']}",
         "",
     ]

@@ -10,17 +10,17 @@ Z95 = 1.96
 class Settings:
     """How much is computed and drawn: a figure of 50 kB and a tenth of a second each."""
 
-    few_rows: int = 10  # of a log, fewer cannot be judged
     postures: int = 200  # that tell how parameters move the tip
     field: int = 6_000  # postures that a field of bounds is drawn with
     dots: int = 1_000  # rows in a figure
     arrows: int = 250  # in a figure
-    causes: int = 7  # as many as the first screen has room for
+    deviations: int = 7  # as many as the first screen has room for
     points: int = 3_000  # in a preview
     played: int = 60  # rows that Play goes through, 15 frames each
     links: int = 24  # of a node
 
-    small_effect: float = 0.01  # of the largest: causes with less are not drawn
+    # of the largest: deviations with less are not drawn
+    small_effect: float = 0.01
     same: float = 0.03  # of a column: with less of its own, others tell it
     # of the largest column of a unit: an axis moved along itself was told as 461 mm off
     hardly: float = 0.01

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arm.rotations import matrix_of
+from ..arm.rigid import rigid
 from ..body.sensor_pose import SensorPose
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..model.model import Model
-from ..recording.rig import HandEye, Place, rig_of_model
-from ..recording.rigid import rigid
+from ..recording.rig import HandEye, frame_of, rig_of_model
 from .workspace import extent
 
 SENSOR = "sensor frame"
@@ -79,7 +78,7 @@ def things_of_rig(rig: HandEye) -> list[Thing]:
     for camera in rig.cameras:
         lens = camera["lens"]
         eye = camera["eye"]
-        frame = _frame_of(camera[eye])
+        frame = frame_of(camera[eye])
         name = "camera"
         if len(rig.cameras) > 1:
             name = f"camera {camera['name']}"
@@ -94,7 +93,7 @@ def things_of_rig(rig: HandEye) -> list[Thing]:
     low = corners.min(axis=0)
     sides = np.column_stack([_SQUARE, np.zeros(4)])
     outline = low + sides * (corners.max(axis=0) - low)
-    frame = _frame_of(rig.base if in_hand else rig.hand)
+    frame = frame_of(rig.base if in_hand else rig.hand)
     return [*things, Thing("board", outline, _OUTLINE, frame, not in_hand)]
 
 
@@ -113,7 +112,3 @@ def camera_thing(
         [np.zeros(3), np.column_stack([corners, np.full(4, depth)])]
     )
     return Thing(name, points, _FRUSTUM, frame, carried)
-
-
-def _frame_of(place: Place) -> Array:
-    return rigid(matrix_of(place["quaternion"]), place["position"])

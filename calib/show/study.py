@@ -1,4 +1,4 @@
-"""Study: a model as one sensor sees its arm, with the rows, errors and causes that are shown."""
+"""Study: a model as one sensor sees its arm, with the rows and deviations that are shown."""
 
 from __future__ import annotations
 
@@ -8,15 +8,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..change.judge import judge
 from ..change.verdict import Verdict
 from ..common.arrays import Array
-from ..common.rows import solve_least_squares
+from ..common.rows import row_lengths, solve_least_squares
 from ..model.model import Model
 from ..samples.samples import Samples
 from ..training.residuals import fresh_points
-from ..use.evaluate import learned_rows, simulation_of
-from .causes import Cause, causes_of, drawing_behind, frame_of
+from ..use.evaluate import (
+    FRESH,
+    Evaluation,
+    as_made,
+    evaluate,
+    learned_rows,
+    simulation_of,
+)
+from .deviations import (
+    Deviation,
+    deviations_of,
+    drawing_behind,
+    frame_parameters,
+)
 from .settings import SETTINGS
 
 
@@ -35,13 +46,11 @@ class StudiedRows:
     source: str  # what the rows are
     # (k, m) [unit], positions of rows that take no part
     left_out: Array | None = None
-    verdict: Verdict | None = None  # on a new log
-    answered: float = 1.0  # share of the rows for which the model has an answer
 
     @property
     def distance(self) -> Array:
         """Distance (n,) [unit] between measured and held-out predicted positions."""
-        return np.asarray(np.linalg.norm(self.held_out, axis=1))
+        return row_lengths(self.held_out)
 
 
 class Bar(NamedTuple):
@@ -55,8 +64,8 @@ class Bar(NamedTuple):
     def of(name: str, errors: Array, blocks: int = 10) -> Bar:
         """The mean distance of errors (n, m), with the spread of contiguous blocks of rows."""
         distance = np.linalg.norm(errors, axis=1)
-        parts = np.array_split(distance, min(blocks, len(distance)))
-        means = [part.mean() for part in parts]
+        pieces = np.array_split(distance, min(blocks, len(distance)))
+        means = [piece.mean() for piece in pieces]
         student = 2.26  # 95 % of ten blocks
         half = student * float(np.std(means)) / max(len(means) - 1, 1) ** 0.5
         return Bar(name, float(distance.mean()), half)
@@ -71,23 +80,33 @@ class Study:
     suffix: str = ""  # of the names of its figures
 
     @cached_property
+    def evaluation(self) -> Evaluation:
+        """The errors on new rows of the log, else on those that training never saw."""
+        if self.log is not None:
+            evaluation = evaluate(self.model, self.log)
+            if evaluation.verdict is not None:
+                return evaluation
+        return as_made(self.model)
+
+    @cached_property
     def rows(self) -> StudiedRows | None:
         """Rows of the log, else of the training, else fresh ones of a simulation."""
-        rows = None
-        if self.log is not None:
-            rows = _rows_of_log(self.model, self.log)
-        return rows or _rows_of_training(self.model)
+        verdict = self.evaluation.verdict
+        if self.log is not None and verdict is not None:
+            return _rows_of_log(self.model, self.log, verdict)
+        return _rows_of_training(self.model)
 
     @cached_property
     def delivered(self) -> Array | None:
         """Errors (n, m) [unit] of the drawing's arm in the frame and with the tool that suit it."""
         drawn = drawing_behind(self.model)
-        if self.rows is None or drawn is None:
+        body = self.model.body
+        if self.rows is None or drawn is None or body is None:
             return None
         structure, beta = drawn
         outputs = structure.blocks[0]
         predicted, slope = structure.linearise(
-            self.rows.q, beta, frame_of(self.model)
+            self.rows.q, beta, frame_parameters(body)
         )
         error = self.rows.x - predicted[:, :outputs]
         columns = slope[:, :outputs].reshape(error.size, -1)
@@ -123,19 +142,17 @@ class Study:
         return ((0, 1),)
 
     @cached_property
-    def causes(self) -> list[Cause]:
-        """What is off, the largest effect on the tip first."""
-        return causes_of(self.model)
-
-    @property
-    def certain(self) -> list[Cause]:
-        """Causes whose intervals exclude nothing, but for those that hardly move the tip."""
-        largest = max((cause.effect for cause in self.causes), default=0.0)
+    def certain(self) -> list[Deviation]:
+        """What is off, the largest effect first, but for deviations that hardly move the tip."""
+        deviations = deviations_of(self.model)
+        largest = max(
+            (deviation.effect for deviation in deviations), default=0.0
+        )
         least = SETTINGS.small_effect * largest
         return [
-            cause
-            for cause in self.causes
-            if cause.certain and cause.effect > least
+            deviation
+            for deviation in deviations
+            if deviation.certain and deviation.effect > least
         ]
 
 
@@ -146,21 +163,18 @@ def studies_of(model: Model, log: Samples | None = None) -> list[Study]:
         Study(
             model.by(name),
             log if name == measured else None,
-            f"-{place}" if place > 1 else "",
+            f"-{number}" if number > 1 else "",
         )
-        for place, name in enumerate(model.sensors, 1)
+        for number, name in enumerate(model.sensors, 1)
     ]
 
 
-def _rows_of_log(model: Model, log: Samples) -> StudiedRows | None:
-    """The rows of a log with the verdict on them; None where the model learned from them."""
-    new = ~learned_rows(model, log)
-    if np.count_nonzero(new) < SETTINGS.few_rows:
-        return None
-    verdict = judge(model, log.take(new), learn=False)
+def _rows_of_log(model: Model, log: Samples, verdict: Verdict) -> StudiedRows:
+    """The rows of a log that a verdict counts."""
     rows = verdict.rows
     counted = {row.tobytes() for row in rows.x}
-    left_out = [row for row in log.x[new] if row.tobytes() not in counted]
+    new = log.x[~learned_rows(model, log)]
+    left_out = [row for row in new if row.tobytes() not in counted]
     return StudiedRows(
         q=rows.log.q,
         x=rows.x,
@@ -168,7 +182,6 @@ def _rows_of_log(model: Model, log: Samples) -> StudiedRows | None:
         learned=None,
         source="rows of the log",
         left_out=np.array(left_out).reshape(-1, rows.x.shape[1]),
-        verdict=verdict,
     )
 
 
@@ -182,7 +195,7 @@ def _rows_of_training(model: Model) -> StudiedRows | None:
         rng = np.random.default_rng(model.about.seed)
         noise = simulation.noise * rng.standard_normal(x.shape)
         learned = held_out + noise
-        source = "fresh exact samples"
+        source = FRESH
     elif model.rows is not None:
         q = model.rows.q
         x = model.rows.x
@@ -202,5 +215,4 @@ def _rows_of_training(model: Model) -> StudiedRows | None:
         held_out[answered],
         learned[answered],
         source,
-        answered=float(answered.mean()),
     )

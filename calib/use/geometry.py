@@ -1,6 +1,7 @@
 """The geometry of a chain that fits a model best: offsets, joint origins, the tip, the sensor."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,7 @@ class Geometry:
         """Unit of `residual`, `before` and `reach`."""
         return self.structure.unit if self.structure.camera else "m"
 
-    @property
+    @cached_property
     def places(self) -> tuple[str, ...]:
         """Joints whose origins are fitted, mimic joints included, as the URDF names them."""
         path = parse_robot(self.arm.urdf).path(self.arm.tip)

@@ -27,7 +27,7 @@ from ..errors import CalibError, OptionError
 from ..model.alignment import Alignment
 from ..model.model import Model
 from ..model.nominal import nominal_arm, nominal_in_plane, visited_joints
-from .frames import frame_is_free, frames, is_simulated
+from .frames import frame_is_free, frame_moves, is_simulated
 from .geometry import Geometry
 from .settings import FITTING
 
@@ -154,7 +154,7 @@ def body_with_zeros(model: Model) -> Body | None:
 
 def _before_adaptations(model: Model, x: Array) -> Array:
     """Positions (n, m) in the sensor's frame as it was before adaptations found it moved."""
-    for alignment in reversed(frames(model)):
+    for alignment in reversed(frame_moves(model)):
         x = alignment.inverse().apply(x)
     return x
 

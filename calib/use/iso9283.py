@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..common.arrays import Array, Index
-from ..common.rows import finite_rows
+from ..common.arrays import Array
+from ..common.rows import finite_rows, group_means
 from ..errors import CalibError, LogError
 from ..model.model import Model
 from ..samples.motion import visits_of
@@ -79,8 +79,8 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
     """
     q = model.about.joints_of(samples)
     visits = visits_of(q)
-    joints = _means(visits.visit, q[visits.rows])
-    attained = _means(visits.visit, samples.x[visits.rows])
+    joints = group_means(visits.visit, q[visits.rows])
+    attained = group_means(visits.visit, samples.x[visits.rows])
     first = np.unique(visits.visit, return_index=True)[1]
     places, pose, counts = np.unique(
         visits.pose[first], return_inverse=True, return_counts=True
@@ -104,18 +104,19 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
         members = pose == k
         barycentre = attained[members].mean(axis=0)
         distance = np.linalg.norm(attained[members] - barycentre, axis=1)
-        by_drawing = None
+        as_delivered = None
         if delivered is not None:
-            by_drawing = _apart(delivered[members], barycentre)
+            as_delivered = _distance(delivered[members], barycentre)
         test = PoseTest(
             joints=joints[members].mean(axis=0),
             cycles=int(counts[k]),
             RP=float(distance.mean() + 3.0 * distance.std(ddof=1)),
-            as_delivered=by_drawing,
-            as_corrected=_apart(corrected[members], barycentre),
+            as_delivered=as_delivered,
+            as_corrected=_distance(corrected[members], barycentre),
         )
         tests.append(test)
     cycles = min(test.cycles for test in tests)
+    by_drawing = [t.as_delivered for t in tests if t.as_delivered is not None]
     notes = []
     if len(repeated) < len(several):
         notes.append(
@@ -136,25 +137,12 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
         samples.unit,
         repeatability=max(test.RP for test in tests),
         corrected=max(test.as_corrected for test in tests),
-        delivered=max(
-            (
-                test.as_delivered
-                for test in tests
-                if test.as_delivered is not None
-            ),
-            default=None,
-        ),
+        delivered=max(by_drawing, default=None),
         cycles=cycles,
         notes=tuple(notes),
     )
 
 
-def _apart(commanded: Array, barycentre: Array) -> float:
+def _distance(commanded: Array, barycentre: Array) -> float:
+    """Distance [unit] of the middle of commanded positions (n, m) from where they led."""
     return float(np.linalg.norm(commanded.mean(axis=0) - barycentre))
-
-
-def _means(group: Index, values: Array) -> Array:
-    """Return the mean (groups, k) of each group's rows (n, k)."""
-    counts = np.bincount(group)
-    sums = [np.bincount(group, column) for column in values.T]
-    return np.stack(sums, axis=1) / counts[:, None]

@@ -8,18 +8,21 @@ from typing import NamedTuple
 import numpy as np
 
 from ..body.belief import Body
-from ..change.causes import single_causes
+from ..change.causes import CREEP_WAVES, single_causes
 from ..change.frame import Reference
-from ..change.settings import CREEP, CREPT, FALSE_ALARM
+from ..change.noise import FALSE_ALARM, sd_of_changes, usual_noise
 from ..change.significance import (
     FTests,
     GroupTest,
     groups_of,
     moves_of,
-    sd_of_changes,
-    usual_noise,
 )
-from ..change.system import Products, prior_columns, smooth_columns
+from ..change.system import (
+    CREEP_SHARE,
+    Products,
+    prior_columns,
+    smooth_columns,
+)
 from ..common.arrays import Array
 from ..common.rows import spread_rows
 from ..errors import ModelError, QueryError
@@ -44,6 +47,11 @@ class MonitorSettings:
     false_alarm: float = 1e-6
     # a residual counts for at most so many times the usual one
     clip: float = 8.0
+
+    @property
+    def fade(self) -> float:
+        """Weight of a sample over that of the next."""
+        return 1.0 - 1.0 / self.window
 
 
 MONITOR = MonitorSettings()
@@ -95,7 +103,6 @@ class Monitor:
                 hint="judge their rows with `check`, or train with `body='auto'`",
             )
         self._model = model
-        self._fade = 1.0 - 1.0 / MONITOR.window
         self._equations = _Equations(model, model.body)
         # sums that fade: samples, squared weights
         self._sums = np.zeros(2)
@@ -126,7 +133,7 @@ class Monitor:
         if not np.isfinite(residual).all():
             return self.state
         self._latest.append((q, residual))
-        fade = self._fade  # sums over a window that forgets
+        fade = MONITOR.fade
         self._sums = self._sums * [fade, fade**2] + 1.0
         state = self.state._replace(samples=self.state.samples + 1)
         if state.samples % MONITOR.every == 0:
@@ -140,7 +147,7 @@ class Monitor:
         equations = self._equations
         q, residual = map(np.array, zip(*self._latest, strict=True))
         self._latest = []
-        equations.add(q, residual, self._fade)
+        equations.add(q, residual)
         test = equations.most_telling(weight, weight**2 / squares)
         score = (
             test.score * math.log(FALSE_ALARM) / math.log(MONITOR.false_alarm)
@@ -155,61 +162,81 @@ class Monitor:
 
 
 class _Equations:
-    """The equations of the samples that are remembered: what is unknown, what may have changed."""
+    """The system of the samples that are remembered: B, what is not known, and X, what may change.
+
+    gram : (r + k + 1)^2, fading products of the columns B (r), X (k) and of the residuals
+    solution : (r + k,), what explains the samples
+    """
 
     def __init__(self, model: Model, body: Body) -> None:
-        reference = Reference(body, body.beta)
+        self.noise = float(body.noise[0])  # [unit]
+        self._reference = Reference(body, body.beta)
         structure = body.structure
-        causes = single_causes(structure).values()
-        self._reference = reference
-        self._changes = np.unique(np.concatenate([*causes]))
-        self._known, self._root = prior_columns(reference, CREEP, CREPT)
         units = np.clip(model.motor.units, 0.0, 1.0)
         nodes = model.motor.scale.from_unit(units)
-        self._nodes = nodes[spread_rows(len(nodes), MONITOR.nodes)]
+        # X: all parameters that may change, and the groups that are tested
+        causes = single_causes(structure).values()
+        self._changes = np.unique(np.concatenate([*causes]))
         self._groups = {
             name: np.searchsorted(self._changes, indices)
             for name, indices in groups_of(structure).items()
             if np.isin(indices, self._changes).all()
         }
-        moves = moves_of(structure, body.beta, nodes)
-        self._moves = moves[self._changes]
-        self._sd = sd_of_changes(reference)[self._changes]
+        self._moves = moves_of(structure, body.beta, nodes)[self._changes]
+        self._sd = sd_of_changes(self._reference)[self._changes]
+        # B: the posterior of the parameters, and a smooth residual about some nodes
+        self._posterior, self._root = prior_columns(
+            self._reference, CREEP_WAVES, CREEP_SHARE
+        )
+        self._nodes = nodes[spread_rows(len(nodes), MONITOR.nodes)]
         outputs = structure.outputs
-        self._unknown = outputs * len(self._nodes) + self._root.shape[1]
-        size = self._unknown + len(self._changes)
-        self._gram = np.zeros((size + 1, size + 1))
-        self._change = np.zeros(size)  # what explains the samples
-        # what that left of the last one; fading sums of its products with the next, and squares
-        self._rest = np.zeros(outputs)
-        self._lagged = np.zeros(2)
-        self.noise = float(body.noise[0])
+        self._nuisances = outputs * len(self._nodes) + self._root.shape[1]
 
-    def add(self, q: Array, residual: Array, fade: float) -> None:
+        size = self._nuisances + len(self._changes)
+        self._gram = np.zeros((size + 1, size + 1))
+        self._solution = np.zeros(size)
+        # what the solution left of the last sample; fading sums of its products with the next, and
+        # of its squares
+        self._last_rest = np.zeros(outputs)
+        self._lagged = np.zeros(2)
+
+    def add(self, q: Array, residual: Array) -> None:
         """Take residuals (b, m) [unit] of samples at joints (b, dof)."""
-        reference = self._reference
-        body = reference.body
-        sizes = reference.sizes
-        y = residual / sizes
-        _, x = body.structure.linearise(q, reference.beta)
-        smooth = smooth_columns(reference, q, self._nodes)
-        known = x[:, :, self._known] @ self._root
-        parts = [smooth, known, x[:, :, self._changes]]
-        columns = np.concatenate(parts, axis=2) / sizes[:, None]
-        most = MONITOR.clip * max(self.noise / sizes[0], 1.0)
-        length = np.linalg.norm(y, axis=1) / math.sqrt(len(sizes))
-        y /= np.maximum(length / most, 1.0)[:, None]
-        rest = np.concatenate([self._rest[None], y - columns @ self._change])
-        products = (rest[1:] * rest[:-1]).sum(axis=1)
-        squares = (rest[1:] ** 2).sum(axis=1)
-        self._rest = rest[-1]
-        ages = np.arange(len(q))[::-1]
-        lagged = np.array([products, squares]) @ fade**ages
-        self._lagged = fade ** len(q) * self._lagged + lagged
+        columns = self._columns(q)
+        y = self._clipped(residual / self._reference.sizes)
+        weights = MONITOR.fade ** np.arange(len(q))[::-1]
+        forgetting = MONITOR.fade ** len(q)
+        # how alike the noise of a sample is to that of the next
+        rest = y - columns @ self._solution
+        before = np.concatenate([self._last_rest[None], rest[:-1]])
+        products = (rest * before).sum(axis=1)
+        squares = (rest**2).sum(axis=1)
+        lagged = np.array([products, squares]) @ weights
+        self._lagged = forgetting * self._lagged + lagged
+        self._last_rest = rest[-1]
+
         rows = np.concatenate([columns, y[:, :, None]], axis=2)
-        rows *= np.sqrt(fade**ages)[:, None, None]
+        rows *= np.sqrt(weights)[:, None, None]
         flat = rows.reshape(-1, rows.shape[2])
-        self._gram = fade ** len(q) * self._gram + flat.T @ flat
+        self._gram = forgetting * self._gram + flat.T @ flat
+
+    def _columns(self, q: Array) -> Array:
+        """Columns (b, m, r + k) at joints (b, dof), over the noise."""
+        body = self._reference.body
+        _, slope = body.structure.linearise(q, self._reference.beta)
+        columns = [
+            smooth_columns(self._reference, q, self._nodes),
+            slope[:, :, self._posterior] @ self._root,
+            slope[:, :, self._changes],
+        ]
+        sizes = self._reference.sizes
+        return np.asarray(np.concatenate(columns, axis=2) / sizes[:, None])
+
+    def _clipped(self, y: Array) -> Array:
+        """Residuals (b, m), over the noise, none of which is many times as long as usual."""
+        most = MONITOR.clip * max(self.noise / self._reference.sizes[0], 1.0)
+        length = np.linalg.norm(y, axis=1) / math.sqrt(y.shape[1])
+        return np.asarray(y / np.maximum(length / most, 1.0)[:, None])
 
     def most_telling(self, weight: float, independent: float) -> GroupTest:
         """The most telling of the tests of all groups.
@@ -218,32 +245,32 @@ class _Equations:
         """
         gram = self._gram * independent / weight
         count = independent * self._reference.structure.outputs
-        known = np.ones(self._unknown)
-        sd = np.concatenate([known, self._sd, [1.0]])
+        # the noise and the solution where everything may have changed
+        sd = np.concatenate([np.ones(self._nuisances), self._sd, [1.0]])
         freed = gram * sd * sd[:, None]
         every = Products.of_gram(count, freed, len(gram) - 1)
         size = every.most_likely_noise(usual_noise(self._reference))
-        inner = freed[:-1, :-1].copy()
-        inner[np.diag_indices(len(inner))] += size**2
-        self._change = sd[:-1] * np.linalg.solve(inner, freed[:-1, -1])
+        precision = freed[:-1, :-1] + size**2 * np.eye(len(gram) - 1)
+        self._solution = sd[:-1] * np.linalg.solve(precision, freed[:-1, -1])
         self.noise = float(self._reference.sizes[0]) * size
+        # each group beside that noise
         temper = self._correlation_time(independent)
-        products = Products.of_gram(count, gram, self._unknown)
-        left = every.noise_freedom(size) / temper
-        tests = FTests(products, size, left, temper, len(self._groups))
+        products = Products.of_gram(count, gram, self._nuisances)
+        freedom = every.noise_freedom(size) / temper
+        tests = FTests(products, size, freedom, temper, len(self._groups))
         groups = tests.of_groups(self._groups, self._moves)
-        penalty = math.log(max(left, 1.0))
+        penalty = math.log(max(freedom, 1.0))
         # of chances too small for a number the more likely change
         return max(
             groups, key=lambda t: (t.score, t.statistic - penalty * t.freedom)
         )
 
-    def _correlation_time(self, samples: float) -> float:
+    def _correlation_time(self, independent: float) -> float:
         """Samples that count for one, where noise is alike from each to the next."""
         product, square = self._lagged.tolist()
         alike = product / max(square, 1e-300)
-        error = 1.0 / math.sqrt(samples * self._reference.structure.outputs)
-        if alike < MONITOR.chance * error:
+        numbers = independent * self._reference.structure.outputs
+        if alike < MONITOR.chance / math.sqrt(numbers):
             return 1.0
         alike = min(alike, MONITOR.most_alike)
         return (1.0 + alike) / (1.0 - alike)

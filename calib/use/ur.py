@@ -18,6 +18,7 @@ from ..arm.rotations import exponential
 from ..common.arrays import Array
 from ..common.wording import listing
 from ..errors import OptionError
+from ..inverse.closed_form import meeting_point
 
 NAMES = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """The entries of `kinematics:`, from base to tip."""
@@ -53,12 +54,10 @@ def ur_kinematics(urdf: str, tip: str) -> str:
     return "\n".join([*lines, f"  hash: calib_{digest}"]) + "\n"
 
 
-def _frames(urdf: str, tip: str) -> list[Array]:
-    """Return the joints' frames (4, 4) at zero, in the frame of `base_link_inertia`.
+def _frames(urdf: str, tip: str) -> Array:
+    """Return the joints' frames (6, 4, 4) at zero, in the frame of `base_link_inertia`.
 
-    Along its axis a frame may stand anywhere.  It is put where the description has it: shoulder and
-    upper arm where their axes meet, the forearm beside the upper arm, each wrist joint where the
-    next axis crosses, and the last at the tip.  The last is turned as the link that it moves.
+    Raises OptionError if the arm is no UR.
     """
     robot = parse_robot(urdf)
     joints = [joint for joint in robot.path(tip) if joint.movable]
@@ -70,42 +69,60 @@ def _frames(urdf: str, tip: str) -> list[Array]:
     # its x points backwards, against that of `base_link`
     base = links.get("base_link", np.eye(4)) @ np.diag([-1.0, -1.0, 1.0, 1.0])
     base = links.get("base_link_inertia", base)
+    turn = base[:3, :3]
     names = [joint.name for joint in joints]
     chain = arm_from_urdf(urdf, names, tip).chain
-    axes = chain.axes @ base[:3, :3]
-    points = (chain.points - base[:3, 3]) @ base[:3, :3]
-    end = (chain.tip - base[:3, 3]) @ base[:3, :3]
-    turns = [
-        exponential([count * math.pi / 2, 0.0, 0.0]) for count in _QUARTER_TURNS
-    ]
-    cosines = [
-        axis @ turn[:, 2] for axis, turn in zip(axes, turns, strict=True)
-    ]
-    tilted = np.flatnonzero(np.array(cosines) < math.cos(_MOST_TILTED))
+    axes = chain.axes @ turn
+    drawn_turns = np.stack(
+        [exponential([n * math.pi / 2, 0.0, 0.0]) for n in _QUARTER_TURNS]
+    )
+    _refuse_other_robots(names, axes, drawn_turns[:, :, 2])
+    points = _points((chain.points - base[:3, 3]) @ turn, axes)
+    end = (chain.tip - base[:3, 3]) @ turn
+    points[5] += (end - points[5]) @ axes[5] * axes[5]
+    # about its own axis a frame may be turned as it likes but for the last, which carries the tool
+    directions = drawn_turns[:, :, 0]
+    hand = turn.T @ links[joints[-1].child][:3, :3]
+    directions[-1] = _nearest_column(hand, directions[-1])
+
+    across = directions - (directions * axes).sum(axis=1)[:, None] * axes
+    x = across / np.linalg.norm(across, axis=1)[:, None]
+    frames = np.tile(np.eye(4), (len(axes), 1, 1))
+    frames[:, :3] = np.stack([x, np.cross(axes, x), axes, points], axis=2)
+    return frames
+
+
+def _refuse_other_robots(names: list[str], axes: Array, drawn: Array) -> None:
+    """Refuse joints whose axes (6, 3) at zero point elsewhere than a UR's (6, 3)."""
+    cosines = (axes * drawn).sum(axis=1)
+    tilted = np.flatnonzero(cosines < math.cos(_MOST_TILTED))
     if len(tilted):
         raise OptionError(
             f"at zero the axes of {listing(names[k] for k in tilted)} do not point where a UR's "
             "do: these entries can describe a UR alone",
             hint="for other arms write a corrected URDF with `calib urdf`",
         )
-    points[1] = _nearest(points[1], axes[1], points[0], axes[0])
-    for k, other in ((0, 1), (2, 1), (3, 4), (4, 5)):
-        points[k] = _nearest(points[k], axes[k], points[other], axes[other])
-    points[5] += (end - points[5]) @ axes[5] * axes[5]
-    directions = [turn[:, 0] for turn in turns]
-    # about its own axis a frame may be turned as it likes but for the last, which carries the tool
-    hand = base[:3, :3].T @ links[joints[-1].child][:3, :3]
-    along = hand.T @ directions[-1]
-    nearest = np.abs(along).argmax()
-    directions[-1] = np.sign(along[nearest]) * hand[:, nearest]
-    frames = []
-    for axis, point, direction in zip(axes, points, directions, strict=True):
-        x = direction - (direction @ axis) * axis
-        x = x / np.linalg.norm(x)
-        frame = np.eye(4)
-        frame[:3] = np.column_stack([x, np.cross(axis, x), axis, point])
-        frames.append(frame)
-    return frames
+
+
+def _points(points: Array, axes: Array) -> Array:
+    """Return the points (6, 3) [m] of the axes at which the description places the joints.
+
+    Shoulder and upper arm where their axes meet, the forearm beside the upper arm, each wrist joint
+    where the next axis crosses.
+
+    points : (6, 3) [m], any of each axis
+    """
+    placed = points.copy()
+    for k, other in ((1, 0), (0, 1), (2, 1), (3, 4), (4, 5)):
+        placed[k] = _nearest(placed[k], axes[k], placed[other], axes[other])
+    return placed
+
+
+def _nearest_column(rotation: Array, direction: Array) -> Array:
+    """The column (3,) of a rotation, with its sign, that points most as a direction (3,) does."""
+    cosines = rotation.T @ direction
+    nearest = np.abs(cosines).argmax()
+    return np.asarray(np.sign(cosines[nearest]) * rotation[:, nearest])
 
 
 def _nearest(
@@ -115,10 +132,9 @@ def _nearest(
 
     Of parallel axes it is the one at the height of the other's point.
     """
-    apart = other - point
-    cosine = axis @ direction
-    along = apart @ axis
-    sine_squared = 1.0 - cosine**2
-    if sine_squared > math.sin(_MOST_TILTED) ** 2:
-        along = (along - cosine * (apart @ direction)) / sine_squared
-    return point + along * axis
+    nearest = other
+    sine = np.linalg.norm(np.cross(axis, direction))
+    if sine > math.sin(_MOST_TILTED):
+        lines = np.stack([axis, direction]), np.stack([point, other])
+        nearest, _ = meeting_point(*lines)
+    return point + (nearest - point) @ axis * axis

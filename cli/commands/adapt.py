@@ -5,19 +5,11 @@ from typing import Annotated
 
 import calib
 from calib.common.choices import MethodWord
+from calib.common.wording import with_unit
 
 from .. import options as opt
-from ..logs import Reading, log_for
-from ..output import (
-    NO,
-    Line,
-    Outcome,
-    as_typed,
-    fields,
-    progress,
-    say,
-    with_unit,
-)
+from ..logs import LogFormat, log_for
+from ..output import NO, Line, Outcome, as_typed, fields, progress, say
 from ..parsing import check_file
 from ..pictures import photo_of_log
 from ..units import units_of
@@ -53,7 +45,7 @@ def adapt(
     stem = Path(model).name.removesuffix(".calib").removesuffix(".adapted")
     path = output or str(Path(model).with_name(f"{stem}.adapted.calib"))
     check_file(path, ())  # before the work whose result would be lost
-    log = log_for(loaded, data, Reading(columns, unit, time_offset, degrees))
+    log = log_for(loaded, data, LogFormat(columns, unit, time_offset, degrees))
     result = calib.adapt(
         loaded, log, method=method, cause=cause, free=free, progress=progress
     )

@@ -38,10 +38,7 @@ def babble(
         "noise": noise or 0.0,
         "changes": change or [],
         "unit": log.unit,
-        "units": {
-            "joints": by_name(names, units),
-            "positions": log.unit,
-        },
+        "units": {"joints": by_name(names, units), "positions": log.unit},
     }
     line = f"{len(log)} rows of {', '.join([*names, *log.axes])} [rad, m]"
     return Outcome(document, [f"{output}: {line}"])

@@ -11,12 +11,12 @@ from shlex import quote
 from typing import Annotated
 
 import calib
-from calib.common.wording import for_people
+from calib.common.wording import error_size, for_people, with_unit
 
 from .. import options as opt
 from .. import parsing
-from ..logs import Reading, log_for
-from ..output import NO, Outcome, TextTable, number, say, with_unit
+from ..logs import LogFormat, log_for
+from ..output import NO, Outcome, TextTable, say
 from ..pictures import log_of_pictures
 from ..units import units_of
 
@@ -48,9 +48,9 @@ def check(
     camera: opt.DatasetCamera = None,
 ) -> Outcome:
     loaded = calib.load(model)
-    reading = Reading(columns, unit, time_offset, degrees)
+    log_format = LogFormat(columns, unit, time_offset, degrees)
     if joints_file is None and not Path(data).is_dir():
-        log = log_for(loaded, data, reading)
+        log = log_for(loaded, data, log_format)
     else:
         log = log_of_pictures(loaded, data, joints_file, camera, degrees)
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
@@ -116,7 +116,10 @@ def _signals(drift: calib.Verdict) -> TextTable:
     for key, signal in drift.distortion.items():
         # zeta is a squared share of the unit box: millionths are readable
         size, shown = (factor, unit) if key == "links" else (1e6, "1e-6")
-        values = number(size * signal.value), number(size * signal.threshold)
+        values = (
+            error_size(size * signal.value),
+            error_size(size * signal.threshold),
+        )
         rows.append([SIGNALS[key], shown, *values])
     zeta = "zeta: mean squared distance of rows to winning nodes, in the unit box (eq. 9)"
     header = ["on the maps", "unit", "found", "usual"]

@@ -7,10 +7,10 @@ more than the limit; the other rows are written.
 from typing import Annotated, Literal
 
 import calib
-from calib.common.wording import by_name
+from calib.common.wording import by_name, with_unit
 
 from .. import options as opt
-from ..output import Outcome, say, with_unit
+from ..output import Outcome, say
 from ..parsing import above_zero
 
 
@@ -36,12 +36,13 @@ def correct(
 ) -> Outcome:
     import numpy as np
 
-    from ..query import Query, columns_with
+    from ..query import Files, Query, with_answers
 
-    query = Query(model, input_, columns, output, unit, degrees)
+    files = Files(input_, columns, output)
+    query = Query.of(model, files, unit, degrees)
     joints = query.joints
     batch, valid = query.read(joints.names)
-    factors = np.array(joints.typed)
+    factors = np.array(joints.to_typed)
     result = calib.correct(
         query.model,
         batch.values[valid] / factors,
@@ -89,9 +90,9 @@ def correct(
             sizes.append(f"{name} {words}")
     lines = [f"mean change: {', '.join(sizes)}"] if sizes else []
     refused = result.exceeded.any() and not answered.any()
-    return query.answer(
+    return query.write(
         batch,
-        None if refused else columns_with(batch, valid, table),
+        None if refused else with_answers(batch, table),
         failures,
         lines=lines,
         facts={"change": change or None},

@@ -6,20 +6,14 @@ import time
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import calib
+from calib.common.wording import with_unit
+from calib.use import standing
 
 from .. import options as opt
-from ..logs import Reading, log_of, with_facts
-from ..output import Outcome, say, with_unit
+from ..logs import LogFormat, log_of, with_facts
+from ..output import Outcome, say
 from ..parsing import BadOption
-from ..summary import (
-    accuracy,
-    accuracy_of_sensor,
-    advice,
-    bound_warnings,
-    code_of,
-    error_table,
-    summary,
-)
+from ..summary import code_of, error_table, summary
 
 if TYPE_CHECKING:
     from calib.use.iso9283 import Iso9283
@@ -36,10 +30,7 @@ def evaluate(
     plane: opt.Planes = None,
     frame: Annotated[
         Literal["kept", "free"],
-        opt.option(
-            "--frame",
-            "free: the sensor's frame is found anew.",
-        ),
+        opt.option("--frame", "free: the sensor's frame is found anew."),
     ] = "kept",
     sensor: opt.OfSensor = "sensor",
     iso: Annotated[
@@ -50,8 +41,8 @@ def evaluate(
     from ..query import model_in
 
     loaded = model_in(model, sensor)
-    reading = Reading(columns, unit, time_offset, degrees)
-    log = log_of(loaded, data, reading)
+    log_format = LogFormat(columns, unit, time_offset, degrees)
+    log = log_of(loaded, data, log_format)
     if log is not None:
         log = with_facts(log, distance, plane)
         loaded = loaded.by(log.sensor)
@@ -71,21 +62,20 @@ def evaluate(
         "bound_holds": result.bound_holds,
     }
     warnings = (
-        bound_warnings(loaded.about)
+        standing.bound_warnings(loaded.about)
         if log is None
         else _warnings_of_log(result)
     )
-    limit = advice(loaded, result.errors, warnings)
+    limit = [] if warnings else [standing.limit(loaded, result.errors)]
     if result.touch:
         document["touch"] = result.touch
         lines = [*warnings, f"{model}: {_scatter(result)}", *limit]
         return Outcome(document, lines, code=code_of(warnings))
-    tested = f"{result.rows} {result.source}"
     others = [] if log is not None else loaded.sensors[1:]
     lines = [
         *warnings,
-        f"{model}: {accuracy(loaded, result.errors, result.within, tested, result.left_out)}",
-        *(accuracy_of_sensor(loaded.by(name)) for name in others),
+        f"{model}: {standing.accuracy(loaded, result)}",
+        *(standing.accuracy_as_made(loaded.by(name)) for name in others),
         *limit,
     ]
     if iso:
@@ -99,7 +89,8 @@ def evaluate(
         document["iso9283"] = standard.document()
         say(standard.notes)
         lines.append(_standard_line(standard))
-    table = error_table(loaded, result.errors, f"errors on {tested}")
+    title = f"errors on {result.rows} {result.source}"
+    table = error_table(loaded, result.errors, title)
     return Outcome(document, lines, [table], code=code_of(warnings))
 
 

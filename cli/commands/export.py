@@ -8,13 +8,7 @@ from ..output import Outcome, say
 from ..parsing import BadOption, check_file
 from ..units import units_of
 
-_ENDINGS = {
-    "output": (".h", ".hpp"),
-    "camera": (".yaml", ".yml"),
-    "transform": (".json",),
-    "ur": (".yaml", ".yml"),
-    "mjcf": (".xml",),
-}
+_YAML = (".yaml", ".yml")
 
 
 def export(
@@ -68,80 +62,78 @@ def export(
 
     from ..query import model_in
 
-    options = {
+    paths = {
         "output": output,
         "camera": camera,
         "transform": transform,
         "ur": ur,
         "mjcf": mjcf,
     }
-    paths = {name: path for name, path in options.items() if path is not None}
     if lerobot is not None and output is None:
         raise BadOption(
             "--lerobot needs -o NEW.json, where the corrected calibration goes"
         )
-    if not paths and ros2 is None:
+    if not any(paths.values()) and ros2 is None:
         raise BadOption(
             "nothing to write: expected -o FILE.h, --camera, --transform, --ur or --mjcf FILE, or "
             "--ros2 FOLDER"
         )
-    endings = dict(_ENDINGS)
-    if lerobot is not None:
-        endings["output"] = (".json",)
-    for name, path in paths.items():
-        check_file(path, endings[name], option=f"--{name}")
+    check_file(output, (".h", ".hpp") if lerobot is None else (".json",))
+    check_file(camera, _YAML, option="--camera")
+    check_file(transform, (".json",), option="--transform")
+    check_file(ur, _YAML, option="--ur")
+    check_file(mjcf, (".xml",), option="--mjcf")
     loaded = model_in(model, sensor)
     document: dict[str, object] = {
         "model": model,
         "units": units_of(loaded.about),
     }
-    made: dict[str, tuple[str, str]] = {}
-    """Text of each file and its words; all are made before anything is written."""
+    # path, text and words of each file: all are made before anything is written
+    files: list[tuple[str, str, str]] = []
     if lerobot or ur or mjcf:
         corrected, zeros = formats.corrected_arm(
             loaded, drawn=free == "offsets"
         )
-        tip = loaded.about.tip
         offsets = {name: float(zero.value) for name, zero in zeros.items()}
-        document["offsets"] = offsets
-        document["intervals"] = {
-            name: float(zero.interval) for name, zero in zeros.items()
-        }
-        if ur is not None:
-            made["ur"] = ur_kinematics(corrected, tip), "kinematics of a UR"
-        if mjcf is not None:
-            text = formats.mjcf_text(corrected, tip)
-            made["mjcf"] = text, "bodies for MuJoCo"
-        if lerobot is not None:
-            text, ticks = with_corrected_zeros(lerobot, offsets)
-            made["output"] = text, f"homing offsets moved by {ticks} ticks"
-            document["ticks"] = ticks
-            say([RANGES_MOVE])
-    if output is not None and lerobot is None:
+        intervals = {name: float(zero.interval) for name, zero in zeros.items()}
+        document |= {"offsets": offsets, "intervals": intervals}
+    if output and lerobot:
+        text, ticks = with_corrected_zeros(lerobot, offsets)
+        files.append((output, text, f"homing offsets moved by {ticks} ticks"))
+        document["ticks"] = ticks
+        say([RANGES_MOVE])
+    elif output:
         text, tables = formats.c_header(
             loaded, prefix=prefix, single=single, small=small
         )
         document |= {"bytes": len(text), "table_bytes": tables}
         kind = "float" if single else "double"
-        # names of joints may hold any letter, a C99 compiler need not take them in comments
-        made["output"] = (
-            text.encode("ascii", "replace").decode(),
-            f"{kind}, tables of {tables / 1024:.1f} kB, {len(text) / 1e3:.0f} kB text",
+        sizes = (
+            f"tables of {tables / 1024:.1f} kB, {len(text) / 1e3:.0f} kB text"
         )
-    if camera is not None:
-        made["camera"] = formats.camera_info(loaded), "camera_info"
-    if transform is not None:
+        # names of joints may hold any letter, a C99 compiler need not take them in comments
+        ascii_text = text.encode("ascii", "replace").decode()
+        files.append((output, ascii_text, f"{kind}, {sizes}"))
+    if camera:
+        files.append((camera, formats.camera_info(loaded), "camera_info"))
+    if transform:
         frames = formats.static_transforms(loaded)
-        place = frames if len(frames) > 1 else frames[0]
-        text = json.dumps(place, indent=2) + "\n"
-        made["transform"] = text, "static transform"
+        transforms = frames if len(frames) > 1 else frames[0]
+        text = json.dumps(transforms, indent=2) + "\n"
+        files.append((transform, text, "static transform"))
+    tip = loaded.about.tip
+    if ur:
+        files.append((ur, ur_kinematics(corrected, tip), "kinematics of a UR"))
+    if mjcf:
+        text = formats.mjcf_text(corrected, tip)
+        files.append((mjcf, text, "bodies for MuJoCo"))
     lines = []
-    for name, path in paths.items():
-        text, words = made[name]
+    for path, text, words in files:
         atomic_write(path, text.encode())
         lines.append(f"{path}: {words}")
     if ros2 is not None:
-        files = write_ros2_package(loaded, ros2)
+        package = write_ros2_package(loaded, ros2)
         document["ros2"] = ros2
-        lines.append(f"{ros2}: a ROS 2 package of {len(files)} files")
-    return Outcome({**document, **paths}, lines)
+        lines.append(f"{ros2}: a ROS 2 package of {len(package)} files")
+    document |= {name: path for name, path in paths.items() if path}
+    return Outcome(document, lines)

@@ -11,13 +11,14 @@ from typing import Annotated
 from typer import Argument
 
 from calib.common.choices import EYES, ROTATIONS
+from calib.use import standing
 
 from .. import options as opt
 from ..logs import Selection
 from ..output import Outcome, note, say
 from ..parsing import BadOption, check_file
 from ..pictures import need_joints
-from ..summary import bound_warnings, code_of
+from ..summary import code_of
 
 UNITS = {
     "position": "m",
@@ -50,8 +51,7 @@ def handeye(
     poses_file: Annotated[
         str | None,
         opt.value(
-            "--poses-file FILE",
-            "Flange poses of a controller, as it has them.",
+            "--poses-file FILE", "Flange poses of a controller, as it has them."
         ),
     ] = None,
     camera: opt.DatasetCamera = None,
@@ -73,8 +73,7 @@ def handeye(
         ),
     ] = None,
     transform: Annotated[
-        str | None,
-        opt.value("--transform FILE", "All as static transforms."),
+        str | None, opt.value("--transform FILE", "All as static transforms.")
     ] = None,
     degrees: opt.Degrees = False,
     unit: Annotated[
@@ -134,7 +133,7 @@ def handeye(
     elif output is not None and rig.poses is not None:
         model = calib.train(rig.poses)
         model.save(output)
-        warnings = bound_warnings(model.about)
+        warnings = standing.bound_warnings(model.about)
     if transform is not None:
         from calib.common.atomic import atomic_write
         from calib.recording.rig import transform_files

@@ -3,24 +3,15 @@
 from pathlib import Path
 
 import calib
-from calib.common.wording import by_name, printable
+from calib.common.wording import by_name, printable, with_unit
+from calib.use import standing
 
 from .. import options as opt
-from ..output import Line, Outcome, as_typed, with_unit
-from ..summary import (
-    accuracy_of_sensor,
-    advice,
-    bound_warnings,
-    code_of,
-    error_table,
-    summary,
-)
+from ..output import Line, Outcome, as_typed
+from ..summary import code_of, error_table, summary
 
 
-def info(
-    model: opt.ModelFile,
-    degrees: opt.Degrees = False,
-) -> Outcome:
+def info(model: opt.ModelFile, degrees: opt.Degrees = False) -> Outcome:
     from calib.model.about import facts
     from calib.use.geometry_fit import body_with_zeros
 
@@ -61,7 +52,7 @@ def info(
     if loaded.history:
         words["earlier states"] = str(len(loaded.history))
     width = max(map(len, words))
-    warnings = bound_warnings(about)
+    warnings = standing.bound_warnings(about)
     lines: list[Line] = [*warnings]
     lines += [
         f"{name:<{width}}  {as_typed(text)}" for name, text in words.items()
@@ -72,7 +63,9 @@ def info(
     if not about.errors:
         return Outcome(document, lines, code=code_of(warnings))
     lines += ["", "accuracy"]
-    lines += [accuracy_of_sensor(loaded.by(name)) for name in loaded.sensors]
-    lines += advice(loaded, about.errors, warnings)
+    sensors = map(loaded.by, loaded.sensors)
+    lines += map(standing.accuracy_as_made, sensors)
+    if not warnings:
+        lines.append(standing.limit(loaded, about.errors))
     table = error_table(loaded, about.errors, "errors when it was made")
     return Outcome(document, lines, [table], code=code_of(warnings))

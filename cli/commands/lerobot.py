@@ -12,13 +12,14 @@ from typing import Annotated
 
 from typer import Argument
 
-from calib.common.choices import Eye
+from calib.common.wording import error_size
+from calib.use import standing
 
 from .. import options as opt
 from ..logs import Selection
-from ..output import Line, Outcome, TextTable, number, say, with_decimals
+from ..output import Line, Outcome, TextTable, say, with_decimals
 from ..parsing import check_file
-from ..summary import bound_warnings, code_of
+from ..summary import code_of
 
 
 def lerobot(
@@ -41,13 +42,7 @@ def lerobot(
     output: Annotated[
         str, opt.value("--output -o NEW.json", "The corrected calibration.")
     ],
-    eye: Annotated[
-        Eye,
-        opt.option(
-            "--eye",
-            "hand: the camera is on the arm; base: it stands still.",
-        ),
-    ] = "hand",
+    eye: opt.OneEye = "hand",
     robot: Annotated[
         str | None,
         opt.value("--robot ROBOT", "Default: the kind of the data set."),
@@ -107,7 +102,7 @@ def lerobot(
     rows = []
     for name, zero in offsets.items():
         old = int(motors.document[name]["homing_offset"])
-        interval = number(math.degrees(zero.interval))
+        interval = error_size(math.degrees(zero.interval))
         offset = with_decimals(math.degrees(zero.value), 2)
         rows.append([name, offset, interval, str(old), str(old + ticks[name])])
     header = ["joint", "zero is off by [deg]", "+-", "homing offset was", "is"]
@@ -115,6 +110,6 @@ def lerobot(
     unknown = [name for name in arm.joint_names if name not in offsets]
     if unknown:
         line += f"; {' and '.join(unknown)} stay, since no picture tells theirs"
-    warnings = bound_warnings(learned.about)
+    warnings = standing.bound_warnings(learned.about)
     lines: list[Line] = [*warnings, line, TextTable(header, rows)]
     return Outcome(document, lines, code=code_of(warnings))

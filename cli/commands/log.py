@@ -18,7 +18,7 @@ from .. import parsing
 from ..output import Outcome, say
 from ..parsing import TABLES, BadOption, above_zero, check_file, refuse
 from ..pictures import (
-    JointReading,
+    JointFile,
     is_film,
     is_of_camera,
     record_board,
@@ -39,8 +39,7 @@ def log(
         str, opt.value("--output -o LOG", "The log: CSV or Parquet.")
     ],
     joints_topic: Annotated[
-        str | None,
-        opt.value("--joints-topic TOPIC", "JointState, if several."),
+        str | None, opt.value("--joints-topic TOPIC", "JointState, if several.")
     ] = None,
     tip_topic: Annotated[
         str | None,
@@ -52,8 +51,7 @@ def log(
     ] = None,
     joints: opt.JointNames = None,
     max_gap: Annotated[
-        float,
-        opt.value("--max-gap S", "Between joint states [s].", above_zero),
+        float, opt.value("--max-gap S", "Between joint states [s].", above_zero)
     ] = 0.1,
     still: Annotated[
         float | None,
@@ -83,8 +81,10 @@ def log(
     sliding = prismatic or ()
     units = "[rad, m, s]"
     of_tag = (tag, tags_at, tag_size, tag_height, picture)
-    typed = (*of_tag, joints_file, board, lens, camera, eye)
-    is_bag = set(typed) == {None} and not any(map(is_of_camera, bag))
+    of_pictures = (*of_tag, joints_file, board, lens, camera, eye)
+    is_bag = not any(map(is_of_camera, bag)) and all(
+        option is None for option in of_pictures
+    )
     if is_bag:
         from calib.recording.bags import read_bag
 
@@ -118,9 +118,9 @@ def log(
             raise BadOption(
                 f"{len(bag)} names: expected one video or dataset, or pictures"
             )
-        reading = JointReading(joints_file, joints, degrees, sliding)
+        joint_file = JointFile(joints_file, joints, degrees, sliding)
         if eye is not None:
-            rows = record_board(bag[0], board, eye, lens, reading, camera)
+            rows = record_board(bag[0], board, eye, lens, joint_file, camera)
         else:
             setting = setup(
                 output,
@@ -136,7 +136,7 @@ def log(
                 bag,
                 output,
                 setting,
-                reading,
+                joint_file,
                 picture,
                 max_gap=max_gap,
                 still=still,

@@ -9,9 +9,11 @@ from typing import Annotated
 
 from typer import Argument
 
+from calib.common.wording import with_unit
+
 from .. import options as opt
-from ..logs import Reading, Selection, read_measured_log
-from ..output import Outcome, say, with_unit
+from ..logs import LogFormat, Selection, read_measured_log
+from ..output import Outcome, say
 
 
 def noise(
@@ -43,8 +45,10 @@ def noise(
             names = ", ".join(joints)
             say([f"joints are the columns {names}; --joints names others"])
     selection = Selection(joints, degrees=degrees)
-    reading = Reading(columns, unit, prismatic=prismatic)
-    result = repeatability(read_measured_log(robot, selection, source, reading))
+    log_format = LogFormat(columns, unit, prismatic=prismatic)
+    result = repeatability(
+        read_measured_log(robot, selection, source, log_format)
+    )
     unit = result.unit
     document = {"log": log, **result.to_json(), "units": {"positions": unit}}
     lines = []

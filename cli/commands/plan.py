@@ -110,8 +110,8 @@ def plan(
         source = model
         facts = model.about
         # an arm was loaded with its ranges, which it may need where it states no limits
-        turns = by_name(facts.joint_names, facts.revolute)
-        within = in_si("--range", ranges, turns, degrees)
+        revolute = by_name(facts.joint_names, facts.revolute)
+        within = in_si("--range", ranges, revolute, degrees)
     else:
         selection = Selection(joints, tip, planar, lock, ranges, degrees)
         arm = selection.load(robot)
@@ -125,7 +125,7 @@ def plan(
         seed=seed,
         margin=None
         if margin is None
-        else [margin / factor for factor in shown.typed],
+        else [margin / factor for factor in shown.to_typed],
         ranges=within,
         start=shown.one_each("--from", start),
         touch=touch,
@@ -136,7 +136,7 @@ def plan(
     say(result.notes)
     names = shown.names
     table = result.columns()
-    table |= by_name(names, (result.q * shown.typed).T)
+    table |= by_name(names, (result.q * shown.to_typed).T)
     write_table(output, table)
     travel = result.travel.tolist()
     document = {

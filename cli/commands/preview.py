@@ -15,8 +15,7 @@ from ..pictures import load_drawn, size_of_page
 def preview(
     model: opt.ModelFile,
     html: Annotated[
-        str | None,
-        opt.value("--html FILE", "Write the page for any browser."),
+        str | None, opt.value("--html FILE", "Write the page for any browser.")
     ] = None,
     data: opt.Data = None,
     photo: opt.PhotoFile = None,

@@ -5,11 +5,11 @@ from typing import Annotated
 from typer import Argument
 
 import calib
-from calib.common.wording import for_people
+from calib.common.wording import error_size, for_people
 
 from .. import options as opt
-from ..logs import Reading, log_for
-from ..output import NO, Outcome, TextTable, number
+from ..logs import LogFormat, log_for
+from ..output import NO, Outcome, TextTable
 from ..units import units_of
 
 
@@ -21,7 +21,7 @@ def recognise(
     data: opt.NewLog,
 ) -> Outcome:
     loaded = [calib.load(path) for path in models]
-    result = calib.recognise(loaded, log_for(loaded[0], data, Reading()))
+    result = calib.recognise(loaded, log_for(loaded[0], data, LogFormat()))
     name = None if result.index is None else models[result.index]
     about = loaded[0].about
     factor, shown = for_people(about.unit)
@@ -29,7 +29,7 @@ def recognise(
     rows = []
     for fit in result.fits:
         fits.append({"model": models[fit.index], **vars(fit)})
-        sizes = number(fit.score), number(factor * fit.distance)
+        sizes = error_size(fit.score), error_size(factor * fit.distance)
         rows.append([models[fit.index], *sizes, "fits" if fit.fits else ""])
     header = ["model", "score", f"rms distance [{shown}]", ""]
     table = TextTable(header, rows, f"{result.samples} samples of {data}")
@@ -44,8 +44,4 @@ def recognise(
         "unit": about.unit,
         "units": units_of(about),
     }
-    return Outcome(
-        document,
-        [verdict, table],
-        code=0 if name else NO,
-    )
+    return Outcome(document, [verdict, table], code=0 if name else NO)

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Annotated
 
 import calib
+from calib.use import standing
 
 from .. import options as opt
 from ..output import Outcome, progress
 from ..parsing import BadOption, bad_value, check_file
 from ..pictures import load_drawn, size_of_page
-from ..summary import bound_warnings, code_of
+from ..summary import code_of
 
 
 def report(
@@ -44,7 +45,7 @@ def report(
     loaded, log = load_drawn(model, data, photo, no_photo)
     warnings = []
     if isinstance(loaded, calib.Model):
-        warnings = bound_warnings(loaded.about)
+        warnings = standing.bound_warnings(loaded.about)
     lines = [*warnings]
     if output is not None:
         lines.append(calib.report(loaded, output, log, progress=progress))

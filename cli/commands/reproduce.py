@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument
 
+from calib.common.wording import error_size
+
 from .. import options as opt
-from ..output import Outcome, TextTable, number, progress
+from ..output import Outcome, TextTable, progress
 
 if TYPE_CHECKING:
     from calib.paper.setting import Setting
@@ -27,10 +29,7 @@ _TERMS = (
 
 
 def reproduce(
-    what: Annotated[
-        Subject,
-        Argument(help="What to repeat."),
-    ] = "all",
+    what: Annotated[Subject, Argument(help="What to repeat.")] = "all",
     output: Annotated[
         str, opt.value("--output -o DIR", "Folder of tables, figures.")
     ] = "reproduced",
@@ -96,4 +95,4 @@ def _text(table: Table) -> TextTable:
 def _cell(value: str | float | None) -> str:
     if isinstance(value, str):
         return value
-    return "" if value is None else number(value)
+    return "" if value is None else error_size(value)

@@ -14,11 +14,12 @@ from typing import Annotated
 from typer import Argument
 
 import calib
+from calib.use import standing
 
 from .. import options as opt
 from ..logs import (
     FOR_LOGS,
-    Reading,
+    LogFormat,
     Selection,
     babble_log,
     read_measured_log,
@@ -27,16 +28,7 @@ from ..logs import (
 from ..output import Outcome, progress, say
 from ..parsing import TABLES, BadOption, check_file, refuse
 from ..pictures import photo_of_log, with_photo
-from ..summary import (
-    accuracy_of_sensor,
-    advice,
-    bound_warnings,
-    code_of,
-    error_table,
-    findings_of_body,
-    summary,
-    tested_rows,
-)
+from ..summary import code_of, error_table, summary
 
 
 def train(
@@ -90,7 +82,7 @@ def train(
     no_photo: opt.NoPhoto = False,
 ) -> Outcome:
     selection = Selection(joints, tip, planar, lock, ranges, degrees, gravity)
-    reading = Reading(columns, unit, time_offset, prismatic=prismatic)
+    log_format = LogFormat(columns, unit, time_offset, prismatic=prismatic)
     if robot is None and not data:
         raise BadOption(
             "no source to learn from: expected ROBOT, --data LOG, or both"
@@ -111,7 +103,7 @@ def train(
     else:
         of_touches = {"distance": distance, "plane": plane}
         of_cameras = {"gravity": gravity, "lens": lens, "photo": photo}
-        refuse({**vars(reading), **of_touches, **of_cameras}, FOR_LOGS)
+        refuse({**vars(log_format), **of_touches, **of_cameras}, FOR_LOGS)
     if robot is not None and prismatic is not None:
         raise BadOption(
             "--prismatic applies to a log without ROBOT; ROBOT defines its joints"
@@ -124,7 +116,7 @@ def train(
         logs = []
         for sensor, source in sources_by_sensor(data).items():
             log = read_measured_log(
-                robot, selection, source, reading, lens, sensor
+                robot, selection, source, log_format, lens, sensor
             )
             logs.append(with_facts(log, distance, plane))
     else:
@@ -140,8 +132,7 @@ def train(
         seed=seed,
     )
     model = calib.train(logs if len(logs) > 1 else log, how, progress=progress)
-    about = model.about
-    say(about.notes)
+    say(model.about.notes)
     if no_rows:
         model = replace(model, rows=None)
     if photo is not None:
@@ -149,20 +140,31 @@ def train(
     elif data and not no_photo:
         model = photo_of_log(model, log, data[0])
     model.save(path)
-    learned = "samples" if about.source == "simulation" else "rows"
+    return _outcome(model, path)
+
+
+def _outcome(model: calib.Model, path: str) -> Outcome:
+    """Say how well a model does that was written to a file."""
+    from calib.use.evaluate import as_made
+
+    about = model.about
     sensors = [model.by(name) for name in model.sensors]
-    warnings = [
-        line for sensor in sensors for line in bound_warnings(sensor.about)
-    ]
+    warnings: list[str] = []
+    for sensor in sensors:
+        warnings += standing.bound_warnings(sensor.about)
+    lines = [*warnings, *map(standing.accuracy_as_made, sensors)]
+    learned = f"{about.samples} samples"
+    if about.source == "log":
+        learned = f"{about.samples} rows"
+        lines.append(standing.found(model))
+    if not warnings:
+        lines.append(standing.limit(model, about.errors))
     cost = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
-    lines = [
-        *warnings,
-        *(accuracy_of_sensor(sensor) for sensor in sensors),
-        *findings_of_body(model),
-        *advice(model, about.errors, warnings),
-        f"{path}: {about.options['map']}, {model.size_in_words}, {about.samples} {learned}, {cost}",
-    ]
-    table = error_table(model, about.errors, f"errors on {tested_rows(about)}")
+    lines.append(
+        f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {cost}"
+    )
+    title = f"errors on {as_made(model).source}"
+    table = error_table(model, about.errors, title)
     document = summary(model, path, about.errors, model.seconds)
     return Outcome(document, lines, [table], code=code_of(warnings))
 

@@ -9,21 +9,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated
 
 import calib
-from calib.common.wording import for_people
+from calib.common.wording import error_size, for_people, with_unit
+from calib.use import standing
 
 from .. import options as opt
-from ..output import (
-    NO,
-    Outcome,
-    TextTable,
-    note,
-    number,
-    say,
-    with_decimals,
-    with_unit,
-)
+from ..output import NO, Outcome, TextTable, note, say, with_decimals
 from ..parsing import check_file
-from ..summary import bound_warnings
 from ..units import units_of
 
 if TYPE_CHECKING:
@@ -40,15 +31,11 @@ def urdf(
     from calib.common.atomic import atomic_write
     from calib.use.frames import assumption
     from calib.use.geometry_fit import fit_geometry
-    from calib.use.urdf import (
-        MOST_UNEXPLAINED,
-        check_output,
-        corrected_urdf,
-    )
+    from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
 
     check_file(output, (".urdf", ".xml"))
     loaded = calib.load(model)
-    say(bound_warnings(loaded.about))
+    say(standing.bound_warnings(loaded.about))
     check_output(output, loaded.about.urdf)
     geometry = fit_geometry(loaded, drawn=free == "offsets")
     explained = geometry.residual <= MOST_UNEXPLAINED * geometry.reach
@@ -104,7 +91,10 @@ def _table(geometry: Geometry) -> TextTable:
             "xyz", values, intervals, strict=False
         ):
             if interval:  # what was fitted
-                shown = with_decimals(float(value), 4), number(float(interval))
+                shown = (
+                    with_decimals(float(value), 4),
+                    error_size(float(interval)),
+                )
                 rows.append([name, what.format(axis), unit, *shown])
     header = ["joint", "change of", "unit", "value", "+-"]
     return TextTable(header, rows, "against the URDF", left=3)

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib.change.significance import Reference, sd_of_changes
+from calib.change.noise import Reference, sd_of_changes
 from calib.use.geometry_fit import fit_geometry
 
 NOISE = 2e-4

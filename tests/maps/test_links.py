@@ -24,8 +24,7 @@ def activity(network, u, bandwidth=BANDWIDTH, *, local=False):
 
 
 def link(a_motor, a_sensory, *, mutual=False):
-    squares = (np.asarray(a.multiply(a).sum(axis=0)).ravel() for a in (a_motor, a_sensory))
-    found = Wiring(mutual=mutual).link((a_motor.T @ a_sensory).tocsr(), *squares)
+    found = Wiring(mutual=mutual).link(a_motor, a_sensory)
     return csr_array((found.data, found.indices, found.indptr), found.shape)
 
 

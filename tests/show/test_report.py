@@ -96,11 +96,11 @@ def test_words_of_other_models():
     as_drawn = report(measured())
     assert "rows held out" in as_drawn
     assert "As delivered" not in as_drawn
-    assert "below 1 nm" in report(trained("two_link", n=3000, size=20))
+    assert "below 0.000001 mm on average" in report(trained("two_link", n=3000, size=20))
     assert report(calib.train(no_arm(300), size=4))
     few = report(trained("two_link", n=400, size=4, body="none"))
     assert 'id="u_matrices"' in few
-    assert re.search(r"fresh exact samples, of the \d+ % that have an answer", few)
+    assert re.search(r"of the \d+ % that have an answer, on \d+ fresh exact samples", few)
 
 
 CAUSES = [  # what was changed, what is told of it [mm or deg]

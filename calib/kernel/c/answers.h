@@ -22,10 +22,19 @@ static inline calib_real calib_play_reach(const calib_real q[CALIB_DOF]) {
 }
 #endif
 
+/* Joints within their ranges; 0 where there is no answer. */
+static inline int calib_answers(const calib_real q[CALIB_DOF], calib_real inside[CALIB_DOF]) {
+  if (!calib_inside(q, inside)) return 0;
+#if @position_bound@
+  if (!(calib_blended(calib_position_bound, q) <= @most_bound@)) return 0;
+#endif
+  return 1;
+}
+
 /* Position; where J is not null also its derivative, J[coordinate * DOF + joint]. */
 static inline int calib_position(const calib_real q[CALIB_DOF], calib_real *x, calib_real *J) {
   calib_real inside[CALIB_DOF];
-  if (!calib_inside(q, inside)@trusted@) {
+  if (!calib_answers(q, inside)) {
     int i;
     for (i = 0; i < CALIB_OUT; ++i) x[i] = calib_not_a_number();
     for (i = 0; J && i < CALIB_OUT * CALIB_DOF; ++i) J[i] = calib_not_a_number();
@@ -48,12 +57,18 @@ CALIB_API int calib_jacobian(const calib_real *q, calib_real *J) {
 static inline int calib_bound_of(const calib_real q[CALIB_DOF], int noise, calib_real *bound) {
   calib_real inside[CALIB_DOF];
   *bound = calib_not_a_number();
-  if (!calib_inside(q, inside)@trusted@) return 0;
-  *bound = noise ? @bound@ : @model_bound@;
+  if (!calib_answers(q, inside)) return 0;
+#if @belief_scale@
+  *bound = calib_posterior(inside, noise ? calib_more : calib_less);
+#endif
+#if @bound@
+  *bound = calib_blended(noise ? calib_bound : calib_true_bound, inside);
+#endif
+  (void)noise;
 #if @play@
   *bound += calib_play_reach(inside);
 #endif
-  return @bounded@;
+  return *bound == *bound;
 }
 
 CALIB_API int calib_expected_error(const calib_real *q, calib_real *bound) {

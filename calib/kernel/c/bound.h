@@ -1,5 +1,10 @@
 #if @belief_scale@
 
+enum {
+  CALIB_KNOTS = @knots@, CALIB_LOADS = @loads@,
+  CALIB_BELIEFS = @beliefs@, CALIB_TOGETHER = @together@
+};
+
 /* Radius of 95 % of a Gaussian of covariance S (xx, xy, xz, yy, yz, zz) and more (3). */
 static inline calib_real calib_radius_95(const calib_real S[6], calib_real share,
                                          const calib_real more[3]) {

@@ -192,7 +192,7 @@ static inline void calib_chain(const calib_arm *arm, int plain, const calib_real
  * depth 1; the lens is focal length, centre and k1. */
 static inline void calib_pinhole(const calib_real at[3], calib_real x[2], calib_real L[6],
                                  calib_real u[2]) {
-  const calib_real depth = at[2] > @nearest@ ? at[2] : @nearest@, f = calib_lens[0];
+  const calib_real depth = at[2] > @least_depth@ ? at[2] : @least_depth@, f = calib_lens[0];
   const calib_real a = at[0] / depth, b = at[1] / depth, r2 = a * a + b * b;
   const calib_real k1 = calib_lens[3], bent = 1 + k1 * r2, twice = 2 * k1;
   int i;

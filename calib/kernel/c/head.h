@@ -21,11 +21,9 @@
 typedef @real@ calib_real;
 
 enum {
-  CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_NODES = @nodes@, CALIB_NEAR = @near@,
-  CALIB_HARMONICS = @harmonics@, CALIB_KNOTS = @knots@, CALIB_CHAIN = @chain@,
+  CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_CHAIN = @chain@, CALIB_HARMONICS = @harmonics@,
   CALIB_STARTS = @starts@, CALIB_STEPS = @steps@, CALIB_SLIDES = @slides@, CALIB_BUDGET = @budget@,
-  CALIB_TRIES = @tries@, CALIB_RUNS = @runs@, CALIB_PULL = @pull@, CALIB_LOADS = @loads@,
-  CALIB_BELIEFS = @beliefs@, CALIB_TOGETHER = @together@
+  CALIB_TRIES = @tries@, CALIB_RUNS = @runs@, CALIB_PULL = @pull@
 };
 
 /* An arm: joint values are gain q + offset + curve, and bend with their posture. */
@@ -45,7 +43,7 @@ static inline int calib_inside(const calib_real q[CALIB_DOF], calib_real out[CAL
   for (i = 0; i < CALIB_DOF; ++i) {
     const calib_real u = (q[i] - calib_lower[i]) / calib_span[i];
     const calib_real more = calib_periodic[i] ? 1 : 0; /* at most a turn beyond */
-    if (!(u >= @slack@ - more && u <= 1 - @slack@ + more)) inside = 0;
+    if (!(u >= @rounded@ - more && u <= 1 - @rounded@ + more)) inside = 0;
     out[i] = calib_periodic[i] ? calib_lower[i] + (u - floor(u)) * calib_span[i] : q[i];
   }
   return inside;

@@ -68,7 +68,7 @@ static inline int calib_clipped(calib_real q[CALIB_DOF]) {
 static inline int calib_move(int n, const calib_real *J, const calib_real *r,
                              const calib_real q[CALIB_DOF], const calib_real *wish,
                              calib_real damping, calib_real move[CALIB_DOF]) {
-  const calib_real slack = wish ? @slides_slack@ : 0;
+  const calib_real slack = wish ? @slack@ : 0;
   calib_real own[6 * CALIB_DOF], lacking[6], y[6];
   int i, k, pass, held = 0, again;
   for (i = 0; i < n * CALIB_DOF; ++i) own[i] = J[i];
@@ -182,7 +182,7 @@ static inline int calib_slide(const calib_search *search, const calib_real q[CAL
   for (k = 0; k < CALIB_DOF; ++k) { /* no joint beyond its limit */
     const calib_real u = (q[k] - calib_lower[k]) / calib_span[k];
     const calib_real room = move[k] > 0 ? 1 - u : u;
-    if (!calib_periodic[k] && room > @slides_slack@ && fabs(part * move[k]) > room)
+    if (!calib_periodic[k] && room > @slack@ && fabs(part * move[k]) > room)
       part = room / fabs(move[k]);
   }
   for (k = 0; k < CALIB_DOF; ++k) move[k] *= part;

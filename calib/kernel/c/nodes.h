@@ -1,5 +1,7 @@
 #if @node@
 
+enum { CALIB_NODES = @nodes@, CALIB_NEAR = @near@ };
+
 /* The nodes that speak for q and their weights, which sum to one. */
 static inline void calib_near(const calib_real *q, int *node, calib_real *weight,
                            calib_real u[CALIB_DOF]) {

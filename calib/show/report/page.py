@@ -12,12 +12,11 @@ from ...common.wording import (
     fill_template,
     number,
     quantity,
-    unit_for,
 )
 from ...errors import require
 from ...maps.association import Association
 from ...maps.map import Map
-from ...model.about import facts
+from ...model.about import error_statistics, facts
 from ...model.model import Model
 from ...recording.rig import HandEye, rig_of_model
 from ...samples.samples import Samples
@@ -137,7 +136,9 @@ def report(
         return _report_rig(model, path)
     require("model", model, Model)
     studies = studies_of(model, log)
-    study = next((one for one in studies if one.log is not None), studies[0])
+    judged = next(
+        (study for study in studies if study.log is not None), studies[0]
+    )
     verdict = words.verdict(studies)
     sections = dict.fromkeys(HEADINGS, "")
     rig = rig_of_model(model)
@@ -149,20 +150,20 @@ def report(
     if linear or model.predictor.models.degree >= 0:
         sections["The maps"] = _table(model)
         entries = ARM
-    for k, one in enumerate(studies):
+    for k, study in enumerate(studies):
         if progress is not None:
             progress(k / len(studies), "figures", float("nan"))
-        sensor = one.model.about.sensor
+        sensor = study.model.about.sensor
         label = f"{sensor}: " if len(studies) > 1 else ""
-        _add(sections, entries, one, label)
+        _add(sections, entries, study, label)
     write_page(
         path,
         title=model.about.robot or "An arm, learned from a log",
         verdict=verdict,
         answers={
-            "What is off": words.largest_cause(study),
-            "Still true?": words.still_true(study),
-            "Next": words.next_step(study),
+            "What is off": words.largest_cause(judged),
+            "Still true?": words.still_true(judged),
+            "Next": words.next_step(judged),
         },
         sections=sections,
         facts=facts(model.about, model.size_in_words),
@@ -240,21 +241,18 @@ def _add(
 
 
 def _table(model: Model) -> str:
-    """Distances of all readouts, aligned at the point."""
-    distances = {
-        readout: directions["forward"]["distance"]
-        for readout, directions in model.about.errors.items()
-    }
-    if not distances:
+    """Forward errors of all readouts, aligned at the point."""
+    if not model.about.errors:
         return ""
-    least = min(distance["mean"] for distance in distances.values())
-    factor, unit = unit_for(least, model.about.unit)
+    statistics = error_statistics(model.about, model.about.errors)
+    unit, distances = next(
+        (unit, sizes)
+        for direction, name, unit, sizes in statistics
+        if (direction, name) == ("forward", "distance")
+    )
     rows = []
-    for readout, distance in distances.items():
-        values = [
-            f"{factor * distance[key]:,.3f}" for key in ("mean", "p99", "max")
-        ]
-        cells = "</td><td>".join(values)
+    for readout, sizes in distances.items():
+        cells = "</td><td>".join(f"{size:,.3f}" for size in sizes.values())
         rows.append(f"<tr><th>{readout}</th><td>{cells}</td></tr>")
     return fill_template(
         __package__, "table.html", unit=escape(unit), rows="\n".join(rows)

@@ -5,8 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...common.rows import row_lengths
 from ...common.wording import clipped, one_line, quantity
-from ..settings import SETTINGS
+from ...training.settings import TESTING
+from ...use import standing
 from ..study import Study
 
 
@@ -24,7 +26,7 @@ def verdict(studies: Sequence[Study]) -> str:
 
 def _changes(study: Study) -> str:
     """What a log says of the arm, or what an adaptation has learned."""
-    verdict = None if study.rows is None else study.rows.verdict
+    verdict = study.evaluation.verdict
     history = study.model.history
     if verdict is not None:
         start = f"{verdict.words.capitalize()}: "
@@ -43,38 +45,19 @@ def _changes(study: Study) -> str:
 
 def _accuracy(study: Study, start: str) -> list[str]:
     """How far predictions are off, and those of the arm as delivered."""
-    model = study.model
-    unit = model.about.unit
-    rows = study.rows
-    if rows is None:
-        errors = model.about.errors.get(model.default_readout)
-        if not errors:
-            return [
-                "No rows are kept with this model: its errors are not known."
-            ]
-        mean = quantity(errors["forward"]["distance"]["mean"], unit)
-        return [
-            f"{start} tip was predicted to {mean} on average when the model was made."
-        ]
-    most = float(np.quantile(rows.distance, 0.95))
-    sentences = [
-        f"{start} tip is predicted to {quantity(rows.distance.mean(), unit)} on average, "
-        f"to {quantity(most, unit)} in 95 of 100 {rows.source}{_of_answered(rows.answered)}."
-    ]
+    evaluation = study.evaluation
+    if not evaluation.errors:
+        return ["No rows are kept with this model: its errors are not known."]
+    accuracy = standing.accuracy(study.model, evaluation)
+    sentences = [f"{start} tip is predicted to {accuracy}."]
     if study.delivered is not None:
-        delivered = float(np.linalg.norm(study.delivered, axis=1).mean())
-        if delivered > most:
+        delivered = float(row_lengths(study.delivered).mean())
+        if delivered > evaluation.within["p95"]:
+            unit = study.model.about.unit
             sentences.append(
                 f"As delivered it is off by {quantity(delivered, unit)}."
             )
     return sentences
-
-
-def _of_answered(share: float) -> str:
-    """Which share of the rows is spoken of, where the model has no answer for the others."""
-    if share == 1.0:
-        return ""
-    return f", of the {100 * share:.0f} % that have an answer"
 
 
 def _noise(study: Study) -> list[str]:
@@ -84,11 +67,11 @@ def _noise(study: Study) -> list[str]:
     if model.about.bound_of != "sensor reading" or not len(bounds):
         return []
     bound = float(np.median(bounds))
-    rows = study.rows
-    if rows is None or (rows.verdict and not rows.verdict.bound_holds):
+    evaluation = study.evaluation
+    # else the rows do not tell noise and errors of the model apart
+    is_smaller = bound < evaluation.within.get("p95", 0.0)
+    if not (is_smaller and evaluation.bound_holds):
         return []
-    if bound >= np.quantile(rows.distance, 0.95):
-        return []  # the rows do not tell noise and errors of the model apart
     return [
         "That is the distance to noisy readings: the model's own error is below "
         f"{quantity(bound, model.about.unit)} (95 % bound, median over the range)."
@@ -97,16 +80,16 @@ def _noise(study: Study) -> list[str]:
 
 def largest_cause(study: Study) -> str:
     """The largest cause in a sentence, or that there is none."""
-    verdict = None if study.rows is None else study.rows.verdict
+    verdict = study.evaluation.verdict
     if verdict is not None and verdict.changed:
         words = verdict.main_cause
         return f"{one_line(words[0].upper() + words[1:])}."
     if study.model.body is None:
         return "Not told: maps without a body have no parameters to compare with a drawing."
     if study.certain:
-        cause = study.certain[0]
-        effect = quantity(cause.effect, study.model.about.unit)
-        return f"{cause.words}: it moves the tip by {effect}."
+        deviation = study.certain[0]
+        effect = quantity(deviation.effect, study.model.about.unit)
+        return f"{deviation.words}: it moves the tip by {effect}."
     if not study.model.about.urdf:
         return "No drawing came with this model: there is nothing to compare it with."
     return "Nothing differs from the drawing by more than these rows can show."
@@ -114,31 +97,28 @@ def largest_cause(study: Study) -> str:
 
 def still_true(study: Study) -> str:
     """Whether the model's bound holds for the rows, and how to find out later."""
-    about = study.model.about
-    verdict = None if study.rows is None else study.rows.verdict
-    if verdict is not None:
-        covered = verdict.covered
-        rows = f"{len(verdict.rows):,} rows of this log"
-        holds = verdict.bound_holds
-    elif study.log is not None:
+    evaluation = study.evaluation
+    if study.log is not None and evaluation.verdict is None:
         return (
-            f"This log has fewer than {SETTINGS.few_rows} rows that the model has not "
-            "learned: it tells nothing, and what stands here is of the training."
+            f"This log has fewer than {TESTING.fewest} rows that the model has not learned: it "
+            "tells nothing, and what stands here is of the training."
         )
-    elif "covered" not in about.within:
+    within = evaluation.within
+    if "covered" not in within:
         return "Not known: `calib check MODEL --data LOG` with ten rows tells."
-    else:
-        covered = about.within["covered"]
-        rows = f"{about.tested:,} rows"
-        holds = about.bound_holds
-        rows += _of_answered(about.within.get("answered", 1.0))
-    answer = "it holds" if holds else "it does not hold here"
-    return f"The 95 % bound covers {100 * covered:.0f} % of {rows}: {answer}."
+    answered = within.get("answered", 1.0)
+    rows = f"{evaluation.rows:,} rows"
+    if study.log is not None:
+        rows += " of this log"
+    if answered < 1.0:
+        rows += f", of the {100 * answered:.0f} % that have an answer"
+    answer = "it holds" if evaluation.bound_holds else "it does not hold here"
+    return f"The 95 % bound covers {100 * within['covered']:.0f} % of {rows}: {answer}."
 
 
 def next_step(study: Study) -> str:
     """The one thing that helps most."""
-    verdict = None if study.rows is None else study.rows.verdict
+    verdict = study.evaluation.verdict
     if verdict is not None and verdict.changed:
         return "`calib adapt MODEL --data LOG` takes the change over."
     if study.model.about.simulation is not None:

@@ -26,9 +26,10 @@ def forward(
     degrees: opt.Degrees = False,
 ) -> Outcome:
     from ...forward import answer_one, answer_table
-    from ...query import Query
+    from ...query import Files, Query
 
-    query = Query(model, input_, columns, output, unit, degrees, frame, values)
+    files = Files(input_, columns, output, values)
+    query = Query.of(model, files, unit, degrees, frame)
     if input_ is not None:
         return answer_table(query, readout)
     return answer_one(query, values or (), readout)

@@ -32,14 +32,15 @@ def path(
 ) -> Outcome:
     import numpy as np
 
-    from ...query import Query, note_rows
+    from ...query import Files, Query, note_rows
 
-    query = Query(model, input_, columns, output, unit, degrees, frame)
+    files = Files(input_, columns, output)
+    query = Query.of(model, files, unit, degrees, frame)
     axes = query.axes
     joints = query.joints
     batch, answered = query.read(axes)
     valid = np.flatnonzero(answered)
-    longest = None if step is None else step / query.typed
+    longest = None if step is None else step / query.positions.to_typed
     first = query.within_range("--from", start)
     way = query.model.path(
         batch.values[valid], first, longest, frame=query.frame
@@ -53,7 +54,7 @@ def path(
     table = {
         "waypoint": valid[way.waypoint] + 1,
         **by_name(axes, way.target.T),
-        **by_name(joints.names, (way.q * joints.typed).T),
+        **by_name(joints.names, (way.q * joints.to_typed).T),
         "distance": way.distance,
         "expected_error": way.expected_error,
         "model_error": way.model_error,
@@ -61,7 +62,9 @@ def path(
         "jump": np.isin(np.arange(len(way.q)), way.jumps).astype(np.int64),
     }
     missed = ~way.reachable
-    furthest = query.words(float(way.distance[missed].max(initial=0.0)))
+    furthest = query.positions.words(
+        float(way.distance[missed].max(initial=0.0))
+    )
     failures = {
         "jumps": (
             (way.jumps + 1).tolist(),
@@ -76,7 +79,7 @@ def path(
             f"out of reach, by {furthest} at most: attainable points close by",
         ),
     }
-    return query.answer(
+    return query.write(
         batch,
         table,
         failures,

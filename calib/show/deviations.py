@@ -1,4 +1,4 @@
-"""Causes: what is off about an arm against its drawing, and how far each moves the tip.
+"""Deviations of an arm from its drawing, and how far each moves the tip.
 
 Motions of the tip that several parameters share are told once: a minimal set of parameters, in
 the order of `_ORDER`, stands for all others (zeros before turned origins, lengths before shifts).
@@ -13,6 +13,7 @@ from ..body.belief import Body
 from ..body.curves import waves_of
 from ..body.structure import Structure
 from ..common.arrays import Array, Index
+from ..common.rows import solve_least_squares
 from ..common.wording import quantity
 from ..errors import CalibError
 from ..model.model import Model
@@ -30,7 +31,7 @@ _WORDS = {
 
 
 @dataclass(frozen=True)
-class Cause:
+class Deviation:
     """One difference from the drawing, with half of its 95 % interval."""
 
     name: str
@@ -46,7 +47,7 @@ class Cause:
 
     @property
     def words(self) -> str:
-        """It with its value and interval: "elbow: zero 0.56 ± 0.003 deg"."""
+        """Its name, value and interval: "elbow: zero 0.56 ± 0.003 deg"."""
         return f"{self.name} {quantity(self.value, self.unit, self.half)}"
 
 
@@ -60,14 +61,14 @@ def drawing_behind(model: Model) -> tuple[Structure, Array] | None:
         return None
 
 
-def causes_of(model: Model) -> list[Cause]:
+def deviations_of(model: Model) -> list[Deviation]:
     """Return what differs from the drawing, the largest effect first; none without a drawing."""
     body = model.body
     drawn = drawing_behind(model)
     if body is None or drawn is None:
         return []
     structure = body.structure
-    away = body.beta - drawn[1]
+    steps = body.beta - drawn[1]
     columns = _motions_of_tip(model, body)
     sizes = np.linalg.norm(columns, axis=0)
     candidates = [k for name in _ORDER for k in structure.groups.get(name, ())]
@@ -76,36 +77,36 @@ def causes_of(model: Model) -> list[Cause]:
     of_arm = _moving(np.array(active, np.intp), sizes, np.array(units))
     chosen = _independent(of_arm, columns)
     others = np.setdiff1d(of_arm, chosen)
-    share = _in_terms_of(columns[:, chosen], columns[:, others])
+    # how much of each chosen one moves the tip as the others do
+    shares = solve_least_squares(columns[:, chosen], columns[:, others])
     root = np.zeros((structure.size, body.root.shape[1]))
     root[body.active] = body.root
-    values = away[chosen] + share @ away[others]
-    halves = Z95 * np.linalg.norm(root[chosen] + share @ root[others], axis=1)
-    causes = []
+    values = steps[chosen] + shares @ steps[others]
+    halves = Z95 * np.linalg.norm(root[chosen] + shares @ root[others], axis=1)
+    deviations = []
     for k, value, half in zip(
         chosen, values.tolist(), halves.tolist(), strict=True
     ):
         label = structure.labels[k]
         name = _in_words(label.name, str(label.joint))
         effect = float(sizes[k]) * abs(value)
-        causes.append(Cause(name, value, half, label.unit, effect))
+        deviations.append(Deviation(name, value, half, label.unit, effect))
     for k, joint in enumerate(structure.joint_names):
         waves = structure.groups[f"curve.{k}"]
-        effect = float(np.linalg.norm(columns[:, waves] @ away[waves]))
+        effect = float(np.linalg.norm(columns[:, waves] @ steps[waves]))
         if effect:
-            rms = float(np.linalg.norm(away[waves])) / 2**0.5
+            rms = float(np.linalg.norm(steps[waves])) / 2**0.5
             name = f"{joint}: error curve, rms"
-            causes.append(Cause(name, rms, 0.0, "rad", effect))
-    return sorted(causes, key=lambda cause: -cause.effect)
+            deviations.append(Deviation(name, rms, 0.0, "rad", effect))
+    return sorted(deviations, key=lambda deviation: -deviation.effect)
 
 
-def frame_of(model: Model) -> Index:
-    """Indices of the parameters of a model's body that are not the arm's: sensor and tool."""
-    assert model.body is not None  # noqa: S101 - who asks has one
-    labels = model.body.structure.labels
+def frame_parameters(body: Body) -> Index:
+    """Indices of the parameters of a body that are not the arm's: those of sensor and tool."""
+    labels = body.structure.labels
     frame = [
         k
-        for k in model.body.active
+        for k in body.active
         if labels[k].group.startswith(("view.", "tool", "marker"))
     ]
     return np.array(frame, dtype=np.intp)
@@ -133,8 +134,8 @@ def _motions_of_tip(model: Model, body: Body) -> Array:
     q = np.random.default_rng(0).uniform(about.lower, about.upper, shape)
     slope = structure.linearise(q, body.beta)[1][:, : structure.blocks[0]]
     columns = slope.reshape(-1, structure.size) / SETTINGS.postures**0.5
-    frame = columns[:, frame_of(model)]
-    return np.asarray(columns - frame @ _in_terms_of(frame, columns))
+    frame = columns[:, frame_parameters(body)]
+    return np.asarray(columns - frame @ solve_least_squares(frame, columns))
 
 
 def _moving(indices: Index, sizes: Array, units: NDArray[np.str_]) -> Index:
@@ -159,11 +160,6 @@ def _independent(indices: Index, columns: Array) -> Index:
             chosen.append(k)
             basis = np.column_stack([basis, rest / length])
     return np.array(chosen, dtype=np.intp)
-
-
-def _in_terms_of(columns: Array, others: Array) -> Array:
-    """Shares of columns (m, k) that add up to others (m, l) best."""
-    return np.asarray(np.linalg.lstsq(columns, others, rcond=1e-9)[0])
 
 
 def _in_words(name: str, joint: str) -> str:

@@ -1,0 +1,260 @@
+"""Sections of a header: of each part of a model the constant arrays and words of its C source."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arm.spatial_chain import Deviations
+from ..body.covariance import NORMAL_95
+from ..body.curves import HARMONICS
+from ..body.views import LEAST_DEPTH
+from ..common.arrays import Array
+from ..common.rows import spread_rows
+from ..errors import CalibError
+from ..inverse.settings import SEARCH
+from ..inverse.ways import distinct
+from ..kernel.arm import KernelArm
+from ..kernel.compiled import MOST
+from ..kernel.posterior import COMPACT, CompactPosterior
+from ..maps.blend import blend_size
+from ..maps.local_models import exponents
+from ..maps.settings import LOCAL
+from ..samples.roles import ROUNDING
+from .parts import ROUNDED, Parts
+from .space import Space
+from .turns import joint_limits
+
+Tables = dict[str, NDArray[np.generic]]
+Words = Mapping[str, object]
+
+
+@dataclass(frozen=True)
+class Section:
+    """Constants and arms of C by name, and words that templates are filled with."""
+
+    tables: Mapping[str, NDArray[np.generic]] = field(default_factory=dict)
+    words: Words = field(default_factory=dict)
+    arms: dict[str, KernelArm] = field(default_factory=dict)
+
+
+SETTINGS: Words = {
+    **asdict(SEARCH),
+    **asdict(MOST),
+    "rounded": -float(ROUNDED),
+    "rounding": ROUNDING,
+}
+"""Words of every source."""
+
+
+def joint_ranges(model: Parts) -> Section:
+    """Ranges of joints, and how far positions extend."""
+    scale = model.motor.scale
+    limits = joint_limits(model)
+    tables: Tables = {
+        "lower": scale.lower,
+        "span": scale.span,
+        "periodic": scale.periodic.astype(int),
+        "least": limits[:, 0],
+        "most": limits[:, 1],
+    }
+    extent = float(model.solver.extent)
+    return Section(tables, {"dof": len(scale.span), "extent": extent})
+
+
+def body_arm(arm: KernelArm) -> Section:
+    """The body's chain and its view, and of lens, curves, coupling and bending what it has."""
+    tables: Tables = {
+        "bends": np.array(arm.chain.revolute, int),
+        "coupling": arm.chain.coupling,
+        "bias": arm.chain.bias,
+        "view": arm.view.ravel(),
+        "shift": arm.shift,
+    }
+    arms = {"body": arm}
+    if arm.lens is not None:
+        tables["lens"] = arm.lens
+    if len(arm.curves):
+        waves = arm.curves.reshape(-1, 2, HARMONICS)
+        order = np.arange(1.0, HARMONICS + 1)
+        cosines = waves[:, 0]
+        sines = waves[:, 1]
+        series = [cosines, sines, order * sines, -order * cosines]
+        tables["curve"] = np.vstack(series).T
+    if len(arm.coupling):
+        tables["neighbour"] = np.concatenate([[0.0], arm.coupling])
+    if arm.sag is not None:
+        tables |= {
+            "gravity": arm.sag.gravity,
+            "bending": arm.sag.bending,
+            "loaded": arm.sag.loads.joints,
+            "load": arm.sag.on_links,
+            "tilt": arm.sag.tilts,
+        }
+        drawn = Deviations.none(arm.chain.joints)
+        arms["drawn"] = replace(arm, deviations=drawn)
+    if arm.flex is not None and arm.flex.any():
+        tables |= _flex(arm, arm.flex)
+    links = np.vstack([arm.links.strides[1:-1, :, 0], arm.links.tip[0]])
+    length = float(np.linalg.norm(links, axis=1).sum())
+    words = {
+        "out": arm.outputs,
+        "chain": arm.chain.joints,
+        "harmonics": HARMONICS,
+        "lever": max(length, 1e-9),
+        "least_depth": LEAST_DEPTH,
+        "bent": int(arm.bends),
+    }
+    return Section(tables, words, arms)
+
+
+def _flex(arm: KernelArm, flex: Array) -> Tables:
+    """What bends the joints of a planar arm."""
+    return {"way": arm.way, "flex_cos": flex[0], "flex_sin": flex[1]}
+
+
+def placed_arm(model: Parts, arm: KernelArm) -> list[Section]:
+    """The arm that poses are asked of, in its base frame; none where that is not known."""
+    if arm.outputs != 3:
+        return []
+    try:
+        space = Space.of(model)
+    except CalibError:
+        return []
+    placed = KernelArm.of(space.structure, space.body.beta)
+    if placed.chain.joints != arm.chain.joints:
+        return []
+    rotation, shift, scale = space.sensor
+    tables = {"aim": rotation.ravel(), "origin": shift}
+    words = {"placed": True, "scale": scale}
+    return [Section(tables, words, {"placed": placed})]
+
+
+def motor_nodes(model: Parts) -> Section:
+    """The motor map's nodes, between which values are blended."""
+    nodes = model.motor.size
+    near = min(blend_size(len(model.about.lower)), nodes - 1)
+    return Section({"node": model.motor.units}, {"nodes": nodes, "near": near})
+
+
+def belief(posterior: CompactPosterior, *, noise: bool) -> Section:
+    """The posterior's arrays: rows of directions of each part, and variances.
+
+    noise : whether bounds are on what a sensor reads
+    """
+    more = np.zeros(3)
+    less = np.zeros(3)
+    size = len(posterior.residual)
+    less[:size] = posterior.residual
+    more[:size] = posterior.residual + noise * posterior.noise
+    tables: Tables = {
+        "belief_scale": posterior.scale,
+        "more": more,
+        "less": less,
+    }
+    for name, part in posterior.geometry.items():
+        tables[f"by_{name}"] = part.reshape(len(part), -1)
+    if posterior.curves.any():
+        waves = posterior.curves.reshape(
+            len(posterior.curves), 2, HARMONICS, -1
+        )
+        tables["by_cos"] = waves[:, 0]
+        tables["by_sin"] = waves[:, 1]
+        tables["alone"] = posterior.alone
+    arm = posterior.arm
+    if arm.flex is not None:
+        tables |= _flex(arm, arm.flex)
+    words = {
+        "beliefs": len(posterior.scale),
+        "together": tables["by_view"].shape[1],
+        "loads": 0 if arm.sag is None else len(arm.sag.elastic),
+        "knots": COMPACT.knots,
+        "normal": NORMAL_95,
+    }
+    return Section(tables, words)
+
+
+def local_models(model: Parts) -> Section:
+    """Local models of the nodes, and how their monomials are made of each other."""
+    models = model.predictor.models
+    terms = exponents(model.motor.units.shape[1], models.degree)
+    rows = {tuple(term): k for k, term in enumerate(terms.tolist())}
+    along = np.argmax(terms > 0, axis=1)
+    below = np.zeros(terms.shape, dtype=int)
+    for joint, unit in enumerate(np.eye(terms.shape[1], dtype=int)):
+        for k, term in enumerate((terms - unit).tolist()):
+            below[k, joint] = rows.get(tuple(term), 0)
+    flat = models.coefficients.reshape(len(models.coefficients), -1)
+    tables: Tables = {
+        "radius": models.radius,
+        "local_terms": flat,
+        "talks": flat.any(axis=1).astype(int),
+        "along": along,
+        "parent": below[np.arange(len(terms)), along],
+        "power": terms.ravel().astype(int),
+        "below": below.ravel(),
+    }
+    words = {
+        "terms": len(terms),
+        "silent": LOCAL.silent,
+        "full": LOCAL.full,
+        "bent": 1,
+    }
+    return Section(tables, words)
+
+
+def grid_starts(model: Parts, cells: int = 576, apart: float = 0.1) -> Section:
+    """Joints from which positions are sought, and where they lead, by cells of the workspace.
+
+    The source grows by 20 bytes a number.
+
+    cells : of the workspace
+    apart : starts of a cell that are closer count as one
+    """
+    place = model.sensory.scale
+    dimensions = len(place.span)
+    side = max(2, int(cells ** (1 / dimensions)))
+    corners = np.indices((side,) * dimensions).reshape(dimensions, -1).T
+    step = place.span / side
+    middles = place.lower + (corners + 0.5) * step
+    cell, u = model.solver.starts.of(middles)
+    single = distinct(model.motor.scale, cell, u, apart)
+    count = np.bincount(cell[single], minlength=len(middles))
+    grid: Tables = {
+        "grid": np.full(dimensions, side),
+        "grid_lower": place.lower,
+        "grid_step": step,
+        "cell": np.append(0, np.cumsum(count)),
+    }
+    return _starts(model, u[single], grid)
+
+
+def posture_starts(model: Parts, postures: int = 128) -> Section:
+    """The same of redundant joints, which have too many for each place: some postures."""
+    nodes = np.flatnonzero(model.visited)
+    nodes = nodes[spread_rows(len(nodes), postures)]
+    return _starts(model, np.clip(model.motor.units[nodes], 0.0, 1.0))
+
+
+def middle_start(model: Parts) -> Section:
+    """The same, the middle of the ranges alone."""
+    return _starts(model, np.full((1, len(model.about.lower)), 0.5))
+
+
+def _starts(model: Parts, u: Array, grid: Tables | None = None) -> Section:
+    """Joints (k, dof) of the unit box, and where they lead."""
+    tables: Tables = {
+        "start_q": model.motor.scale.from_unit(u),
+        "start_x": model.predictor.value(u),
+    }
+    if grid is not None:
+        return Section(grid | tables, {"starts": len(u)})
+    words = {
+        "starts": len(u),
+        "tries": SEARCH.spare_tries,
+        "budget": SEARCH.spare_budget,
+    }
+    return Section(tables, words)
