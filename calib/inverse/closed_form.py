@@ -44,9 +44,7 @@ class ClosedForm:
         axes = chain.axes
         points = chain.points
         size = max(chain.reach, 1e-9)
-        fifth, sixth = closest_points(points[4:], axes[4:])
-        meeting = (fifth + sixth) / 2
-        gap = np.linalg.norm(sixth - meeting)
+        meeting, gap = meeting_point(axes[4:], points[4:])
         exact = _EXACT * size
         if gap > exact or not _parallel(axes[1], axes[2]):
             return None
@@ -74,7 +72,12 @@ class ClosedForm:
         drawn_wrist = self.meeting - base
         height = second @ drawn_wrist
         base_to_wrist = wrist - base
-        back = _at_height(first, base_to_wrist, second, height)
+        back = _at_height(
+            first,
+            base_to_wrist,
+            second,
+            height,
+        )
         turns = _turns(first, back)
         in_plane = base + _rotate(turns, base_to_wrist)
         turn_left = turns @ turn
@@ -105,7 +108,12 @@ class ClosedForm:
         forearm_squared = forearm @ forearm
         rest = squared - upper_squared - forearm_squared
         bend_axis = self.axes[2]
-        lower = _at_height(bend_axis, forearm, upper_arm, rest / 2)
+        lower = _at_height(
+            bend_axis,
+            forearm,
+            upper_arm,
+            rest / 2,
+        )
         bent_forearm = _turns(bend_axis, lower) @ forearm
         upper = _angle(axis, upper_arm + bent_forearm, goal)
         return upper, lower
@@ -123,7 +131,12 @@ class ClosedForm:
         wrist = np.swapaxes(arm, -1, -2) @ turn
         goal = wrist @ third
         height = goal @ first
-        middle = _at_height(second, third, first, height)
+        middle = _at_height(
+            second,
+            third,
+            first,
+            height,
+        )
         bent = _turns(second, middle)
         fourth = _angle(first, bent @ third, goal)
         start = _rotate_back(bent, first)
@@ -141,7 +154,12 @@ class ClosedForm:
         sixth = self.axes[5]
         goal = turn @ sixth
         height = goal @ axis
-        tilt = _at_height(fifth, sixth, axis, height)
+        tilt = _at_height(
+            fifth,
+            sixth,
+            axis,
+            height,
+        )
         bent = _turns(fifth, tilt)
         start = _rotate_back(bent, axis)
         end = _rotate_back(turn, axis)
@@ -162,18 +180,21 @@ class ClosedForm:
         return upper, lower, last, tilt, spin
 
 
-def closest_points(points: Array, axes: Array) -> Array:
-    """Points (2, 3) of two lines that are closest to each other, of points and directions (2, 3).
+def meeting_point(axes: Array, points: Array) -> tuple[Array, float]:
+    """The point (3,) nearest to two lines, and its distance from them.
 
-    Those at ``p + s a`` and ``q + t b`` have
-    ``[1, -a.b; -a.b, 1] (s, t)' = (a.(q - p), -b.(q - p))'``.
+    With projections P = I - a a' across lines of directions a through points p it solves
+    ``sum(P) x = sum(P p)``.
     """
-    gap = points[1] - points[0]
-    cosine = axes[0] @ axes[1]
-    normal = np.array([[1.0, -cosine], [-cosine, 1.0]])
-    wanted = np.array([axes[0] @ gap, -axes[1] @ gap])
-    along = np.linalg.lstsq(normal, wanted, rcond=None)[0]
-    return np.asarray(points + along[:, None] * axes)
+    outer = axes[:, :, None] * axes[:, None, :]
+    across = np.eye(3) - outer
+    projected = _rotate(across, points)
+    normal = across.sum(axis=0)
+    wanted = projected.sum(axis=0)
+    point = np.linalg.lstsq(normal, wanted, rcond=None)[0]
+    gaps = _rotate(across, point - points)
+    distances = np.linalg.norm(gaps, axis=1)
+    return point, float(distances.max())
 
 
 def _parallel(a: Array, b: Array) -> bool:
