@@ -36,7 +36,12 @@ def representatives(newton: Newton, ways: Ways, x: Array) -> Ways:
     """Of solutions of targets (n, m) the most central one of each connected family."""
     goals = x[ways.target]
     central = _slide_to_middle(newton, ways, goals)
-    family = _families(newton, ways, goals, central.u)
+    family = _families(
+        newton,
+        ways,
+        goals,
+        central.u,
+    )
     order = by_middle(newton.scale, central.target, central.u)
     _, first = np.unique(family[order], return_index=True)
     first = np.sort(first)
@@ -46,7 +51,13 @@ def representatives(newton: Newton, ways: Ways, x: Array) -> Ways:
 def _slide_to_middle(newton: Newton, ways: Ways, goals: Array) -> Ways:
     """Solutions as far towards the middle of the ranges as they slide."""
     middle = np.full_like(ways.u, 0.5)
-    stand = settle(newton, ways.u, goals, middle, FAMILIES.step)
+    stand = settle(
+        newton,
+        ways.u,
+        goals,
+        middle,
+        FAMILIES.step,
+    )
     u = stand.u
     lost = ~newton.is_met(stand.miss)
     u[lost] = ways.u[lost]

@@ -10,8 +10,8 @@ from ..common.arrays import Array, Index
 from ..maps.association import Association
 from ..maps.predictor import Predictor
 from .newton import Newton, limit_length
-from .settings import SOLVER
 from .solver import Solver
+from .settings import SOLVER
 from .task import Positions
 from .ways import Ways, distinct, rank_within
 
@@ -48,7 +48,12 @@ def solver_by_links(association: Association, predictor: Predictor) -> Solver:
     task = Positions(predictor.value_and_slope, len(span), extent)
     newton = Newton(task, association.motor.scale)
     starts = LinkStarts(association, newton)
-    return Solver(newton, starts, not newton.redundant, LINKS.folded)
+    return Solver(
+        newton,
+        starts,
+        not newton.redundant,
+        LINKS.folded,
+    )
 
 
 class LinkStarts:
@@ -140,7 +145,12 @@ class LinkStarts:
         solved = LINKS.cell if newton.redundant else LINKS.apart
         met = newton.is_met(ways.miss)
         apart = np.where(met, solved, 1.0) * motor.spacing
-        single = distinct(newton.scale, ways.target, ways.u, apart)
+        single = distinct(
+            newton.scale,
+            ways.target,
+            ways.u,
+            apart,
+        )
         return ways.rows(single)
 
     def _proposals(self, nodes: Index) -> tuple[Index, Array]:
@@ -155,7 +165,12 @@ class LinkStarts:
         node = links.indices[strongest]
         u = self._newton.clip(motor.units[node])
         apart = LINKS.cell * motor.spacing
-        single = distinct(self._newton.scale, target, u, apart)
+        single = distinct(
+            self._newton.scale,
+            target,
+            u,
+            apart,
+        )
         return target[single], u[single]
 
     def _linearise(self, u: Array) -> tuple[Array, Array]:

@@ -75,7 +75,13 @@ class Newton:
         u = self.clip(u)
         gap, slope = self.task.residual(u, x)
         miss = lengths(gap)
-        return Stand(x, u, gap, slope, miss)
+        return Stand(
+            x,
+            u,
+            gap,
+            slope,
+            miss,
+        )
 
     def refine(
         self,
@@ -91,7 +97,12 @@ class Newton:
         """
         stand = self.at(u, x)
         everywhere = np.ones(len(u), dtype=bool)
-        self.descend(stand, everywhere, tolerance, steps)
+        self.descend(
+            stand,
+            everywhere,
+            tolerance,
+            steps,
+        )
         return stand
 
     def descend(
@@ -176,7 +187,12 @@ class Newton:
         """
         still = np.zeros(stand.gap.shape)
         damping = np.full(len(wish), SOLVER.easiest)
-        return self._move_within_limits(stand, still, damping, wish)
+        return self._move_within_limits(
+            stand,
+            still,
+            damping,
+            wish,
+        )
 
     def _move_within_limits(
         self,
@@ -191,7 +207,12 @@ class Newton:
         """
         slope = stand.slope
         slack = 0.0 if wish is None else SOLVER.slack
-        move = _nearest_move(slope, gap, damping, wish)
+        move = _nearest_move(
+            slope,
+            gap,
+            damping,
+            wish,
+        )
         lowest_place = stand.u.min(initial=1.0)
         highest_place = stand.u.max(initial=0.0)
         if lowest_place > slack and highest_place < 1.0 - slack:
@@ -208,7 +229,12 @@ class Newton:
             slope = np.where(stuck[:, None], 0.0, slope)
             if wish is not None:
                 wish = np.where(stuck, 0.0, wish)
-            move = _nearest_move(slope, gap, damping, wish)
+            move = _nearest_move(
+                slope,
+                gap,
+                damping,
+                wish,
+            )
         return move
 
 

@@ -13,7 +13,13 @@ import numpy as np
 
 from ..arm.gravity import Loads
 from ..arm.rotations import exponential
-from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain, move
+from ..arm.spatial_chain import (
+    Deviations,
+    Links,
+    Motion,
+    SpatialChain,
+    move,
+)
 from ..body.curves import HARMONICS
 from ..body.loads import loads_of
 from ..body.planar import PlanarStructure

@@ -281,7 +281,12 @@ def compile_source(text: str, dof: int, outputs: int) -> Library:
     for flags in ((*COMPILER.flags, *COMPILER.quick), COMPILER.flags):
         complaint = _complaint([*command, *flags, *files])
         if not complaint:
-            return Library(path, folder, dof, outputs)
+            return Library(
+                path,
+                folder,
+                dof,
+                outputs,
+            )
     raise OptionError(f"{command[-1]} failed: {complaint}")
 
 

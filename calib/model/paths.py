@@ -190,11 +190,13 @@ def follow_targets(
     reach joints stay as close as they can, which is no jump; far beyond they wait.
     """
     near = np.flatnonzero(close)
-    lost = not len(near)
-    if lost:  # the first alone: nothing more is learned from the others
+    none_is_close = not len(near)
+    if (
+        none_is_close
+    ):  # the first alone: nothing more is learned from the others
         near = np.array([0])
     targets = x[near]
-    if start is None and not lost:
+    if start is None and not none_is_close:
         front = _front(solver, targets[0])
     else:
         wish = start
@@ -210,8 +212,8 @@ def follow_targets(
         # of branches that are as good the closest one: the first counts
         gap = solver.newton.away(front, rows[-1])
         order = np.argsort(gap, kind="stable")
-        further = _furthest(solver, rest, front[order])
-        rows = np.concatenate([rows, further])
+        followed = _furthest(solver, rest, front[order])
+        rows = np.concatenate([rows, followed])
     # where joints wait: at the last target that is close
     places = np.arange(len(x))
     latest = np.searchsorted(near, places, side="right") - 1
@@ -271,7 +273,7 @@ def _advance(
     share = np.zeros(len(u))  # of the line that joints have followed
     piece = np.ones(len(u))
     rows = np.arange(len(u))
-    first = True
+    is_whole = True  # whether the whole line is tried
     while len(rows):
         ahead = np.minimum(share[rows] + piece[rows], 1.0)
         targets = begin + ahead[:, None] * line
@@ -280,9 +282,9 @@ def _advance(
         smooth = shift <= PATHS.smooth
         met = newton.is_met(stand.miss)
         smooth &= met | (ahead < 1.0)
-        if first and not smooth.all() and not _reaches(solver, end):
+        if is_whole and not smooth.all() and not _reaches(solver, end):
             smooth[:] = True  # joints are as close as they can be
-        first = False
+        is_whole = False
         moved = rows[smooth]
         u[moved] = stand.u[smooth]
         share[moved] = ahead[smooth]
