@@ -42,9 +42,8 @@ class SolverSettings:
     fold: float = 0.1
     twin_reach: float = 0.3  # the far side of a fold is looked for so far away
     probe: float = 1e-4  # step of the derivative of a singular value
-    near_enough: float = (
-        0.005  # an answer so near to what was asked is the nearest
-    )
+    # an answer so near to what was asked is the nearest
+    near_enough: float = 0.005
     near_enough_spare: float = 0.3  # the same, of redundant joints and of poses
     margin: float = 0.1  # a start may be so much further away than its answer
     drawn: int = 32  # starts all over the ranges where others have failed
@@ -72,9 +71,8 @@ class SolverSettings:
     postures: int = 8192
     nearest: int = 192  # of them, those that a pose starts from
     runs: int = 36  # runs without a new branch that end the search
-    start_spacing: float = (
-        0.12  # postures closer to a solution than this lead to it
-    )
+    # postures closer to a solution than this lead to it
+    start_spacing: float = 0.12
 
 
 SOLVER = SolverSettings()

@@ -157,9 +157,8 @@ class CompactBelief:
 
     geometry: Array  # (D, w) of an arm's parts
     curves: Array  # (dof, 96, w)
-    alone: (
-        Array  # (dof, knots), variance of each curve by itself, all over a turn
-    )
+    # (dof, knots), variance of each curve by itself, all over a turn
+    alone: Array
 
 
 def compact_belief(
