@@ -17,9 +17,10 @@ from ..arm.rigid import (
     turn_of,
 )
 from ..arm.rotations import logarithm
-from ..body.belief import Body
+from ..body.covariance import root_of
 from ..body.settings import FINER, SHIFT, TURN
 from ..body.spatial import SpatialStructure
+from ..body.structure import OfStructure
 from ..common.arrays import Array, Index
 from .bundle import Layout, Motions
 from .fit import Fit, Scale
@@ -29,6 +30,16 @@ FREE = ("placement", "offset")
 
 SIZE_SD = 2e-3
 """Drawn arms are as large as they say to .2 %."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArmBelief(OfStructure):
+    """A drawn arm, with what is in its hand and what stands still, as pictures say."""
+
+    structure: SpatialStructure
+    beta: Array  # (d,)
+    active: Index  # (k,), parameters that are uncertain
+    root: Array  # (k, k), of their covariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +114,7 @@ class JointMotions(Motions):
 
     def body(
         self, fit: Fit, layout: Layout, hand_number: int, base_number: int
-    ) -> Body:
+    ) -> ArmBelief:
         """The fit as a belief whose readings are poses of what is in the hand.
 
         hand_number, base_number : frames of what is in the hand and of what stands still
@@ -125,24 +136,10 @@ class JointMotions(Motions):
         by_base = -along_parent(inverse(base)) @ adjoint(base)
         slope[np.ix_(view, layout.frames[base_number])] = by_base
 
-        active, root = _root_of(slope @ fit.covariance @ slope.T)
-        zeros = np.zeros(6)
-        return Body(
-            self.structure,
-            beta,
-            active,
-            root=root,
-            noise=np.ones(6),
-            kappa=1.0,
-            tau=zeros,
-            residual=zeros,
-            nu=np.inf,
-            autocorrelation=0.0,
-            scales={},
-            rows=self.count,
-            simulated=False,
-            member="chain",
-        )
+        covariance = slope @ fit.covariance @ slope.T
+        active = np.flatnonzero(np.diag(covariance) > 0.0)
+        root = root_of(covariance[np.ix_(active, active)])
+        return ArmBelief(self.structure, beta, active, root)
 
     def _set_sensor(self, beta: Array, tool: Array, view: Array) -> None:
         """Write the tool in the tip and the base in the view (4, 4) [m] into parameters (d,)."""
@@ -157,12 +154,3 @@ class JointMotions(Motions):
     @cached_property
     def _base(self) -> SpatialStructure:
         return self.structure.with_sensor(view="base pose")
-
-
-def _root_of(covariance: Array) -> tuple[Index, Array]:
-    """Which parameters of a covariance (d, d) are uncertain (a,), and the root (a, a) of theirs."""
-    active = np.flatnonzero(np.diag(covariance) > 0.0)
-    uncertain = covariance[np.ix_(active, active)]
-    values, vectors = np.linalg.eigh(uncertain)
-    sds = np.sqrt(np.maximum(values, 0.0))
-    return active, vectors * sds
