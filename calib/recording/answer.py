@@ -23,7 +23,7 @@ from ..samples.lens import Lens
 from ..samples.samples import Samples
 from .agreement import consensus, held_out_pixels
 from .bundle import shape_slopes
-from .fit import Fit
+from .fit import CornerFit
 from .joint_motions import ArmBelief, JointMotions
 from .notes import limit_of, notes_of
 from .problem import Problem
@@ -104,7 +104,7 @@ class RigFit:
     """A fit of pictures as places, lenses and a board, with intervals."""
 
     problem: Problem
-    fit: Fit
+    fit: CornerFit
     agreeing: Mask  # (n,), motions that the fit rests on
 
     @cached_property

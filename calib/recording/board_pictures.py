@@ -90,26 +90,11 @@ class BoardPictures:
         poses = self.poses(lens)
         hand = hand_poses(poses, in_hand)
         turns = turn_of(hand)
-
-        # the point in what is in the hand, and a turn and shift of the board, which are in the
-        # camera's axes, in those of the log
+        point = self.board.points().mean(axis=0)
         if in_hand:
             diagonal = float(np.hypot(*self.board.size))
             point = np.array([0.0, 0.0, AHEAD * diagonal])
-            to_log = -turns
-            lever = point - np.array([pose.shift for pose in poses])
-        else:
-            point = self.board.points().mean(axis=0)
-            to_log = np.broadcast_to(np.eye(3), turns.shape)
-            lever = turns @ point
-
-        # covariance (p, 6, 6) of the point and of the turn
-        slopes = np.zeros((len(turns), 6, 6))
-        slopes[:, :3, :3] = -to_log @ cross_matrix(lever)
-        slopes[:, :3, 3:] = to_log
-        slopes[:, 3:, :3] = to_log
-        of_poses = np.array([pose.covariance[:6, :6] for pose in poses])
-        covariance = slopes @ of_poses @ np.swapaxes(slopes, 1, 2)
+        covariance = _log_covariance(poses, point, in_hand)
         variances = np.einsum("njj->n", covariance[:, :3, :3])
         noise = np.sqrt(variances.mean() / 3)
         source = {
@@ -136,6 +121,29 @@ class BoardPictures:
             if self.episodes is None
             else self.episodes.astype(float),
         )
+
+
+def _log_covariance(
+    poses: Sequence[Pose], point: Array, in_hand: bool
+) -> Array:
+    """Covariance (p, 6, 6) of the place of a point (3,) of what is in the hand, and of its turn.
+
+    Both are along the axes of what stands still; a board's turn and shift are along the camera's.
+    """
+    boards = matrices(poses)
+    if in_hand:
+        axes = -np.swapaxes(turn_of(boards), 1, 2)
+        lever = point - shift_of(boards)
+    else:
+        axes = np.broadcast_to(np.eye(3), (len(poses), 3, 3))
+        lever = turn_of(boards) @ point
+    slopes = np.zeros((len(poses), 6, 6))
+    slopes[:, :3, :3] = -axes @ cross_matrix(lever)
+    slopes[:, :3, 3:] = axes
+    slopes[:, 3:, :3] = axes
+    of_boards = np.array([pose.covariance[:6, :6] for pose in poses])
+    covariance: Array = slopes @ of_boards @ np.swapaxes(slopes, 1, 2)
+    return covariance
 
 
 def hand_poses(poses: Sequence[Pose], in_hand: bool) -> Array:

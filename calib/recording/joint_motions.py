@@ -22,8 +22,8 @@ from ..body.settings import FINER, SHIFT, TURN
 from ..body.spatial import SpatialStructure
 from ..body.structure import OfStructure
 from ..common.arrays import Array, Index
-from .bundle import Layout, Motions
-from .fit import Fit, Scale
+from .bundle import CornerLayout, Motions
+from .fit import CornerFit, Scale
 
 FREE = ("placement", "offset")
 """Groups of the arm's parameters that the pictures correct."""
@@ -113,7 +113,11 @@ class JointMotions(Motions):
         return scales
 
     def body(
-        self, fit: Fit, layout: Layout, hand_number: int, base_number: int
+        self,
+        fit: CornerFit,
+        layout: CornerLayout,
+        hand_number: int,
+        base_number: int,
     ) -> ArmBelief:
         """The fit as a belief whose readings are poses of what is in the hand.
 

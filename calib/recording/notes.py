@@ -11,7 +11,7 @@ from ..arm.arm import SpatialArm
 from ..common.arrays import Mask
 from ..common.wording import listing, two_digits
 from .bundle import POSE
-from .fit import Fit
+from .fit import CornerFit
 from .joint_motions import JointMotions
 from .problem import Problem, turning
 from .rig import HandEye
@@ -62,7 +62,7 @@ def limit_of(problem: Problem, rig: HandEye, agreeing: Mask) -> str:
 
 
 def notes_of(
-    problem: Problem, fit: Fit, rig: HandEye, agreeing: Mask
+    problem: Problem, fit: CornerFit, rig: HandEye, agreeing: Mask
 ) -> tuple[str, ...]:
     """All that has to be known."""
     notes: list[str] = []
@@ -134,7 +134,7 @@ def _size(rig: HandEye) -> Iterator[str]:
         )
 
 
-def _lenses(problem: Problem, fit: Fit) -> Iterator[str]:
+def _lenses(problem: Problem, fit: CornerFit) -> Iterator[str]:
     lenses = problem.bundle.layout.lenses
     for number, view in enumerate(problem.views):
         focus = float(fit.noise.error[POSE + number])
@@ -178,7 +178,7 @@ def _nearness(rig: HandEye) -> Iterator[str]:
 
 
 def _arm(
-    problem: Problem, arm: SpatialArm, fit: Fit, rig: HandEye
+    problem: Problem, arm: SpatialArm, fit: CornerFit, rig: HandEye
 ) -> Iterator[str]:
     """How good the arm is, whether it is this one, and what no picture tells of joints."""
     bundle = problem.bundle

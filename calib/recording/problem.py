@@ -18,11 +18,11 @@ from ..errors import LogError
 from ..samples.motion import pose_index
 from .board_pictures import LEAST
 from .bundle import Bundle, Motions, Unknowns, shape_slopes
-from .fit import Fit, Noise, Prior, Scale, solve
+from .fit import CornerFit, CornerPrior, Noise, Scale, solve
 from .joint_motions import JointMotions
 from .motion_tables import FlangeTable
 from .readings import Choice, choose, refuse_readings
-from .start import Start, find_start
+from .start import RigStart, find_start
 from .view import View
 
 
@@ -56,8 +56,8 @@ class Problem:
     views: Sequence[View]  # with the boards numbered alike
     rows: Index  # (n,), of joints or poses that some camera has a picture of
     bundle: Bundle
-    prior: Prior
-    start: Fit
+    prior: CornerPrior
+    start: CornerFit
     arm: SpatialArm | None = None
     choice: Choice | None = None  # what poses mean
 
@@ -81,13 +81,15 @@ class Problem:
             names |= dict.fromkeys(view.pictures.names[k] for k in chosen)
         return tuple(names)
 
-    def solve(self, motions: Index, start: Fit, *, learn: bool = True) -> Fit:
+    def solve(
+        self, motions: Index, start: CornerFit, *, learn: bool = True
+    ) -> CornerFit:
         """The fit to the pictures of some motions."""
         exact = start.unknowns.exact(len(motions))
         start = replace(start, unknowns=exact)
         return solve(self.bundle.take(motions), self.prior, start, learn=learn)
 
-    def predict(self, fit: Fit) -> Array:
+    def predict(self, fit: CornerFit) -> Array:
         """Pixels (N, 2) of all corners where the motions alone put them."""
         return self.bundle.look(fit.unknowns.exact(len(self.rows))).pixels
 
@@ -165,7 +167,7 @@ def _refuse_one_axis(flange: Array) -> None:
         )
 
 
-def _refuse_mirrored(view: View, start: Start) -> None:
+def _refuse_mirrored(view: View, start: RigStart) -> None:
     """Refuse a board that the closed form puts behind the camera."""
     if start.size == -np.inf:
         raise LogError(
@@ -174,7 +176,7 @@ def _refuse_mirrored(view: View, start: Start) -> None:
         )
 
 
-def _refuse_late(flange: Array, view: View, start: Start) -> None:
+def _refuse_late(flange: Array, view: View, start: RigStart) -> None:
     """Refuse poses (n, 4, 4) if those of the row before or behind explain the pictures better."""
     for by in (1, -1):
         other = find_start(np.roll(flange, by, axis=0), view, start.unit)
@@ -266,17 +268,17 @@ def _problem(views: Sequence[View], rows: Index, motions: Motions) -> Problem:
     frames += [start.board for start in boards]
     exact = np.zeros((len(rows), layout.errors))
     unknowns = Unknowns(np.array(frames), begin, exact)
-    fit = Fit(unknowns, noise, np.zeros((0, 0)))
-    return Problem(numbered, rows, bundle, Prior(mean, scales), fit)
+    fit = CornerFit(unknowns, noise, np.zeros((0, 0)))
+    return Problem(numbered, rows, bundle, CornerPrior(mean, scales), fit)
 
 
 def _starts(
     views: Sequence[View], rows: Index, motions: Motions
-) -> list[Start]:
+) -> list[RigStart]:
     """Where each camera and its board begin; cameras at one place number a board from one end."""
     flange = motions.poses(np.zeros(motions.size))
-    starts: list[Start] = []
-    firsts: dict[bool, Start] = {}
+    starts: list[RigStart] = []
+    firsts: dict[bool, RigStart] = {}
     for view in views:
         there = flange[np.searchsorted(rows, view.rows)]
         start = find_start(there, view, "m")
@@ -287,8 +289,8 @@ def _starts(
 
 
 def _from_same_end(
-    start: Start, other: Start, half_turn: Array | None
-) -> Start:
+    start: RigStart, other: RigStart, half_turn: Array | None
+) -> RigStart:
     """A start with its board numbered from the end that another camera's is."""
     if half_turn is None:
         return start
@@ -329,7 +331,7 @@ def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
     )
 
 
-def _board_scales(start: Start, shape: Index) -> list[Scale]:
+def _board_scales(start: RigStart, shape: Index) -> list[Scale]:
     """Priors of a board, whose size may be another than stated."""
     lowest, highest = PRIORS.printed
     size = abs(start.size)

@@ -24,7 +24,7 @@ from ..samples.findings import Finding
 from ..samples.other_readings import readings as joint_readings
 from ..samples.settings import DIAGNOSIS
 from .motion_tables import FlangeTable
-from .start import Start, find_start
+from .start import RigStart, find_start
 from .view import View
 
 AXES = ["".join(axes) for axes in permutations("xyz")]
@@ -97,7 +97,7 @@ class Choice:
     """The reading that fits best."""
 
     reading: Reading
-    start: Start
+    start: RigStart
     convention: Convention
     ties: tuple[str, ...]  # readings that fit as well
 
@@ -196,7 +196,7 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     neutral = structure.neutral()
     q = view.pictures.q
 
-    def start(values: Array, seen: View) -> Start:
+    def start(values: Array, seen: View) -> RigStart:
         places, turns = base.pose(values, neutral)
         return find_start(rigid(turns, places), seen, "m")
 

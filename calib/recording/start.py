@@ -34,7 +34,7 @@ NEAREST = 0.06
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class RigStart:
     """Camera and board where motions and boards are as they are read."""
 
     camera: Array  # (4, 4), X [m]
@@ -56,7 +56,7 @@ class Start:
         return self.misfit if self.is_sized else 10.0 * self.misfit
 
 
-def find_start(flange: Array, view: View, unit: str | None = None) -> Start:
+def find_start(flange: Array, view: View, unit: str | None = None) -> RigStart:
     """Solve for camera and board; where the motions tell no lengths, with the board as stated.
 
     A flange that turns on the spot fits in any unit: then it is as far from its base as usual.
@@ -98,7 +98,7 @@ def _nearest(length: float, units: Sequence[str]) -> str:
 
 def _solve(
     flange: Array, view: View, units: Sequence[str], length: float | None
-) -> Start:
+) -> RigStart:
     """Camera X and board Y of flange poses (n, 4, 4), in closed form.
 
     units : of which the flange's lengths may be
@@ -145,7 +145,7 @@ def _solve(
     size = -np.inf
     if scale > 0.0:
         size = float(np.log(length / metre))
-    return Start(camera, board, unit, size, misfit, turned)
+    return RigStart(camera, board, unit, size, misfit, turned)
 
 
 def _closed_form(
