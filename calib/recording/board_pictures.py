@@ -196,47 +196,56 @@ def find_board(
         rows, shots, notes = read_shots(table, pictures)
     else:
         rows, shots = _shots_of(table, pictures)
+    return _corners_in(shots, rows, table, board, notes)
 
-    # the corners that each picture shows
+
+def _corners_in(
+    shots: Iterator[Shot],
+    rows: Sequence[int],
+    table: JointTable,
+    board: Pattern,
+    notes: list[str],
+) -> BoardPictures:
+    """The corners of a board in shots, whose rows of joints are given; notes grow as shots come."""
     corners: dict[int, dict[int, Array]] = {}  # by row
-    shown: list[str] = []
-    without: dict[str, int] = {}
-    looked: list[Picture] = []
+    names: list[str] = []
+    few: dict[str, int] = {}  # corners of pictures that do not show the board
+    without: list[Picture] = []
     grey = np.zeros((0, 0), np.uint8)
     for number, name, grey in shots:
         marks = board.find(grey)
         if len(marks) < LEAST_CORNERS:
-            without[name] = len(marks)
-            looked.append(grey)
+            few[name] = len(marks)
+            without.append(grey)
         else:
             corners[rows[number]] = marks
-            shown.append(name)
-    count = len(shown) + len(without)
-    if len(shown) < LEAST:
-        most = max([*without.values(), *map(len, corners.values())], default=0)
+            names.append(name)
+    count = len(names) + len(few)
+    if len(names) < LEAST:
+        most = max([*few.values(), *map(len, corners.values())], default=0)
         raise LogError(
-            f"the board is in {len(shown)} of {count} pictures, expected {LEAST} with "
+            f"the board is in {len(names)} of {count} pictures, expected {LEAST} with "
             f"{LEAST_CORNERS} corners or more (at most {most} found): "
-            f"{_instead(looked[:LEAST], board)}"
+            f"{_instead(without[:LEAST], board)}"
         )
-    if without:
+    if few:
         notes.append(
-            f"no board, or fewer than {LEAST_CORNERS} corners of it, in {len(without)} pictures, "
-            f"left out: {listing(without)}"
+            f"no board, or fewer than {LEAST_CORNERS} corners of it, in {len(few)} pictures, "
+            f"left out: {listing(few)}"
         )
-    places = np.array([*corners])
+    shown = np.array([*corners])
     episodes = table.episodes
     return BoardPictures(
         board=board,
         joint_names=table.names,
-        names=tuple(shown),
-        q=table.q[places],
+        names=tuple(names),
+        q=table.q[shown],
         corners=tuple(corners.values()),
         size=(grey.shape[1], grey.shape[0]),
         count=count,
         notes=tuple(notes),
-        episodes=None if episodes is None else episodes[places],
-        rows=places,
+        episodes=None if episodes is None else episodes[shown],
+        rows=shown,
     )
 
 
