@@ -58,6 +58,14 @@ class CornerPrior:
     mean: Array  # (s,)
     scales: Sequence[Scale]
 
+    @property
+    def sizes(self) -> Array:
+        """Sd (s,) that the evidence begins with."""
+        sizes = np.full(len(self.mean), np.inf)
+        for scale in self.scales:
+            sizes[scale.indices] = scale.start
+        return sizes
+
 
 @dataclass(frozen=True, eq=False)
 class Noise:

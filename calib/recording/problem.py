@@ -17,7 +17,7 @@ from ..common.wording import listing
 from ..errors import LogError
 from ..samples.motion import pose_index
 from .board_pictures import LEAST
-from .bundle import Bundle, Motions, Unknowns, shape_slopes
+from .bundle import Bundle, CornerLayout, Motions, Unknowns, shape_slopes
 from .fit import CornerFit, CornerPrior, Noise, Scale, solve
 from .joint_motions import JointMotions
 from .motion_tables import FlangeTable
@@ -240,36 +240,44 @@ def _problem(views: Sequence[View], rows: Index, motions: Motions) -> Problem:
         starts[bundle.boards.index(k)] for k in sorted(set(bundle.boards))
     ]
 
-    # values to begin with, prior means, and the scales of priors
-    begin = np.zeros(layout.size)
+    prior = _prior(numbered, boards, motions, layout)
+    values = np.zeros(layout.size)
+    for view, lens in zip(numbered, layout.lenses, strict=True):
+        values[lens] = view.lens.parameters
+    for start, shape in zip(boards, layout.shapes, strict=True):
+        values[shape[-1]] = start.size
+    frames = [start.camera for start in starts]
+    frames += [start.board for start in boards]
+    exact = np.zeros((len(rows), layout.errors))
+    noise = Noise(
+        corner=np.full(len(views), PRIORS.corner),
+        error=np.repeat([*PRIORS.motion, PRIORS.focus], [3, 3, len(views)]),
+        prior=prior.sizes,
+    )
+    unknowns = Unknowns(np.array(frames), values, exact)
+    fit = CornerFit(unknowns, noise, np.zeros((0, 0)))
+    return Problem(numbered, rows, bundle, prior, fit)
+
+
+def _prior(
+    views: Sequence[View],
+    boards: Sequence[RigStart],
+    motions: Motions,
+    layout: CornerLayout,
+) -> CornerPrior:
+    """What is known of lenses, boards and the arm before the pictures."""
     mean = np.zeros(layout.size)
     scales: list[Scale] = []
-    for view, lens in zip(numbered, layout.lenses, strict=True):
-        begin[lens] = view.lens.parameters
-        mean[lens] = begin[lens]
+    for view, lens in zip(views, layout.lenses, strict=True):
+        mean[lens] = view.lens.parameters
         if view.given is None:
             mean[lens[4:]] = 0.0
         scales += _lens_scales(view, lens)
     for start, shape in zip(boards, layout.shapes, strict=True):
-        begin[shape[-1]] = start.size
         scales += _board_scales(start, shape)
     if isinstance(motions, JointMotions):
         scales += motions.scales(layout.arm)
-    sizes = np.full(layout.size, np.inf)
-    for scale in scales:
-        sizes[scale.indices] = scale.start
-
-    noise = Noise(
-        corner=np.full(len(views), PRIORS.corner),
-        error=np.repeat([*PRIORS.motion, PRIORS.focus], [3, 3, len(views)]),
-        prior=sizes,
-    )
-    frames = [start.camera for start in starts]
-    frames += [start.board for start in boards]
-    exact = np.zeros((len(rows), layout.errors))
-    unknowns = Unknowns(np.array(frames), begin, exact)
-    fit = CornerFit(unknowns, noise, np.zeros((0, 0)))
-    return Problem(numbered, rows, bundle, CornerPrior(mean, scales), fit)
+    return CornerPrior(mean, scales)
 
 
 def _starts(
