@@ -44,7 +44,7 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
     # errors of corners by the fit itself, and of motions by fits without them
     residuals = bundle.pixels - problem.predict(fit)
     used_corners = agreeing[bundle.motion]
-    off = np.linalg.norm(residuals[used_corners], axis=1)
+    distances = np.linalg.norm(residuals[used_corners], axis=1)
     misses = bundle.misses(held_out_pixels(problem, fit, agreeing))
     squares = misses[agreeing] ** 2
     rms = float(np.sqrt(np.mean(squares)))
@@ -69,7 +69,10 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
         used=int(used.sum()),
         hand=hand,
         base=base,
-        reprojection={"mean": float(off.mean()), "max": float(off.max())},
+        reprojection={
+            "mean": float(distances.mean()),
+            "max": float(distances.max()),
+        },
         lens=rig_fit.lens_facts(0),
         limited_by="",
         notes=(),

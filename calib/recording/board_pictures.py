@@ -268,7 +268,7 @@ def _instead(looked: Sequence[Picture], board: Pattern) -> str:
     rows = board.rows
     turned = replace(board, columns=rows, rows=columns)
     mirrored = [np.ascontiguousarray(grey[:, ::-1]) for grey in looked]
-    ways = [
+    explanations = [
         (turned, looked, f"they show a board of {rows}x{columns} squares"),
         (
             board,
@@ -277,14 +277,14 @@ def _instead(looked: Sequence[Picture], board: Pattern) -> str:
         ),
     ]
     if isinstance(board, Chessboard):  # it looks the same turned and mirrored
-        more = replace(board, columns=columns + 1, rows=rows + 1)
+        larger = replace(board, columns=columns + 1, rows=rows + 1)
         words = (
             f"they show {columns}x{rows} corners, which are {columns + 1}x{rows + 1} squares: "
-            f"give `board={more.text!r}`"
+            f"give `board={larger.text!r}`"
         )
-        ways = [(more, looked, words)]
-    for other, pictures, words in ways:
-        if any(len(other.find(grey)) >= LEAST_CORNERS for grey in pictures):
+        explanations = [(larger, looked, words)]
+    for pattern, pictures, words in explanations:
+        if any(len(pattern.find(grey)) >= LEAST_CORNERS for grey in pictures):
             return words
     return "check the board's columns and rows of squares, its dictionary, that it is in focus"
 

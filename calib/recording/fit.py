@@ -249,8 +249,8 @@ def _error_noise(fit: CornerFit, variances: Array) -> tuple[Array, float]:
 def _prior_noise(prior: CornerPrior, fit: CornerFit) -> Array:
     """Prior sd (s,) of the unknowns."""
     sizes = fit.noise.prior.copy()
-    away = fit.unknowns.values - prior.mean
-    squares = away**2
+    deviations = fit.unknowns.values - prior.mean
+    squares = deviations**2
     variances = np.diag(fit.covariance)
     for scale in prior.scales:
         sd = sizes[scale.indices]

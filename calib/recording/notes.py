@@ -108,7 +108,7 @@ def _open(rig: HandEye, agreeing: Mask) -> Iterator[str]:
     if max(rig.hand["position_95_up_to_gauge"]) < LIMITS.open:
         return
     squares, directions = np.linalg.eigh(rig.covariance[3:6, 3:6])
-    off = 1.96e3 * float(np.sqrt(max(squares[-1], 0.0)))
+    half = 1.96e3 * float(np.sqrt(max(squares[-1], 0.0)))
     turns, axes = turning(rig.flange[agreeing])
     first, second, third = map(two_digits, np.degrees(turns).tolist())
     along, one, other = (
@@ -116,7 +116,7 @@ def _open(rig: HandEye, agreeing: Mask) -> Iterator[str]:
         for axis in (directions[:, -1], axes[1], axes[2])
     )
     yield (
-        f"what is in the hand is open along ({along}) of the flange, to ± {two_digits(off)} mm: "
+        f"what is in the hand is open along ({along}) of the flange, to ± {two_digits(half)} mm: "
         f"the hand turns by {first} deg about one axis, by {second} and {third} about the others. "
         f"Two poses more tell it: turned by 30 deg about ({one}) and about ({other}) of the flange"
     )

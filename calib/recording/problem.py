@@ -288,8 +288,8 @@ def _starts(
     starts: list[RigStart] = []
     firsts: dict[bool, RigStart] = {}
     for view in views:
-        there = flange[np.searchsorted(rows, view.rows)]
-        start = find_start(there, view, "m")
+        flange_of_view = flange[np.searchsorted(rows, view.rows)]
+        start = find_start(flange_of_view, view, "m")
         _refuse_mirrored(view, start)
         first = firsts.setdefault(view.in_hand, start)
         starts.append(_from_same_end(start, first, view.board.half_turn))
@@ -363,14 +363,14 @@ def _lens_scales(view: View, places: Index) -> Iterator[Scale]:
         (slice(6, 8), 0.05 / edge),
         (slice(8, 9), edge**-6),
     )
-    for part, highest in groups:
+    for numbers, highest in groups:
         lowest = 1e-6 * highest
         start = 0.3 * highest
         if view.given is not None:
-            variances = np.diag(view.given.covariance)[part]
+            variances = np.diag(view.given.covariance)[numbers]
             lowest = max(float(np.sqrt(variances.max())), lowest)
             start = max(lowest, 1e-2 * highest)
-        elif part.stop <= 4:
+        elif numbers.stop <= 4:
             start = highest
             lowest = highest
-        yield Scale(places[part], start, lowest, highest)
+        yield Scale(places[numbers], start, lowest, highest)

@@ -229,8 +229,8 @@ def _rests(when: Array, track: Array, still: Mask) -> list[Index]:
         if len(settled) >= REST.least:
             # the arm may still swing where its joints stand: only frames near the median count
             middle = np.median(track[settled], axis=0)
-            away = np.linalg.norm(track[settled] - middle, axis=1)
-            rests.append(settled[away < REST.shake])
+            distances = np.linalg.norm(track[settled] - middle, axis=1)
+            rests.append(settled[distances < REST.shake])
     return [rest for rest in rests if len(rest) >= REST.least]
 
 
