@@ -34,7 +34,7 @@ from .whitened import whitened_jacobian
 if TYPE_CHECKING:
     import os
 
-    from ..recording.board import CharucoPattern
+    from ..recording.board import Pattern
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ def plan(
     ranges: Mapping[str, tuple[float, float]] | None = None,
     start: ArrayLike | None = None,
     touch: Sequence[float] | None = None,
-    handeye: CharucoPattern | str | bool | None = None,
+    handeye: Pattern | str | bool | None = None,
     eye: str = "hand",
     above: float | None = None,
 ) -> Plan:
@@ -139,7 +139,7 @@ def plan(
         Where the arm is before the first pose: zero, clipped into the ranges, where not given.
     touch : (x, y, z), optional [m]
         A point in the base frame that the tip is to touch from all poses: those that tell most.
-    handeye, eye : CharucoPattern or str, {"hand", "base"}, optional
+    handeye, eye : Pattern or str, {"hand", "base"}, optional
         A board that a camera is to see in all poses, from many sides, as `handeye` takes them.
         At `start` it is in the middle of the picture; the camera in the hand looks along the z
         axis of the tip's frame, or the print faces along it, to some 10 deg.  True for a model of
