@@ -123,37 +123,31 @@ class JointMotions(Motions):
 
         hand_number, base_number : frames of what is in the hand and of what stands still
         """
-        hand = fit.unknowns.frames[hand_number]
-        base = fit.unknowns.frames[base_number]
-        beta = self.beta(fit.unknowns.values[layout.arm])
-        self._set_sensor(beta, hand, inverse(base))
-
-        # slope (d, s) of the structure's parameters by the unknowns
         groups = self.structure.groups
         tool = [*groups["tool.rotation"], *groups["tool"]]
         view = [*groups["view.rotation"], *groups["view.shift"]]
+        hand = fit.unknowns.frames[hand_number]
+        base = fit.unknowns.frames[base_number]
+        # the view is the inverse of its frame
+        poses = np.stack([hand, inverse(base)])
+        beta = self.beta(fit.unknowns.values[layout.arm])
+        turns = logarithm(turn_of(poses))
+        beta[tool + view] = np.concatenate(
+            [turns, shift_of(poses)], axis=1
+        ).ravel()
+
+        # slope (d, s) of the structure's parameters by the unknowns
         slope = np.zeros((self.structure.size, layout.size))
         slope[self.active, layout.arm[:-1]] = 1.0
         by_hand = shifts_along_parents(hand[None])
-        slope[np.ix_(tool, layout.frames[hand_number])] = by_hand
-        # the view is the inverse of its frame
         by_base = -along_parent(inverse(base)) @ adjoint(base)
+        slope[np.ix_(tool, layout.frames[hand_number])] = by_hand
         slope[np.ix_(view, layout.frames[base_number])] = by_base
 
         covariance = slope @ fit.covariance @ slope.T
         active = np.flatnonzero(np.diag(covariance) > 0.0)
         root = root_of(covariance[np.ix_(active, active)])
         return ArmBelief(self.structure, beta, active, root)
-
-    def _set_sensor(self, beta: Array, tool: Array, view: Array) -> None:
-        """Write the tool in the tip and the base in the view (4, 4) [m] into parameters (d,)."""
-        groups = self.structure.groups
-        turns = turn_of(np.stack([tool, view]))
-        tool_turn, view_turn = logarithm(turns)
-        beta[groups["tool"]] = shift_of(tool)
-        beta[groups["tool.rotation"]] = tool_turn
-        beta[groups["view.shift"]] = shift_of(view)
-        beta[groups["view.rotation"]] = view_turn
 
     @cached_property
     def _base(self) -> SpatialStructure:
