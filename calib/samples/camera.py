@@ -96,19 +96,18 @@ def _camera_with_lens(document: Document) -> Camera:
             "the lens has impossible values: expected size, focal, centre and distortion of a "
             "calibration"
         ) from None
-    places = np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1])
-    grid = np.stack(places, axis=-1).reshape(-1, 2)
+    corners = np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1])
+    grid = np.stack(corners, axis=-1).reshape(-1, 2)
     n = 0.9 * (grid * lens.size - lens.centre) / lens.focal
     f = float(lens.focal.mean())
     k1 = float(lens.distortion[0])
     u, v = lens.centre.tolist()
     pinhole = Lens.of(lens.size, np.array([f, f, u, v, k1, 0, 0, 0, 0]))
-    off = pinhole.distort(n) - lens.distort(n)
-    wrong = float(np.abs(off).max())
-    simple = (f, u, v, k1)
-    if wrong <= _BENT:
-        return Camera(lens.size, simple)
-    note = f"the lens bends by up to {wrong:.2g} px otherwise than k1 says: it is fitted again"
-    share = wrong / lens.size[0]
-    sd = (2 * share * f, wrong, wrong, 4 * share)
-    return Camera(lens.size, simple, sd, note)
+    miss = float(np.abs(pinhole.distort(n) - lens.distort(n)).max())
+    of_k1 = (f, u, v, k1)
+    if miss <= _BENT:
+        return Camera(lens.size, of_k1)
+    note = f"the lens bends by up to {miss:.2g} px otherwise than k1 says: it is fitted again"
+    relative = miss / lens.size[0]
+    sd = (2 * relative * f, miss, miss, 4 * relative)
+    return Camera(lens.size, of_k1, sd, note)
