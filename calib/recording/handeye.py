@@ -22,10 +22,10 @@ from ..common.arrays import Array
 from ..common.choices import EYES, PICTURES, check_choice
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
+from ..samples.lens import Lens
 from .answer import answer
 from .board import Pattern, TagGrid
 from .board_pictures import BoardPictures, Source, find_board
-from .lens import Lens
 from .lerobot import is_dataset
 from .motion_tables import FlangeTable, JointTable, read_flange_poses
 from .problem import of_joints, of_poses

@@ -21,9 +21,9 @@ from ..arm.rigid import (
 from ..arm.rotations import exponential
 from ..common.arrays import Array, Index, Mask
 from ..errors import OptionError
+from ..samples.lens import Lens
 from .bundle import POSE, SHAPE, Bundle, Motions, Unknowns
 from .fit import Noise, information
-from .lens import Lens
 from .rig import HandEye, frame_of
 
 

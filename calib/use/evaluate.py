@@ -34,7 +34,7 @@ from ..training.residuals import (
     summarise,
 )
 from ..training.settings import TESTING
-from ..training.touch_scatter import in_sockets
+from ..training.socket_places import in_sockets
 
 Frame = Literal["kept", "free"]
 EVALUATED = ("kept", "free")
@@ -236,7 +236,7 @@ def _residuals(model: Model, samples: Samples) -> Residuals:
     predicted = space.to_sensor(*space.evaluate(q)[:2])[1]
     off = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
     turned = row_lengths(logarithm(off[finite_rows(model.forward(q))]))
-    return replace(residuals, turned=turned)
+    return replace(residuals, orientation=turned)
 
 
 def _evaluation(

@@ -14,8 +14,8 @@ from ..errors import OptionError
 from ..model.model import Model
 from ..recording.board import Pattern, parse_board
 from ..recording.bundle import POSE
-from ..recording.lens import Lens
 from ..recording.next_poses import Around, ExpectedRig, noise_of
+from ..samples.lens import Lens
 from .aimed import Candidates, chain_in_base, joints_towards
 from .pose_space import PoseSpace
 from .settings import AIMING, PLANNING
