@@ -90,10 +90,7 @@ def chain_of(
 
 
 def with_masses(
-    chain: SpatialChain,
-    urdf: Urdf,
-    posture: Posture,
-    moving: Collection[str],
+    chain: SpatialChain, urdf: Urdf, posture: Posture, moving: Collection[str]
 ) -> SpatialChain:
     """Return a chain with the masses beyond each joint, up to the next, and their centres.
 

@@ -87,11 +87,7 @@ def nearest_rotation(matrix: Array) -> Array:
 
 
 def similarity(
-    a: Array,
-    b: Array,
-    *,
-    mirrored: bool = False,
-    scale: float | None = None,
+    a: Array, b: Array, *, mirrored: bool = False, scale: float | None = None
 ) -> tuple[Array, Array, float]:
     """Rotation (d, d), shift (d,) and scale with b = scale R a + shift of rows (Umeyama 1991).
 
