@@ -26,7 +26,7 @@ class Posture:
 
     def axis(self, joint: Joint) -> Array:
         """Unit axis (3,) of a joint."""
-        return np.asarray(self.frames[joint.child][:3, :3] @ _direction(joint))
+        return self.frames[joint.child][:3, :3] @ _direction(joint)
 
 
 def posture_of(urdf: Urdf, chosen: Mapping[str, float]) -> Posture:

@@ -77,7 +77,7 @@ def _vector_of(q: Array) -> Array:
 def cross_matrix(vectors: ArrayLike) -> Array:
     """Matrices K (n, 3, 3) with K u = v x u of vectors v (n, 3)."""
     v = np.asarray(vectors, dtype=float)
-    return np.asarray((v @ _SIGNS.reshape(3, 9)).reshape(*v.shape, 3))
+    return (v @ _SIGNS.reshape(3, 9)).reshape(*v.shape, 3)
 
 
 def nearest_rotation(matrix: Array) -> Array:
