@@ -132,13 +132,17 @@ class Structure(Layout):
         constants = constants_at(self, beta)
         if gravity is None:
             gravity = constants.gravity
-        bends = np.zeros((len(self.chain_names), len(q)))
+        joints = len(self.chain_names)
+        bends = np.zeros((joints, len(q)))
         for block, elastic in constants.elastic.items():
-            bending = self.loads[block]
-            loads = loads_at(bending, q[:, : self.dof], gravity)
+            loads = self._loads(block, q, gravity)
             angles = elastic[:, None] * loads
-            np.add.at(bends, bending.joints, angles)
+            np.add.at(bends, self.loads[block].joints, angles)
         return bends
+
+    def _loads(self, block: str, q: Array, gravity: Array) -> Array:
+        """Loads (e, n) of a block of elasticity at rows (n, dof + a)."""
+        return loads_at(self.loads[block], q[:, : self.dof], gravity)
 
     def move(self, values: Array, beta: Array) -> Motion:
         """Where the chain is at the true values (c, n) of its joints."""
@@ -199,7 +203,8 @@ class Structure(Layout):
             places = column[indices.ravel()]
             is_active = places >= 0
             if is_active.any():
-                columns = derivative().reshape(len(places), outputs, n)
+                columns = derivative()
+                columns = columns.reshape(len(places), outputs, n)
                 columns = columns[is_active]
                 places = places[is_active]
                 slope[:, :, places] = columns.transpose(2, 1, 0)
@@ -238,16 +243,15 @@ class Structure(Layout):
     ) -> Array:
         """How outputs (e, m, n) move with the elasticity under each load of a block."""
         gravity = constants_at(self, beta).gravity
-        bending = self.loads[block]
-        loads = loads_at(bending, q[:, : self.dof], gravity)
-        by_elasticity: Array = chain_slope[bending.joints] * loads[:, None]
-        return by_elasticity
+        loads = self._loads(block, q, gravity)
+        bent_slope = chain_slope[self.loads[block].joints]
+        return bent_slope * loads[:, None]
 
     def _by_gravity(self, q: Array, beta: Array, chain_slope: Array) -> Array:
         """How outputs (t, m, n) move as gravity tilts."""
         moved: list[Array] = []
-        for way in self.tilts["gravity"]:
-            bends = self.bends(q, beta, way)
+        for tilt in self.tilts["gravity"]:
+            bends = self.bends(q, beta, tilt)
             by_joints = chain_slope * bends[:, None]
             moved.append(by_joints.sum(axis=0))
         return np.array(moved)

@@ -34,7 +34,7 @@ from ..training.residuals import (
     summarise,
 )
 from ..training.settings import TESTING
-from ..training.touch_scatter import in_sockets
+from ..training.socket_places import in_sockets
 
 Frame = Literal["kept", "free"]
 EVALUATED = ("kept", "free")
@@ -237,7 +237,7 @@ def _residuals(model: Model, samples: Samples) -> Residuals:
     rotation = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
     answered = finite_rows(model.forward(q))
     angles = row_lengths(logarithm(rotation[answered]))
-    return replace(residuals, turned=angles)
+    return replace(residuals, orientation=angles)
 
 
 def _evaluation(
