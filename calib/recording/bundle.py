@@ -61,7 +61,7 @@ class Motions:
         return replace(self, values=self.values[rows])
 
 
-class Layout:
+class CornerLayout:
     """Where the unknowns stand: frames, lenses, shapes of boards, the arm; then a motion's errors.
 
     frames : (cameras + boards, 6);  lenses : (cameras, 9);  shapes : (boards, SHAPE);  arm : (k,)
@@ -105,7 +105,7 @@ class Unknowns:
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class CornerSight:
     """What cameras see of all corners, and how that follows the unknowns."""
 
     pixels: Array  # (N, 2)
@@ -131,10 +131,10 @@ class Bundle:
         return [int(in_hand != first) for in_hand in self.in_hand]
 
     @cached_property
-    def layout(self) -> Layout:
+    def layout(self) -> CornerLayout:
         """Where the unknowns stand."""
         cameras = len(self.in_hand)
-        return Layout(cameras, max(self.boards) + 1, self.motions.size)
+        return CornerLayout(cameras, max(self.boards) + 1, self.motions.size)
 
     @cached_property
     def pictures(self) -> list[Index]:
@@ -168,7 +168,7 @@ class Bundle:
         rms: Array = np.sqrt(total / np.bincount(self.motion))
         return rms
 
-    def look(self, unknowns: Unknowns) -> Sight:
+    def look(self, unknowns: Unknowns) -> CornerSight:
         """Pixels of all corners and their slopes at some values of the unknowns."""
         arm = unknowns.values[self.layout.arm]
         poses = self.motions.poses(arm)
@@ -176,7 +176,7 @@ class Bundle:
         by_arm = self.motions.slopes(arm)
         cameras = range(len(self.in_hand))
         sights = [self._look(k, unknowns, flange, by_arm) for k in cameras]
-        return Sight(*map(np.concatenate, zip(*sights, strict=True)))
+        return CornerSight(*map(np.concatenate, zip(*sights, strict=True)))
 
     def _look(
         self, camera: int, unknowns: Unknowns, flange: Array, by_arm: Array

@@ -12,11 +12,12 @@ from ..arm.description import parse_robot
 from ..body.sensor_pose import SensorPose, hand_pose
 from ..body.views import is_camera
 from ..common.parallel import one_blas_thread
-from ..common.wording import by_name, one_line
+from ..common.wording import one_line
 from ..errors import OptionError
 from ..model.header import Header
 from ..model.model import Model
 from ..model_file.storage import to_bytes
+from ..recording.rig import stamped
 from .correct import usual_limit
 from .edits import numbers, pose_of
 from .geometry import Quantity
@@ -137,7 +138,8 @@ def static_transforms(model: Model) -> list[dict[str, object]]:
             "in space and its robot"
         )
     root = parse_robot(about.urdf, about.robot).root
-    if board := about.options.get("board"):
+    board = about.options.get("board")
+    if board:
         mount = hand_pose(body)  # of the point that the log tells
         hand = replace(
             mount, position=mount.position - mount.rotation @ board["point"]
@@ -145,29 +147,18 @@ def static_transforms(model: Model) -> list[dict[str, object]]:
         carried, standing = ("camera", "board")
         if board["eye"] == "base":
             carried, standing = ("board", "camera")
-        return [
-            _transform_document(about.tip, f"{carried}_frame", hand),
-            _transform_document(root, f"{standing}_frame", sensor),
-        ]
-    camera = is_camera(body.structure.view)
-    child = about.frame or (
-        "camera_optical_frame" if camera else "sensor_frame"
-    )
-    return [_transform_document(root, child, sensor)]
-
-
-def _transform_document(
-    parent: str, child: str, pose: SensorPose
-) -> dict[str, object]:
-    place = {
-        "translation": by_name("xyz", pose.position.tolist()),
-        "rotation": by_name("xyzw", pose.quaternion.tolist()),
-    }
-    return {
-        "header": {"frame_id": parent},
-        "child_frame_id": child,
-        "transform": place,
-    }
+        places = {
+            f"{carried}_frame": (about.tip, hand),
+            f"{standing}_frame": (root, sensor),
+        }
+    else:
+        camera = is_camera(body.structure.view)
+        child = "camera_optical_frame" if camera else "sensor_frame"
+        places = {about.frame or child: (root, sensor)}
+    return [
+        stamped(parent, child, pose.position.tolist(), pose.quaternion.tolist())
+        for child, (parent, pose) in places.items()
+    ]
 
 
 def corrected_arm(
