@@ -17,7 +17,9 @@ from .settings import READOUT
 
 
 def regress(
-    place: Array, value: Array, weight: Array
+    place: Array,
+    value: Array,
+    weight: Array,
 ) -> tuple[Array, Array, Array]:
     """Weighted ridge regressions of values on places, one for each row.
 
