@@ -186,13 +186,15 @@ class Search:
     def _for_noises(self, wave_size: float) -> Information:
         """What rows tell for sizes of the noise all over their range."""
         x = self.system.x[:, self.free] * self.sd[self.free]
-        products = self.system.nuisance(wave_size).products(self.system.y, x)
-        noises, likelihood = products.noises()
-        some = slice(None, None, SEARCH.coarser)
-        by_noise = map(products.information, noises[some].tolist())
+        statistics = self.system.nuisance(wave_size).statistics(
+            self.system.y, x
+        )
+        noises, likelihood = statistics.noises()
+        sparse = slice(None, None, SEARCH.coarser)
+        by_noise = map(statistics.information, noises[sparse].tolist())
         matrices, vectors = zip(*by_noise, strict=True)
         return Information(
-            likelihood[some] / self.correlation_time,
+            likelihood[sparse] / self.correlation_time,
             np.stack(matrices) / self.correlation_time,
             np.stack(vectors) / self.correlation_time,
         )
@@ -290,10 +292,10 @@ class Search:
             return None
         y = self.system.whiten(residual)
         nuisance = self.system.nuisance(candidate.wave_size)
-        products = nuisance.products(y, columns * sd)
-        noise = products.most_likely_noise()
-        likelihood = float(products.likelihood(noise)[0])
-        matrix, vector = products.information(noise)
+        statistics = nuisance.statistics(y, columns * sd)
+        noise = statistics.most_likely_noise()
+        likelihood = float(statistics.likelihood(noise)[0])
+        matrix, vector = statistics.information(noise)
         return PlaceOfSet(
             normals=normals,
             beta=beta,

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import TypeVar
 
 import numpy as np
@@ -27,7 +28,7 @@ from ..common.arrays import Array
 from .causes import CALM_WAVES, CREEP_WAVES, FRAME
 from .frame import Reference
 from .rows import Observations
-from .system import frame_columns, prior_columns, residual_columns
+from .system import log_columns, prior_columns
 
 # Share of each parameter's information that is added where a step does not gain, and of it after a
 # step that does
@@ -141,11 +142,11 @@ def with_least_waves(explanations: Sequence[Explanation]) -> Explanation:
     best = explanations[0]
     least = best.evidence - NATS
     alike = [
-        some
-        for some in explanations
-        if some.causes == best.causes and some.evidence > least
+        other
+        for other in explanations
+        if other.causes == best.causes and other.evidence > least
     ]
-    return min(alike, key=lambda some: some.wave_size)
+    return min(alike, key=attrgetter("wave_size"))
 
 
 @dataclass(frozen=True)
@@ -193,7 +194,6 @@ class Posterior:
     ) -> None:
         reference = explanation.reference
         self.residual = own_residual * reference.residual_sd
-        q = observations.q
         self.explanation = explanation
         self.reference = reference
         self.observations = observations
@@ -203,11 +203,12 @@ class Posterior:
             reference, explanation.wave_size, change_sd=explanation.sd
         )
         # without kappa, by which the bound inflates the residual as well
-        smooth = residual_columns(reference, observations)
-        smooth *= own_residual / reference.body.kappa
-        predicted = reference.structure.predict(q, explanation.beta)
-        shared = frame_columns(reference, observations, predicted)
-        self.w_columns = np.concatenate([smooth, shared], axis=2)
+        predicted = reference.structure.predict(
+            observations.q, explanation.beta
+        )
+        self.w_columns = log_columns(
+            reference, observations, predicted, self.residual
+        )
 
         # from the explanation: R u = its change
         self.size = self.r.shape[1]

@@ -4,7 +4,7 @@
 
 A `System` has y and X, whitened by the sensor's usual noise.  A `Nuisance` has the axes U and the
 variances v of what a log shows of an arm that has not changed: the posterior of the belief, a
-creep, a smooth residual of this log, and what all rows share.  `Products` are the sufficient
+creep, a smooth residual of this log, and what all rows share.  `Statistics` are the sufficient
 statistics of both: X'X, X'y, U'X and so on, from which likelihood and information follow.
 """
 
@@ -17,6 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..body.belief import Body
 from ..body.information import lengths_of, matern
 from ..body.parameters import Indices
 from ..common.arrays import Array
@@ -147,7 +148,7 @@ class System:
 
 
 @dataclass(frozen=True)
-class Products:
+class Statistics:
     """Sufficient statistics of residuals y (N,), columns X (N, k) and K = U diag(v) U'.
 
     So much is the same whether rows are at hand or were forgotten one by one.
@@ -163,18 +164,18 @@ class Products:
     log_determinant: float = 0.0  # of the rows' noise, over the usual one
 
     @staticmethod
-    def of_gram(count: float, gram: Array, nuisances: int) -> Products:
-        """Products of the gram (r + k + 1)^2 of nuisance columns (r), columns and residuals.
+    def of_gram(count: float, gram: Array, nuisances: int) -> Statistics:
+        """Statistics of the gram (r + k + 1)^2 of nuisance columns (r), columns and residuals.
 
         Nuisance columns B, of K = B B', have the principal axes of B'B.
         """
-        variances, turns = np.linalg.eigh(gram[:nuisances, :nuisances])
-        some = variances > SYSTEM.nothing
-        variances = variances[some]
-        along = turns[:, some].T @ gram[:nuisances, nuisances:]
+        variances, vectors = np.linalg.eigh(gram[:nuisances, :nuisances])
+        telling = variances > SYSTEM.nothing
+        variances = variances[telling]
+        along = vectors[:, telling].T @ gram[:nuisances, nuisances:]
         along /= np.sqrt(variances)[:, None]
         rest = gram[nuisances:, nuisances:]
-        return Products(
+        return Statistics(
             count=count,
             yy=float(rest[-1, -1]),
             xy=rest[:-1, -1],
@@ -253,23 +254,21 @@ class Nuisance:
         change_sd: Array | None = None,
     ) -> None:
         reference = system.reference
+        sd = reference.body.kappa * reference.residual_sd
         active, root = prior_columns(
             reference, wave_size, creep_share, change_sd
         )
-        smooth = residual_columns(reference, system.observations)
-        shared = frame_columns(reference, system.observations, system.predicted)
-        parts = [
-            system.whiten(smooth),
-            system.x_at_reference[:, active] @ root,
-            system.whiten(shared),
-        ]
-        columns = np.concatenate(parts, axis=1)
+        of_log = log_columns(
+            reference, system.observations, system.predicted, sd
+        )
+        of_arm = system.x_at_reference[:, active] @ root
+        columns = np.concatenate([system.whiten(of_log), of_arm], axis=1)
         self.system = system
         self.axes, self.variances = principal_axes(columns)
 
-    def products(self, y: Array, x: Array) -> Products:
-        """Products of residuals (N,) and columns (N, k)."""
-        return Products(
+    def statistics(self, y: Array, x: Array) -> Statistics:
+        """Statistics of residuals (N,) and columns (N, k)."""
+        return Statistics(
             count=len(y),
             yy=float(y @ y),
             xy=x.T @ y,
@@ -301,28 +300,42 @@ def principal_axes(columns: Array) -> tuple[Array, Array]:
     if rows <= nuisance:
         values, axes = np.linalg.eigh(columns @ columns.T)
         return axes, np.maximum(values, 0.0)
-    values, turns = np.linalg.eigh(columns.T @ columns)
-    some = values > SYSTEM.nothing
-    values = values[some]
-    axes = columns @ turns[:, some]
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    telling = values > SYSTEM.nothing
+    values = values[telling]
+    axes = columns @ vectors[:, telling]
     return axes / np.sqrt(values), values
 
 
-def residual_columns(reference: Reference, observations: Observations) -> Array:
-    """Outputs (n, m, p m) by a smooth residual of one log, by its values at p of its rows."""
-    nodes = observations.q[spread_rows(len(observations.q), SYSTEM.nodes)]
-    return smooth_columns(reference, observations.q, nodes)
+def log_columns(
+    reference: Reference,
+    observations: Observations,
+    predicted: Array,
+    sd: Array,
+) -> Array:
+    """Outputs (n, m, r) by what a log shows of its own: a smooth residual, and a shared frame.
+
+    predicted : (n, m)
+    sd : (m,), standard deviation of the smooth residual [unit]
+    """
+    q = observations.q
+    nodes = q[spread_rows(len(q), SYSTEM.nodes)]
+    smooth = smooth_columns(reference.body, sd, q, nodes)
+    shared = frame_columns(reference, observations, predicted)
+    return np.concatenate([smooth, shared], axis=2)
 
 
-def smooth_columns(reference: Reference, q: Array, nodes: Array) -> Array:
-    """A smooth residual (a Gaussian process): (n, m, p m) by its values at joints (p, dof)."""
-    lengths = lengths_of(reference.body, nodes)
+def smooth_columns(body: Body, sd: Array, q: Array, nodes: Array) -> Array:
+    """A smooth residual (a Gaussian process): (n, m, p m) by its values at joints (p, dof).
+
+    sd : (m,), its standard deviation [unit]
+    """
+    lengths = lengths_of(body, nodes)
     alike = matern(nodes, nodes, lengths)
     alike[np.diag_indices(len(alike))] += 1e-6
     root = np.linalg.cholesky(alike)
     features = np.linalg.solve(root, matern(nodes, q, lengths))
-    sd = np.diag(reference.body.kappa * reference.residual_sd)
-    columns: Array = np.einsum("kn,ij->nikj", features, sd)
+    columns: Array = np.einsum("kn,ij->nikj", features, np.diag(sd))
     return columns.reshape(len(q), len(sd), -1)
 
 
