@@ -71,12 +71,12 @@ class System:
     ) -> None:
         structure = reference.structure
         self.reference = reference
-        self.observations = observations.some(SYSTEM.rows)
+        self.observations = observations
         self.noisy = noisy
-        q = self.observations.q
+        q = observations.q
         self.slope = structure.slope(q, reference.beta)
         self.predicted, columns = structure.linearise(q, reference.beta)
-        residual = structure.residual(self.observations.z, self.predicted)
+        residual = structure.residual(observations.z, self.predicted)
         self.y = self.whiten(residual)
         self.x = self.whiten(columns)
         # nuisances are those at the reference, wherever the system is linearised
@@ -140,11 +140,29 @@ class System:
         system.y = self.whiten(residual) + system.x @ change
         return system
 
+    def log_columns(self, sd: Array) -> Array:
+        """Columns (N, r) of what a log shows of its own: a smooth residual, and a shared frame.
+
+        sd : (m,), standard deviation of the smooth residual [unit]
+        """
+        q = self.observations.q
+        nodes = q[spread_rows(len(q), SYSTEM.nodes)]
+        smooth = smooth_columns(self.reference.body, sd, q, nodes)
+        shared = frame_columns(
+            self.reference, self.observations, self.predicted
+        )
+        return self.whiten(np.concatenate([smooth, shared], axis=2))
+
     def nuisance(self, wave_size: float) -> Nuisance:
         """What an unchanged arm may show whose joints may have waves of a size of `WAVE_SIZES`."""
         if wave_size not in self._nuisance:
             self._nuisance[wave_size] = Nuisance(self, wave_size)
         return self._nuisance[wave_size]
+
+
+def system_of(reference: Reference, observations: Observations) -> System:
+    """The system of at most so many observations as tests need."""
+    return System(reference, observations.some(SYSTEM.rows))
 
 
 @dataclass(frozen=True)
@@ -155,12 +173,9 @@ class Statistics:
     """
 
     count: float  # N
-    yy: float  # y'y
-    xy: Array  # (k,), X'y
-    xx: Array  # (k, k), X'X
+    gram: Array  # (k + 1, k + 1), [X y]'[X y]
     variances: Array  # (r,), v
-    uy: Array  # (r,), U'y
-    ux: Array  # (r, k), U'X
+    along: Array  # (r, k + 1), U'[X y]
     log_determinant: float = 0.0  # of the rows' noise, over the usual one
 
     @staticmethod
@@ -175,15 +190,7 @@ class Statistics:
         along = vectors[:, telling].T @ gram[:nuisances, nuisances:]
         along /= np.sqrt(variances)[:, None]
         rest = gram[nuisances:, nuisances:]
-        return Statistics(
-            count=count,
-            yy=float(rest[-1, -1]),
-            xy=rest[:-1, -1],
-            xx=rest[:-1, :-1],
-            variances=variances,
-            uy=along[:, -1],
-            ux=along[:, :-1],
-        )
+        return Statistics(count, rest, variances, along)
 
     def likelihood(self, noise: Array | float) -> Array:
         """Log likelihood (l,) [nats] of y ~ N(0, K + s^2 I), without columns, for sizes s (l,).
@@ -195,7 +202,7 @@ class Statistics:
         size = np.log1p(self.variances / column).sum(axis=1)
         size += self.count * np.log(variance)
         share = self.variances / (column + self.variances)
-        square = self.yy - share @ self.uy**2
+        square = self.gram[-1, -1] - share @ self.along[:, -1] ** 2
         rest = square / variance
         likelihood: Array = -0.5 * (size + rest + self.log_determinant)
         return likelihood
@@ -206,17 +213,16 @@ class Statistics:
         C^-1 = (I - U diag(v / (s^2 + v)) U') / s^2
         """
         share = self.variances / (noise**2 + self.variances)
-        along = self.ux.T * share
-        matrix = self.xx - along @ self.ux
-        vector = self.xy - along @ self.uy
-        return matrix / noise**2, vector / noise**2
+        left_over = self.gram - (self.along.T * share) @ self.along
+        left_over /= noise**2
+        return left_over[:-1, :-1], left_over[:-1, -1]
 
     def noises(self, least: float | None = None) -> tuple[Array, Array]:
         """Sizes (l,) of the noise, and the log likelihood of each.
 
         least : of the sizes; where that is not given the usual noise counts for some rows
         """
-        usual = math.sqrt(self.yy / self.count)
+        usual = math.sqrt(self.gram[-1, -1] / self.count)
         high = 2.0 * max(usual, least or 1.0)
         low = least or SYSTEM.least
         sizes = np.geomspace(low, high, SYSTEM.noises)
@@ -258,24 +264,19 @@ class Nuisance:
         active, root = prior_columns(
             reference, wave_size, creep_share, change_sd
         )
-        of_log = log_columns(
-            reference, system.observations, system.predicted, sd
-        )
         of_arm = system.x_at_reference[:, active] @ root
-        columns = np.concatenate([system.whiten(of_log), of_arm], axis=1)
+        columns = np.concatenate([system.log_columns(sd), of_arm], axis=1)
         self.system = system
         self.axes, self.variances = principal_axes(columns)
 
     def statistics(self, y: Array, x: Array) -> Statistics:
         """Statistics of residuals (N,) and columns (N, k)."""
+        columns = np.column_stack([x, y])
         return Statistics(
             count=len(y),
-            yy=float(y @ y),
-            xy=x.T @ y,
-            xx=x.T @ x,
+            gram=columns.T @ columns,
             variances=self.variances,
-            uy=self.axes.T @ y,
-            ux=self.axes.T @ x,
+            along=self.axes.T @ columns,
             log_determinant=self.system.log_determinant,
         )
 
@@ -305,24 +306,6 @@ def principal_axes(columns: Array) -> tuple[Array, Array]:
     values = values[telling]
     axes = columns @ vectors[:, telling]
     return axes / np.sqrt(values), values
-
-
-def log_columns(
-    reference: Reference,
-    observations: Observations,
-    predicted: Array,
-    sd: Array,
-) -> Array:
-    """Outputs (n, m, r) by what a log shows of its own: a smooth residual, and a shared frame.
-
-    predicted : (n, m)
-    sd : (m,), standard deviation of the smooth residual [unit]
-    """
-    q = observations.q
-    nodes = q[spread_rows(len(q), SYSTEM.nodes)]
-    smooth = smooth_columns(reference.body, sd, q, nodes)
-    shared = frame_columns(reference, observations, predicted)
-    return np.concatenate([smooth, shared], axis=2)
 
 
 def smooth_columns(body: Body, sd: Array, q: Array, nodes: Array) -> Array:
