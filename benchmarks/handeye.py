@@ -25,7 +25,7 @@ import calib
 from calib.arm.rotations import logarithm
 from calib.body.sensor_pose import hand_pose
 from calib.recording.board_pictures import hand_poses
-from calib.recording.lens import Lens
+from calib.samples.lens import Lens
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
@@ -143,8 +143,7 @@ def guard(worlds: int) -> None:
         away = np.random.default_rng(seed).standard_normal(2)
         away = BUMP / rig.lens[0] * away / np.linalg.norm(away)
         late[rig.structure.groups[what][:2]] += away
-        rows = np.column_stack([rig.q[rig.rows], rig.corners])
-        moved = rig.truth.predict(rows, late) - rig.truth.predict(rows, rig.beta)
+        moved = rig.as_seen(late) - rig.as_seen(rig.beta)
         for bumped in (False, True):
             for first in (24, 24 + SERIES):
                 series_rows = np.arange(first, first + SERIES)

@@ -15,9 +15,10 @@ from calib.model.prediction import predict
 from calib.model.space import Space
 from calib.samples.joint_values import check_joint_values
 from calib.samples.motion import Motion
+from calib.samples.roles import QUATERNION
 
 from .output import NO, Outcome, TextTable, note, with_decimals
-from .query import BOUNDS, TURN, Query, with_answers
+from .query import BOUNDS, Query, with_answers
 
 
 def answer_one(
@@ -36,10 +37,11 @@ def answer_one(
     shown = {name: answers[name] for name in (*query.axes, *query.bounds)}
     lines: list[str | TextTable] = [query.table(q, shown)]
     if "qw" in answers:
-        turn = [numbers.pop(name) for name in TURN]
-        document["quaternion"] = turn
+        quaternion = [numbers.pop(name) for name in QUATERNION]
+        document["quaternion"] = quaternion
         lines.append(
-            "quaternion " + " ".join(with_decimals(value, 6) for value in turn)
+            "quaternion "
+            + " ".join(with_decimals(value, 6) for value in quaternion)
         )
     document |= numbers | query.meaning
     outside = joints.beyond(query.model, q[0].tolist())
@@ -77,14 +79,17 @@ def _answers(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
     model = query.model
     if query.frame == "base":
         space = Space.of(model)
-        position, turn = space.forward(q)
+        position, quaternion = space.forward(q)
         bound = np.where(np.isfinite(position[:, 0]), space.bound(q), np.nan)
-        columns = [*position.T, *turn.T, bound, bound]
-        return by_name((*query.axes, *TURN, *BOUNDS), columns)
+        columns = [*position.T, *quaternion.T, bound, bound]
+        return by_name((*query.axes, *QUATERNION, *BOUNDS), columns)
     answers = by_name(model.axes, model.forward(q, readout).T)
     if len(model.axes) == 3 and knows_orientation(model.body):
-        answers |= by_name(TURN, model.pose(q)[1].T)
+        answers |= by_name(QUATERNION, model.pose(q)[1].T)
     prediction = predict(model, Motion(q))
-    apart = prediction.apart(readout or model.default_readout)
-    bounds = (prediction.bound + apart, prediction.true_bound + apart)
+    disagreement = prediction.apart(readout or model.default_readout)
+    bounds = (
+        prediction.bound + disagreement,
+        prediction.true_bound + disagreement,
+    )
     return answers | by_name(BOUNDS, bounds)

@@ -14,17 +14,24 @@ from numpy.typing import NDArray
 from calib.common.arrays import Array
 from calib.common.wording import by_name
 from calib.errors import QueryError
+from calib.model.answers import Answer
 from calib.model.poses import solve_poses
 from calib.model.space import Space
-from calib.samples.roles import from_angles
-from calib.samples.tables import Batch
+from calib.samples.batch import Batch
+from calib.samples.roles import QUATERNION, from_angles
 
 from .output import NO, Outcome, note
 from .parsing import BadOption
-from .query import TURN, Query, with_answers
+from .query import Query, with_answers
 
 Answers = dict[str, NDArray[Any]]
 """Quantities of all answers by name, and the index of the "target" that each is of."""
+
+COLUMNS = (
+    *("target", "q", "position", "quaternion", "distance", "turned"),
+    *("expected_error", "model_error", "reachable"),
+)
+"""Quantities of an answer, in the order in which they are printed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,17 +40,21 @@ class Search:
 
     readout: str | None
     all_branches: bool
-    keep_turn: bool  # whether the tool shall keep its orientation at `near`
+    keep_orientation: bool  # that which the tool has at `near`
     free: str | None  # axis of the tool about which it may turn
     near: Array | None = None  # (dof,) or (n, dof) [rad or m]
-    turn: Array | None = None  # (4,) or (n, 4), orientation that is wanted
+    orientation: Array | None = None  # (4,) or (n, 4), quaternion
 
     def in_space(self, query: Query) -> bool:
         """Whether a pose is looked for, or a position in the base frame."""
-        return query.frame == "base" or self.turn is not None or self.keep_turn
+        return (
+            query.frame == "base"
+            or self.orientation is not None
+            or self.keep_orientation
+        )
 
 
-def turn_of(
+def orientation_of(
     quaternion: Sequence[float] | None,
     rpy: Sequence[float] | None,
     degrees: bool,
@@ -62,7 +73,7 @@ def answer_one(
 ) -> Outcome:
     """Answer one question, which may be a pixel on a plane of that height [m]."""
     joints = query.joints
-    posed = search.turn is not None
+    is_pose = search.orientation is not None
     in_space = search.in_space(query)
     x = _target(query, typed, height)
     document: dict[str, object] = {"target": x}
@@ -71,8 +82,8 @@ def answer_one(
     if height is not None:
         x = _on_plane(query, x, height)
         document["on_plane"] = {"z": height, "position": x, "unit": "m"}
-    if posed:
-        document["quaternion"] = search.turn
+    if is_pose:
+        document["quaternion"] = search.orientation
     # in space all branches are looked for, so that the nearest is found
     widest = replace(search, all_branches=search.all_branches or in_space)
     answers = _answers(query, x[None], widest)
@@ -84,25 +95,29 @@ def answer_one(
     document["reachable"] = reachable
     document["solutions"] = [
         {
-            "joints": by_name(joints.names, one),
+            "joints": by_name(joints.names, values),
             **{name: column[k] for name, column in answers.items()},
         }
-        for k, one in enumerate(q.tolist())
+        for k, values in enumerate(q.tolist())
     ]
     if query.frame == "base" and not Space.of(query.model).sees(x).all():
         note("the camera's picture does not show the target")
     document |= query.meaning
     shown = by_name(query.axes, answers["position"].T)
-    for name in ("distance", *(["turned"] if posed else []), *query.bounds):
+    for name in (
+        "distance",
+        *(["turned"] if is_pose else []),
+        *query.bounds,
+    ):
         shown[name] = answers[name]
     if reachable:
         alone = [" ".join(joints.cells(row)) for row in q.tolist()]
         return Outcome(document, [query.table(q, shown)], result=alone)
-    missed = f"nearest attainable {'pose' if posed else 'point'}"
-    away = query.positions.words(float(answers["distance"].min()))
-    if posed:
-        away += f" and {math.degrees(answers['turned'][0]):.3g} deg"
-    note(f"out of reach: the {missed} is {away} away")
+    missed = f"nearest attainable {'pose' if is_pose else 'point'}"
+    distance = query.positions.words(float(answers["distance"].min()))
+    if is_pose:
+        distance += f" and {math.degrees(answers['turned'][0]):.3g} deg"
+    note(f"out of reach: the {missed} is {distance} away")
     table = query.table(q, shown, missed)
     return Outcome(document, [table], result=(), code=NO)
 
@@ -125,8 +140,8 @@ def _target(
 def _on_plane(query: Query, pixel: Array, height: float) -> Array:
     """Return the point (3,) [m] of the base frame that a pixel shows, and say it."""
     x: Array = Space.of(query.model).pixels_on_plane(pixel, height)[0]
-    place = ", ".join(f"{1e3 * value:.2f}" for value in x.tolist())
-    note(f"the pixel shows ({place}) mm of the base frame")
+    coordinates = ", ".join(f"{1e3 * value:.2f}" for value in x.tolist())
+    note(f"the pixel shows ({coordinates}) mm of the base frame")
     return x
 
 
@@ -137,11 +152,13 @@ def answer_table(query: Query, search: Search) -> Outcome:
     nearby = [f"near_{name}" for name in names]
     # fewer than six joints reach almost no pose that is given: its columns go along unread
     least = 6 if search.free is None else 5
-    turns = TURN if len(names) >= least and len(axes) == 3 else ()
-    batch, valid = query.read(axes, (nearby, turns))
+    quaternion = QUATERNION if len(names) >= least and len(axes) == 3 else ()
+    batch, valid = query.read(axes, (nearby, quaternion))
     values = batch.values[valid]
-    if "qw" in batch.names and turns:
-        search = replace(search, turn=_columns(batch, values, TURN))
+    if "qw" in batch.names and quaternion:
+        search = replace(
+            search, orientation=_columns(batch, values, QUATERNION)
+        )
     if nearby[0] in batch.names:
         near = _columns(batch, values, nearby) / query.joints.to_typed
         search = replace(search, near=near)
@@ -153,8 +170,8 @@ def answer_table(query: Query, search: Search) -> Outcome:
     q[~reachable] = np.nan
     added = by_name(names, q.T)
     for name, column in answers.items():
-        is_turn = name == "turned" and search.turn is None
-        if column.ndim == 1 and not is_turn:
+        is_wanted = name != "turned" or search.orientation is not None
+        if column.ndim == 1 and is_wanted:
             added[name] = column
     missed = (np.unique(rows[~reachable]) + 1).tolist()
     failures = {"out_of_reach": (missed, "out of reach")}
@@ -178,15 +195,18 @@ def _answers(query: Query, x: Array, search: Search) -> Answers:
     if search.in_space(query):
         return _answers_in_space(query, x, search)
     if not search.all_branches:
-        answer = model.solve(x, search.near, search.readout)._asdict()
-        return {"target": np.arange(len(x)), **answer}
-    branches = model.solve_all(x)
-    counts = [len(answer.q) for answer in branches]
-    target = np.repeat(np.arange(len(x)), counts)
-    answers: Answers = {"target": target}
-    for name, *parts in zip(branches[0]._fields, *branches, strict=True):
-        answers[name] = np.concatenate(parts)
-    return answers
+        return _columns_of([model.solve(x, search.near, search.readout)])
+    return _columns_of(model.solve_all(x))
+
+
+def _columns_of(answers: Sequence[Answer]) -> Answers:
+    """Return the columns of answers, one after another, in the order of tables."""
+    columns: Answers = {}
+    for name in COLUMNS:
+        parts = [getattr(answer, name) for answer in answers]
+        if parts[0] is not None:
+            columns[name] = np.concatenate(parts)
+    return columns
 
 
 def _answers_in_space(query: Query, x: Array, search: Search) -> Answers:
@@ -199,13 +219,14 @@ def _answers_in_space(query: Query, x: Array, search: Search) -> Answers:
         raise QueryError(
             "a pixel alone is no position in space; give --on z=H or --in base"
         )
-    return solve_poses(
+    answer = solve_poses(
         query.model,
         x,
-        search.turn,
+        search.orientation,
         search.near,
         frame=query.frame,
         every=search.all_branches,
-        keep=search.keep_turn,
+        keep=search.keep_orientation,
         free=search.free,
-    )._asdict()
+    )
+    return _columns_of([answer])

@@ -12,7 +12,7 @@ from calib.common.wording import by_name
 
 from .output import say
 from .parsing import BadOption, OfJoint, refuse
-from .units import in_si, joints_that_turn
+from .units import in_si, revolute_joints
 
 if TYPE_CHECKING:
     from calib.arm.arm import Arm
@@ -46,11 +46,11 @@ class Selection:
             raise BadOption(
                 "ROBOT is missing: expected a URDF file or a bundled robot"
             )
-        turns: dict[str, bool] = {}
+        revolute: dict[str, bool] = {}
         # which joints turn is wanted before the arm is loaded: the file is read twice
         if self.degrees and (self.lock or self.ranges):
-            turns = joints_that_turn(robot)
-        lock = in_si("--lock", self.lock, turns, self.degrees)
+            revolute = revolute_joints(robot)
+        lock = in_si("--lock", self.lock, revolute, self.degrees)
         return calib.load_arm(
             robot,
             self.joints,
@@ -59,7 +59,7 @@ class Selection:
                 **(locked or {}),
                 **{name: value for name, (value, _) in lock.items()},
             },
-            ranges=in_si("--range", self.ranges, turns, self.degrees),
+            ranges=in_si("--range", self.ranges, revolute, self.degrees),
             planar=self.planar,
             columns=columns,
             gravity=self.gravity,
@@ -92,9 +92,11 @@ def babble_log(
     arm = selection.load(robot)
     say(arm.notes)
     joints = zip(arm.joint_names, arm.revolute, strict=True)
-    turning = [name for name, turns in joints if turns and selection.degrees]
+    in_degrees = [
+        name for name, revolute in joints if revolute and selection.degrees
+    ]
     try:
-        changes = parse_changes(change or (), degrees=turning)
+        changes = parse_changes(change or (), degrees=in_degrees)
     except OptionError as error:
         raise BadOption(f"--{error}") from None
     n = 20_000 if samples is None else samples
@@ -116,12 +118,12 @@ def read_measured_log(
     sliding = log_format.prismatic or ()
     arm = None
     joints = selection.joints
-    turns = {name: name not in sliding for name in joints or ()}
+    revolute = {name: name not in sliding for name in joints or ()}
     if robot is not None:
         arm = _arm_of_log(robot, selection, source, log_format.columns or {})
         say(arm.notes)
         joints = None
-        turns = by_name(arm.joint_names, arm.revolute)
+        revolute = by_name(arm.joint_names, arm.revolute)
     glass = None
     if lens is not None:
         from calib.recording.lens import load_lens
@@ -134,7 +136,7 @@ def read_measured_log(
         columns=log_format.columns,
         degrees=selection.degrees,
         unit=log_format.unit,
-        ranges=in_si("--range", selection.ranges, turns, selection.degrees),
+        ranges=in_si("--range", selection.ranges, revolute, selection.degrees),
         prismatic=sliding,
         lens=glass,
         time_offset=log_format.time_offset,
@@ -153,22 +155,22 @@ def _arm_of_log(
     from calib.samples.header import find_column
     from calib.samples.locked_joints import locked_joint_values
 
-    turns = joints_that_turn(robot)
-    header = {name for name in turns if find_column(source.header, name)}
+    revolute = revolute_joints(robot)
+    header = {name for name in revolute if find_column(source.header, name)}
     header |= {*source.header, *columns}
     arm = selection.load(robot, columns=header)
     # its locked joints turn the last link of a planar arm about its joint, as an offset does
     if selection.tip is None and arm.outputs == 2 and arm.locked:
         tip = f"positions are taken as those of {arm.tip}"
         say([f"{tip}; `tip` names the frame that was measured"])
-    typed = {part.joint for part in selection.lock or ()}
+    typed = {value.joint for value in selection.lock or ()}
     others = [name for name in arm.locked if name not in typed]
     locked, notes = locked_joint_values(
         source,
         others,
         columns=columns,
         degrees=selection.degrees,
-        prismatic=[name for name in others if not turns.get(name, True)],
+        prismatic=[name for name in others if not revolute.get(name, True)],
     )
     say(notes)
     return selection.load(robot, locked, header) if locked else arm
@@ -220,7 +222,7 @@ def log_for(
         outputs=len(model.axes),
         degrees=degrees,
         unit=unit,
-        prismatic=[name for name, turns in joints if not turns],
+        prismatic=[name for name, revolute in joints if not revolute],
     )
     if sensor:
         log = replace(log, sensor=sensor)

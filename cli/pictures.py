@@ -15,8 +15,8 @@ from .output import say
 from .parsing import BadOption
 
 if TYPE_CHECKING:
-    from calib.recording.lens import Lens
     from calib.recording.setting import Setup
+    from calib.samples.lens import Lens
 
 
 def is_of_camera(name: str) -> bool:
@@ -206,7 +206,7 @@ def log_of_pictures(
         joints_file,
         about.joint_names,
         about.degrees if degrees is None else degrees,
-        [name for name, turns in joints if not turns],
+        [name for name, revolute in joints if not revolute],
     )
     lens = lens_of_model(model)
     return record_board(

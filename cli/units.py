@@ -34,7 +34,9 @@ class JointFormat:
         self.names = about.joint_names
         self._about = about
         self.degrees = degrees
-        units = [unit_of_joint(turns, degrees) for turns in about.revolute]
+        units = [
+            unit_of_joint(revolute, degrees) for revolute in about.revolute
+        ]
         self.to_typed = [factor for factor, _ in units]
         """Factors from SI units to what is typed, and written to tables of answers."""
         self._units = [unit for _, unit in units]
@@ -91,23 +93,23 @@ class JointFormat:
 def in_si(
     option: str,
     typed: Sequence[OfJoint] | None,
-    turns: Mapping[str, bool],
+    revolute: Mapping[str, bool],
     degrees: bool,
 ) -> dict[str, tuple[float, float]]:
     """Return what was typed for joints in SI units, by joint."""
     values: dict[str, tuple[float, float]] = {}
-    for part in typed or ():
-        if part.joint in values:
+    for value in typed or ():
+        if value.joint in values:
             raise BadOption(
-                f"{option} {part.joint!r} is given twice: expected each joint once"
+                f"{option} {value.joint!r} is given twice: expected each joint once"
             )
-        in_degrees = degrees and turns.get(part.joint, True)
+        in_degrees = degrees and revolute.get(value.joint, True)
         factor = math.radians(1.0) if in_degrees else 1.0
-        values[part.joint] = (factor * part.low, factor * part.high)
+        values[value.joint] = (factor * value.low, factor * value.high)
     return values
 
 
-def joints_that_turn(robot: str) -> dict[str, bool]:
+def revolute_joints(robot: str) -> dict[str, bool]:
     """Return whether each movable joint of a robot turns."""
     from calib.arm.description import parse_robot
     from calib.arm.robot_text import read_urdf

@@ -6,11 +6,10 @@ import numpy as np
 
 import calib
 from calib.arm.rotations import exponential, logarithm
-from calib.body.corners import Corners
 from calib.body.spatial import structure_of
 from calib.recording.board import parse_board
 from calib.recording.board_pictures import BoardPictures
-from calib.recording.lens import Lens
+from calib.samples.lens import Lens
 
 BOARD = np.array([[0.024 * i, 0.024 * j, 0.0] for j in range(1, 5) for i in range(1, 7)])
 """Inner corners of a board of 7x5 squares of 24 mm [m]."""
@@ -56,16 +55,13 @@ class Rig:
         lower, upper = np.maximum(arm.lower, -3), np.minimum(arm.upper, 3)
         self.start = lower + rng.uniform(0.35, 0.65, (1, arm.dof)) * (upper - lower)
         self._place(rng, self.start)
-        corners = Corners(s.viewpoint, self.in_hand)
-        self.truth = s.with_sensor(unit="px").with_fields(others=(corners,), place=1)
         self.look(self._poses(rng, lower, upper), rng)
 
     def look(self, q, rng) -> None:
         """Take a picture at each of the poses (p, dof)."""
         s, b, self.q = self.structure, self.beta, q
         self.rows = np.repeat(np.arange(len(self.q)), len(BOARD))
-        self.corners = np.tile(BOARD, (len(self.q), 1))
-        exact = self.truth.predict(np.column_stack([self.q[self.rows], self.corners]), b)
+        exact = self.as_seen(b)
         self.seen = exact + self.noise * rng.standard_normal(exact.shape)
         self.poses = s.predict(self.q, b) + rng.normal(
             0, (2e-3,) * 3 + (1e-2,) * 3, (len(self.q), 6)
@@ -142,7 +138,14 @@ class Rig:
 
     def as_seen(self, beta):
         """Exact pixels of all corners under these parameters."""
-        return self.truth.predict(np.column_stack([self.q[self.rows], self.corners]), beta)
+        poses = self.structure.predict(self.q, beta)
+        shift, turn = poses[:, None, :3], exponential(poses[:, 3:])
+        points = BOARD @ np.swapaxes(turn, 1, 2) + shift
+        if self.in_hand:  # the poses are the camera's
+            points = (BOARD - shift) @ turn
+        focal, *centre, k1 = beta[self.structure.groups["lens"]]
+        flat = (points[:, :, :2] / points[:, :, 2:]).reshape(-1, 2)
+        return focal * flat * (1 + k1 * (flat**2).sum(axis=1, keepdims=True)) + centre
 
     def miss(self, found):
         """How far what is in the hand is off (3,) [m], and the same over its interval."""

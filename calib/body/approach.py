@@ -28,8 +28,7 @@ class Approach:
 
     def effective(self, q: Array, direction: Array) -> Array:
         """Where joints (n, dof) stand that came from a direction, 1, -1 or 0 (unknown)."""
-        values: Array = q - self.play * direction
-        return values
+        return q - self.play * direction
 
     def has_direction(self, direction: Array) -> Mask:
         """Whether the direction (n, dof) of all joints with play is known, (n,)."""

@@ -46,8 +46,7 @@ def spread_of(derivative: Array, root: Array) -> Array:
     flat = derivative.reshape(n * p, k)
     roots = flat @ root
     roots = roots.reshape(n, p, root.shape[1])
-    spread: Array = roots @ np.swapaxes(roots, 1, 2)
-    return spread
+    return roots @ np.swapaxes(roots, 1, 2)
 
 
 def autocorrelation_time(r: Array) -> float:
@@ -76,8 +75,7 @@ def root_of(covariance: Array) -> Array:
     deviations = np.sqrt(np.maximum(variances, 0.0))
     safe = np.where(deviations > 0, deviations, 1.0)
     correlation = covariance / safe[:, None] / safe
-    root: Array = deviations[:, None] * positive_root(correlation)
-    return root
+    return deviations[:, None] * positive_root(correlation)
 
 
 def pack(root: Array) -> _Packed:

@@ -30,24 +30,21 @@ class Factor:
 
         scaled = (self.scale * b.T).T
         inner = cho_solve((self._root, True), scaled, check_finite=False)
-        solution: Array = (self.scale * inner.T).T
-        return solution
+        return (self.scale * inner.T).T
 
     def whiten(self, b: Array) -> Array:
         """``L^-1 b`` (k, r): columns whose scalar products are ``b' matrix^-1 b``."""
         from scipy.linalg import solve_triangular
 
         scaled = b * self.scale[:, None]
-        white: Array = solve_triangular(
+        return solve_triangular(
             self._root, scaled, lower=True, check_finite=False
         )
-        return white
 
     def inverse(self) -> Array:
         """Inverse (k, k)."""
         white = self.whiten(np.eye(len(self.scale)))
-        inverse: Array = white.T @ white
-        return inverse
+        return white.T @ white
 
     def log_determinant(self) -> float:
         """Logarithm of the matrix's determinant."""
@@ -68,12 +65,3 @@ def positive_root(matrix: Array) -> Array:
         if np.isfinite(np.diag(root)).all():  # a NaN spreads there
             return np.asarray(root)
     raise np.linalg.LinAlgError("the matrix is not positive")
-
-
-def with_prior(gram: Array, sd: Array, precision: Array | None) -> Array:
-    """Add a prior's precision to an information (k, k), in place: `precision`, else of sds (k,)."""
-    if precision is not None:
-        gram += precision
-    else:
-        gram.flat[:: len(gram) + 1] += sd**-2.0
-    return gram

@@ -26,7 +26,7 @@ class PlanarMotion:
 
     direction: Complex  # (dof, n), of each link or slide
     terms: Complex  # (dof, n), the links
-    turning: Array  # (dof, 1), whether each joint turns
+    turning: Mask  # (dof, 1), whether each joint turns
 
     @property
     def position(self) -> Array:
@@ -38,7 +38,8 @@ class PlanarMotion:
         # a joint turns all that comes after it about its own place
         from_tip = self.terms[::-1].cumsum(axis=0)
         beyond = from_tip[::-1]
-        moved = np.where(self.turning, 1j * beyond, self.direction)
+        swung = 1j * beyond
+        moved = np.where(self.turning, swung, self.direction)
         return _pairs(moved), None
 
 
@@ -52,7 +53,8 @@ class PlanarLoads:
     def pairs(self) -> Indices:
         """Joints that bend, and the links (by their joints) that bend them, (p, 2)."""
         turning = self.turns != 0
-        return np.argwhere(np.triu(np.outer(turning, turning)))
+        both = np.outer(turning, turning)
+        return np.argwhere(np.triu(both))
 
     @property
     def joints(self) -> Indices:
@@ -135,8 +137,8 @@ class PlanarStructure(Structure):
     def reversals(self) -> int:
         """How many joints turn against their drawing, and whether the sensor sees a mirror."""
         drawn = self.nominal.signs if self.nominal else self.signs
-        turned = np.not_equal(drawn, self.signs)
-        return int(turned.sum()) + (self.mirror < 0)
+        is_reversed = np.not_equal(drawn, self.signs)
+        return int(is_reversed.sum()) + (self.mirror < 0)
 
     @cached_property
     def loads(self) -> Mapping[str, PlanarLoads]:
@@ -221,11 +223,10 @@ class PlanarStructure(Structure):
     def _unknown_joints(self) -> tuple[Block, ...]:
         """Lengths, offsets and gains of which no drawing tells."""
         names = self.joint_names
-        turning = np.asarray(self.revolute, dtype=float)
         size, unit = self._link
-        length = size * turning
+        length = np.where(self.is_revolute, size, 0.0)
         sd = 2.0 * length
-        if self.sensors[0].view_kind.has_scale and turning.all():
+        if self.sensors[0].view_kind.has_scale and all(self.revolute):
             sd[0] = 0.0  # the view's scale is the first length
         anywhere = np.where(self._has_offset, 10.0, 0.0)
         gain = 2.0 * PRIOR.gain
@@ -251,21 +252,21 @@ class PlanarStructure(Structure):
         offsets = beta[self.groups["offset"]]
         return np.where(self.revolute, offsets, 0.0)
 
-    def links(self, beta: Array) -> tuple[Array, Array, Array]:
+    def links(self, beta: Array) -> tuple[Array, Array, Mask]:
         """The links' lengths (dof, 1), the slides' directions [rad], and which joints turn."""
-        turning = np.asarray(self.revolute)[:, None]
+        turning = self.is_revolute[:, None]
         length = beta[self.groups["length"], None]
         offset = beta[self.groups["offset"], None]
-        way = np.where(turning, 0.0, offset)
-        return length, way, turning
+        slide_angle = np.where(turning, 0.0, offset)
+        return length, slide_angle, turning
 
     def move(self, values: Array, beta: Array) -> PlanarMotion:  # type: ignore[override]
         """Where the chain is at the true values (dof, n) of its joints."""
-        length, way, turning = constants_at(self, beta).links
+        length, slide_angle, turning = constants_at(self, beta).links
         if not all(self.revolute):
             length = length + np.where(turning, 0.0, values)
             values = np.where(turning, values, 0.0)
-        angles = values.cumsum(axis=0) + way
+        angles = values.cumsum(axis=0) + slide_angle
         direction = np.exp(1j * angles)
         return PlanarMotion(direction, direction * length, turning)
 
@@ -273,7 +274,7 @@ class PlanarStructure(Structure):
         """How the tip moves with each part of the geometry."""
         yield self.groups["length"], lambda: (_pairs(motion.direction), None)
         # turning a slide's direction turns no other link
-        slides = np.flatnonzero(np.logical_not(self.revolute))
+        slides = np.flatnonzero(~self.is_revolute)
         offsets = self.groups["offset"][slides]
         yield offsets, lambda: (_pairs(1j * motion.terms[slides]), None)
 
@@ -317,17 +318,19 @@ def planar_structure(
     """The structure that the rows and options ask for, signs and mirror still open."""
     if view == "auto":
         view = "rigid" if unit in METRES else "homography"
-    centre = z.mean(axis=0)
+    x, y = z.mean(axis=0).tolist()
     variance = z.var(axis=0).sum()
     extent = float(np.sqrt(variance))
     size = float(np.abs(z).max())
-    signs = (1,) * len(joint_names) if nominal is None else nominal.signs
+    signs = (1,) * len(joint_names)
+    if nominal is not None:
+        signs = nominal.signs
     sensor = InPlane(
         view=view,
         unit=unit,
         metre=METRES.get(unit, 1.0),
         extent=max(extent, 1e-9 * (1e-3 + size)),
-        centre=(float(centre[0]), float(centre[1])),
+        centre=(x, y),
     )
     return PlanarStructure(
         joint_names=tuple(joint_names),

@@ -82,8 +82,8 @@ class Sensor(Measurement):
         """Return its parameters with its own name before theirs."""
         blocks = self.parameters(arm)
         if further and self.marked:
-            apart = Hyper(f"{self.name}.marker", PRIOR.marker, PRIOR.markers)
-            marker = Block.of("marker", "m", "xyz", scales=(apart,))
+            distance = Hyper(f"{self.name}.marker", PRIOR.marker, PRIOR.markers)
+            marker = Block.of("marker", "m", "xyz", scales=(distance,))
             blocks = (*blocks, marker)
         return tuple(block.with_sensor_name(self.name) for block in blocks)
 

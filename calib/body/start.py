@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..common.arrays import Array
 from .fit import Fit
@@ -21,10 +21,9 @@ class Start:
     cost: float = 0.0  # negative log posterior at the start's own noise
     noise: float = 0.0  # share of the extents that the residuals have
 
-    def run(self, q: Array, z: Array, prior: Prior, steps: int) -> Start:
+    def run(self, rows: Rows, prior: Prior, steps: int) -> Start:
         """Return the start carried on by damped steps, with Student noise."""
-        structure = self.structure
-        floor = SIMULATED_FLOOR * structure.extents
-        rows = Rows(q, z, floor=floor)
-        fit = Fit(structure, [rows], self.beta, prior, nu=STUDENT)
-        return Start(structure, *fit.settle(steps))
+        floor = SIMULATED_FLOOR * self.structure.extents
+        rows = replace(rows, floor=floor)
+        fit = Fit(self.structure, [rows], self.beta, prior, nu=STUDENT)
+        return Start(self.structure, *fit.settle(steps))

@@ -132,7 +132,8 @@ class Structure(Layout):
         constants = constants_at(self, beta)
         if gravity is None:
             gravity = constants.gravity
-        bends = np.zeros((len(self.chain_names), len(q)))
+        joints = len(self.chain_names)
+        bends = np.zeros((joints, len(q)))
         for block, elastic in constants.elastic.items():
             bending = self.loads[block]
             loads = loads_at(bending, q[:, : self.dof], gravity)
@@ -199,7 +200,8 @@ class Structure(Layout):
             places = column[indices.ravel()]
             is_active = places >= 0
             if is_active.any():
-                columns = derivative().reshape(len(places), outputs, n)
+                columns = derivative()
+                columns = columns.reshape(len(places), outputs, n)
                 columns = columns[is_active]
                 places = places[is_active]
                 slope[:, :, places] = columns.transpose(2, 1, 0)
@@ -240,14 +242,13 @@ class Structure(Layout):
         gravity = constants_at(self, beta).gravity
         bending = self.loads[block]
         loads = loads_at(bending, q[:, : self.dof], gravity)
-        by_elasticity: Array = chain_slope[bending.joints] * loads[:, None]
-        return by_elasticity
+        return chain_slope[bending.joints] * loads[:, None]
 
     def _by_gravity(self, q: Array, beta: Array, chain_slope: Array) -> Array:
         """How outputs (t, m, n) move as gravity tilts."""
         moved: list[Array] = []
-        for way in self.tilts["gravity"]:
-            bends = self.bends(q, beta, way)
+        for tilt in self.tilts["gravity"]:
+            bends = self.bends(q, beta, tilt)
             by_joints = chain_slope * bends[:, None]
             moved.append(by_joints.sum(axis=0))
         return np.array(moved)

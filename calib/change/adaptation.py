@@ -11,8 +11,7 @@ from ..body.belief import Body
 from ..common.arrays import Array
 from ..common.rows import row_lengths, spread_rows
 from ..common.scale import Scale
-from ..maps import local_models
-from ..maps.local_models import NO_MODELS, LocalModels, exponents
+from ..maps.local_models import NO_MODELS, LocalModels
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
 from ..model.about import MeasuredRows
@@ -54,13 +53,6 @@ class AdaptationSettings:
     baseline: int = 6000
     # rows that the readouts are evaluated on
     evaluated: int = 500
-    # drawn joints, beside each node, that what maps add to a body is learned from
-    per_node: int = 5
-    # of local models where there were none, and the least samples of one
-    degree: int = 2
-    samples: int = 20
-    # of the extent: less is nothing to keep
-    nothing: float = 1e-9
 
 
 ADAPTING = AdaptationSettings()
@@ -295,25 +287,16 @@ def model_around(old: Model, body: Body, u: Array) -> Model:
 
 
 def _local_models_around(old: Model, body: Body) -> LocalModels:
-    """What the maps of a model add to its body, as the joints that cause it move an updated one."""
-    assert old.body is not None  # noqa: S101 - it was updated
-    motor = old.motor
-    nodes = np.clip(motor.units, 0.0, 1.0)
-    shape = (ADAPTING.per_node * motor.size, nodes.shape[1])
-    drawn = np.random.default_rng(0).random(shape)
-    u = np.concatenate([nodes, drawn])
-    q = motor.scale.from_unit(u)
-    positions = old.predictor.value(u)
-    added = positions - old.body.predict(q)
-    extent = float(np.linalg.norm(np.ptp(positions, axis=0)))
-    if float(np.abs(added).max()) <= ADAPTING.nothing * extent:
+    """The local models of a model, as the joints that cause what they add move an updated body."""
+    models = old.predictor.models
+    if old.body is None or models.degree < 0:
         return NO_MODELS
-    added = offset_after(old.body, body, body.beta, q, added)
-    degree = max(old.predictor.models.degree, ADAPTING.degree)
-    terms = len(exponents(u.shape[1], degree))
-    samples = max(ADAPTING.samples, 2 * terms)
-    owners = np.arange(motor.size)
-    return local_models.fit(motor, owners, u, added, (degree, samples))
+    u = np.clip(old.motor.units, 0.0, 1.0)
+    q = old.motor.scale.from_unit(u)
+    coefficients = offset_after(
+        old.body, body, body.beta, q, models.coefficients
+    )
+    return replace(models, coefficients=coefficients)
 
 
 def _sensory_map(old: Model, before: Array, after: Array) -> Map:

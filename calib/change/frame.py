@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arm.rotations import logarithm, similarity
+from ..arm.rotations import similarity
 from ..body.belief import Body
 from ..body.parameters import Indices, Prior
 from ..body.planar import PlanarStructure
@@ -199,12 +199,12 @@ def _scaled(body: Body, structure: Structure, factor: float) -> Body:
 def offset_after(
     old: Body, new: Body, beta: Array, q: Array, offset: Array
 ) -> Array:
-    """What maps add to a body, (n, m), after a change: as the joints that cause it move the tip."""
+    """What maps add to a body, (n, .., m), after a change: as joints that cause it move the tip."""
     before = old.structure.slope(q, old.beta)
     after = new.structure.slope(q, beta)
     inverse = np.linalg.pinv(before, rcond=1e-3)
-    joints = np.einsum("ndm,nm->nd", inverse, offset)
-    moves: Array = np.einsum("nmd,nd->nm", after, joints)
+    joints = np.einsum("ndm,n...m->n...d", inverse, offset)
+    moves: Array = np.einsum("nmd,n...d->n...m", after, joints)
     return moves
 
 
@@ -296,7 +296,9 @@ def _camera_anew(
     structure: SpatialStructure, old: Array, q: Array, z: Array
 ) -> Array:
     """Parameters (d,) of a camera that stands anywhere, its lens and the arm as they were."""
-    from ..body.frame_starts import frame  # brings SciPy's linear algebra
+    # brings SciPy's linear algebra
+    from ..body.frame_starts import best_frame
+    from ..body.rows import Rows
 
     lens = old[structure.groups["lens"]]
     fixed = structure.with_sensor(
@@ -305,7 +307,7 @@ def _camera_anew(
     )
     free = indices_of(structure, FRAME)
     beta = old.copy()
-    beta[free] = frame(fixed, q, z, old)[free]
+    beta[free] = best_frame(fixed, Rows(q, z), old).beta[free]
     return beta
 
 
@@ -314,11 +316,7 @@ def _frame_start(sense: _Sense, turn: Array, q: Array, z: Array) -> Array:
     structure = sense.structure
     step = np.zeros(structure.size)
     rotation = structure.groups["view.rotation"]
-    if len(rotation) > 1:
-        step[rotation] = logarithm(turn)
-    else:
-        cosine, sine = turn[:, 0]
-        step[rotation] = np.arctan2(sine, cosine)
+    step[rotation] = structure.turn_parameters(turn)
     start = structure.retract(sense.beta, step)
     shift = structure.groups["view.shift"]
     residual = structure.residual(z, structure.predict(q, start))
@@ -335,6 +333,7 @@ def _frame_fit(
     groups: tuple[str, ...],
 ) -> Array:
     """Parameters (d,) with some groups fitted to the rows, from a start (d,)."""
+    from ..body.rows import Rows
     from ..body.start import Start
 
     free = indices_of(structure, groups)
@@ -342,5 +341,5 @@ def _frame_fit(
     sd = np.zeros(structure.size)
     sd[free] = 1e3 * max(1.0, extent)
     prior = Prior(start, sd)
-    fit = Start(structure, start).run(q, z, prior, 30)
+    fit = Start(structure, start).run(Rows(q, z), prior, 30)
     return fit.beta

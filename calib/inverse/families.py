@@ -15,7 +15,7 @@ from ..common.arrays import Array, Index, Mask
 from .newton import Newton, lengths, limit_length
 from .settings import SEARCH
 from .slides import settle
-from .ways import Ways
+from .ways import Ways, by_middle
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def representatives(newton: Newton, ways: Ways, x: Array) -> Ways:
         goals,
         central.u,
     )
-    order = central.by_middle(newton.scale)
+    order = by_middle(newton.scale, central.target, central.u)
     _, first = np.unique(family[order], return_index=True)
     first = np.sort(first)
     return central.rows(order[first])

@@ -191,7 +191,7 @@ class Search:
         stand = newton.refine(start, x[target])
         ways = Ways(target, stand.u, stand.miss)
         if newton.redundant:
-            ways = ways.rows(ways.by_middle(self.newton.scale))
+            ways = ways.sorted(newton.scale)
         else:  # where branches meet
             place, across = twins(newton, stand, SEARCH.folded)
             other = newton.refine(across, stand.x[place])

@@ -57,6 +57,8 @@ class SearchSettings:
     # of the workspace's extent: what redundant joints miss by less may be reached by
     # others, as the edge is where steps are slow
     edge: float = 2e-3
+    # of the workspace's extent: a larger expected error does not make a target reachable
+    sure: float = 1e-2
     # of redundant joints: a third once there is an answer
     spare_tries: int = 60
     # redundant joints start where this times the squared gap of the position, and the

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
+from ..common.rows import row_lengths
 from ..common.scale import Scale
 from .settings import SEARCH
 
@@ -31,15 +33,23 @@ class Ways:
         target = np.concatenate([self.target, other.target])
         u = np.concatenate([self.u, other.u])
         miss = np.concatenate([self.miss, other.miss])
-        both = Ways(target, u, miss)
-        return both.rows(both.by_middle(scale))
+        return Ways(target, u, miss).sorted(scale)
 
-    def by_middle(self, scale: Scale) -> Index:
-        """Order by target and distance to the middle of the ranges."""
-        middle = np.full_like(self.u, 0.5)
-        away = scale.difference(self.u, middle)
-        distance = np.linalg.norm(away, axis=1)
-        return np.lexsort((distance, self.target))
+    def sorted(self, scale: Scale) -> Ways:
+        """The ways by target and distance to the middle of the ranges."""
+        return self.rows(by_middle(scale, self.target, self.u))
+
+
+def by_middle(scale: Scale, target: Index, u: Array) -> Index:
+    """Order (n,) by target and distance of joints (n, dof) to the middle of the unit box."""
+    away = scale.difference(u, np.full_like(u, 0.5))
+    return np.lexsort((row_lengths(away), target))
+
+
+def slices(target: Index, n: int) -> list[slice]:
+    """Rows of each of `n` targets, whose indices (k,) ascend."""
+    edges = np.searchsorted(target, np.arange(n + 1)).tolist()
+    return [slice(*ends) for ends in itertools.pairwise(edges)]
 
 
 def rank_within(owner: Index) -> Index:

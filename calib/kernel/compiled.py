@@ -13,6 +13,7 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from enum import IntEnum
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +24,15 @@ from ..errors import OptionError
 
 # leaves the compiler alone where it is set to anything but 0
 OFF = "CALIB_NO_CC"
-CERTAIN = 1  # flag of an answer: no other is nearer
-NOTHING = 3  # flag of a position that nothing reaches
+
+
+class Flag(IntEnum):
+    """How certain an answer of the compiled C is."""
+
+    NONE = 0  # there is none
+    CERTAIN = 1  # no other is nearer
+    UNSURE = 2  # another one might be nearer
+    UNREACHABLE = 3  # nothing reaches the position
 
 
 @dataclass(frozen=True)
@@ -126,7 +134,6 @@ class Library:
             "poses_all": Question("poses_all_row", pose, (MOST.most_ways, dof)),
             "correct": Question("correct", (), (1, dof)),
         }
-        self.poses = self.has("pose")  # whether it knows poses in space
 
     def has(self, name: str) -> bool:
         """Whether it answers a kind of single query."""
@@ -143,6 +150,8 @@ class Library:
         try:
             buffers: Buffers = getattr(self._local, name)
         except AttributeError:
+            if not self.has(name):
+                return None
             buffers = self._new_buffers(name)
             setattr(self._local, name, buffers)
         try:
@@ -159,7 +168,7 @@ class Library:
         except (TypeError, ValueError):
             return None
         sure = buffers.call(*buffers.addresses)
-        if sure != CERTAIN:
+        if sure != Flag.CERTAIN:
             parts = (buffers.joints, *buffers.arguments)
             if not all(math.isfinite(sum(part)) for part in parts):
                 return None

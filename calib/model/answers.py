@@ -7,21 +7,21 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..common.arrays import Array
-from ..common.inputs import query_rows
+from ..common.arrays import Array, Index, Mask
+from ..common.inputs import number_rows, query_rows
 from ..common.rows import row_lengths
 from ..errors import QueryError
 from ..inverse.links import search_by_links
 from ..inverse.newton import limit_joints, limit_length
 from ..inverse.settings import SEARCH
-from ..kernel.compiled import NOTHING
+from ..inverse.ways import by_middle, slices
+from ..kernel.compiled import Flag
+from ..samples.motion import Motion
+from .compiling import INVERSE_ALL, INVERSE_LONG, kernel_for
 from .parts import Parts
 from .turns import nearest_turn, on_turn
-
-SURE = 1e-2
-"""Share of the extent: a larger expected error does not make a target reachable."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,8 @@ class AnswerSettings:
     # damping of a step of a servo, as a share of the Jacobian's power
     calm: float = 1e-3
     longest: float = 0.1  # of the joints' range: no step of a servo is longer
+    # targets whose branches fit into the processor's cache
+    chunk: int = 20_000
 
 
 ANSWER = AnswerSettings()
@@ -42,15 +44,29 @@ ANSWER = AnswerSettings()
 class Answer(NamedTuple):
     """Inverse answers, one row each."""
 
-    q: Array  # (n, dof) [rad or m], joint values
-    position: Array  # (n, m) [unit], where the map says that they lead
-    distance: Array  # (n,) [unit], from the target to that position
-    # (n,) [unit], 95 % bounds on the distance from that position to what the sensor will read (a
-    # log) or to the true one (a simulation), and to the true one in the sensor's frame
+    # (n, dof) [rad or m], joint values; out of reach those that come nearest
+    q: Array
+    # (n, m) [unit, m in the base frame], where they put the tip, in the frame of the question
+    position: Array
+    distance: Array  # (n,) [as positions], from the target to that position
+    # (n,) [as positions], 95 % bounds on the distance from that position to what the sensor will
+    # read (a log) or to the true one (a simulation), and to the true one in the sensor's frame; in
+    # the base frame both to the true one there
     expected_error: Array
     model_error: Array
-    # (n,), whether the distance is within the expected error and within 1 % of the extent
-    reachable: NDArray[np.bool_]
+    # (n,), whether the distance is within the expected error and within 1 % of the extent; in space
+    # whether position and orientation are met
+    reachable: Mask
+    target: Index  # (n,), which question each answer belongs to, ascending
+    # of poses: (n, 4) qx, qy, qz, qw in the frame of the question, and (n,) [rad] from the
+    # orientation wanted, 0 where none was
+    quaternion: Array | None = None
+    turned: Array | None = None
+
+    def rows(self, index: slice) -> Answer:
+        """Some of the answers."""
+        columns = (None if part is None else part[index] for part in self)
+        return Answer._make(columns)
 
 
 def unit_joints(
@@ -78,24 +94,23 @@ def inverse(
     model: Parts, x: Array, near: ArrayLike | None, *, nearest: bool
 ) -> Array:
     """Joints (n, dof) for targets (n, m); NaN out of reach, or those that come `nearest`."""
-    if near is not None:
-        near = rows_for(near, model.about.joint_names, "near", len(x))
     wish = anchor(model, near, len(x))
-    there = model.motor.scale.from_unit(wish)
-    if near is not None:
-        there = nearest_turn(model, there, near)
-    q = np.full_like(there, np.nan)
+    wished = wished_joints(model, wish, near)
+    kernel = kernel_for(model, INVERSE_LONG, len(x))
+    q = np.full_like(wished, np.nan)
     rest = np.arange(len(x))
-    if model.kernel is not None:
-        q, sure = model.kernel.rows("inverse_long", there, x)
-        lost = (sure == 0) | (sure == NOTHING) if nearest else sure == 0
+    if kernel is not None:
+        q, flags = kernel.rows(INVERSE_LONG.name, wished, x)
+        lost = flags == Flag.NONE
+        if nearest:
+            lost |= flags == Flag.UNREACHABLE
         rest = np.flatnonzero(lost)
     if len(rest):
         joints, within = joints_and_reach(
             model, x[rest], wish[rest], bounded=not nearest
         )
         joints[~within] = np.nan
-        q[rest] = on_turn(model, joints, there[rest])
+        q[rest] = on_turn(model, joints, wished[rest])
     return q
 
 
@@ -105,15 +120,43 @@ def solve(
     """Joints nearest to `near` for targets (n, m) in full; out of reach those that come nearest."""
     if readout == "local":
         q = inverse(model, x, near, nearest=True)
-        return answer(model, model.motor.scale.to_unit(q), x)._replace(q=q)
+        u = model.motor.scale.to_unit(q)
+        return answer(model, u, x)._replace(q=q)
     wish = anchor(model, near, len(x))
     u = unit_joints(model, x, wish, (readout,))[readout]
-    return answer(model, u, x, model.positions_at(u, readout))
+    return answer(model, u, x, readout=readout)
+
+
+def solve_all(model: Parts, x: Array) -> list[Answer]:
+    """All branches of each target (n, m) in full, the nearest to the ranges' middle first."""
+    ways = model.solver.solve_all(in_sight(model, x))
+    every = answer(model, ways.u, x, ways.target)
+    return [every.rows(rows) for rows in slices(ways.target, len(x))]
+
+
+def inverse_all(model: Parts, x: Array) -> list[Array]:
+    """Joints (k, dof) of every branch of targets (n, m), the nearest to the middle first."""
+    kernel = None  # families of redundant joints are NumPy's
+    if not model.solver.redundant:
+        kernel = kernel_for(model, INVERSE_ALL, len(x))
+    if kernel is None:
+        return [ways.q[ways.reachable] for ways in solve_all(model, x)]
+    scale = model.motor.scale
+    branches: list[Array] = []
+    for first in range(0, len(x), ANSWER.chunk):
+        goals = x[first : first + ANSWER.chunk]
+        near = np.zeros((len(goals), len(scale.span)))
+        ways, count = kernel.rows(INVERSE_ALL.name, near, goals)
+        q = ways[np.arange(ways.shape[1]) < count[:, None]]
+        target = np.repeat(np.arange(len(goals)), count)
+        q = q[by_middle(scale, target, scale.to_unit(q))]
+        branches += [q[rows] for rows in slices(target, len(goals))]
+    return branches
 
 
 def joints_and_reach(
     model: Parts, x: Array, near: Array, *, bounded: bool = True
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Mask]:
     """Nearest joint values (n, dof), and whether they reach the target (n,) if `bounded`."""
     u, distance = model.solver.solve(in_sight(model, x), near)
     within = np.ones(len(u), dtype=bool)
@@ -138,29 +181,37 @@ def in_sight(model: Parts, x: Array) -> Array:
 
 
 def answer(
-    model: Parts, u: Array, x: Array, position: Array | None = None
+    model: Parts,
+    u: Array,
+    x: Array,
+    target: Index | None = None,
+    readout: str = "local",
 ) -> Answer:
-    """Describe joints `u` (n, dof) of the unit box that answer the targets `x` (n, m)."""
-    if position is None:
-        position = model.predictor.value(u)
+    """Describe joints `u` (k, dof) of the unit box that answer targets `x` (n, m).
+
+    target : (k,), which of them each answers; their order by default
+    """
+    if target is None:
+        target = np.arange(len(x))
+    position = model.positions_at(u, readout)
     # the distance of a target at 1e308 may be infinite
     with np.errstate(over="ignore"):
-        distance = row_lengths(position - x)
+        distance = row_lengths(position - x[target])
     # steps over a forged model's numbers may overflow; where joints are no numbers, none is within
     finite = np.nan_to_num(u, posinf=0.0, neginf=0.0)
     bound = model.bound_at(finite)
     same = model.model_bounds is model.bounds
     error = bound if same else model.bound_at(finite, "model_bounds")
     within = distance <= _within_reach(model, bound)
-    return Answer(
-        model.motor.scale.from_unit(u), position, distance, bound, error, within
-    )
+    q = model.motor.scale.from_unit(u)
+    return Answer(q, position, distance, bound, error, within, target)
 
 
 def _within_reach(model: Parts, bound: Array) -> Array:
     """Distance (n,) to a target at which it counts as reached [unit]."""
     extent = model.solver.extent
-    return np.maximum(np.minimum(bound, SURE * extent), ANSWER.reached * extent)
+    least = ANSWER.reached * extent
+    return np.clip(bound, least, SEARCH.sure * extent)
 
 
 def rows_for(
@@ -200,6 +251,27 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
         )
     inside = np.clip(rows, lower, upper)
     return scale.to_unit(np.where(scale.periodic, rows, inside))
+
+
+def wished_joints(model: Parts, wish: Array, near: ArrayLike | None) -> Array:
+    """Joints [rad or m] of :func:`anchor` (n, dof), by whole turns beside `near`."""
+    q = model.motor.scale.from_unit(wish)
+    if near is None:
+        return q
+    rows = rows_for(near, model.about.joint_names, "near", len(wish))
+    return nearest_turn(model, q, rows)
+
+
+def motion_of(
+    model: Parts, q: ArrayLike, approach: ArrayLike | None = None
+) -> tuple[Motion, bool]:
+    """The motion that is asked for, and whether it is a single row."""
+    names = model.about.joint_names
+    rows, single = number_rows(q, names, "joint values")
+    if approach is None:
+        return Motion(rows), single
+    side = np.sign(rows_for(approach, names, "approach", len(rows)))
+    return Motion(rows, side=side), single
 
 
 def servo_step(

@@ -1,43 +1,20 @@
-"""Models whose queries compiled C answers, where there is a compiler: single ones, and rows."""
+"""Models whose single queries compiled C answers, where there is a compiler."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
-from ..errors import CalibError, OptionError
-from ..kernel.compiled import NOTHING, Library, compile_source
-from .answers import solve
-from .header import Header
+from ..errors import OptionError
+from ..kernel.compiled import Flag
+from . import answers
+from .compiling import Query, Reading, kernel_for, kernel_of
 from .parts import Parts
-
-COST = {
-    "forward": 0.03,
-    "jacobian": 0.03,
-    "bounds": 0.8,
-    "model_bounds": 0.8,
-    "inverse": 1.7,
-    "poses": 40.0,
-    "branches": 100.0,
-    "compiler": 7e5,
-}
-"""Processor time of a row by NumPy, for each squared joint, and of the compiler [us].
-
-See ``benchmarks/inverse.py``."""
-
-CHUNK = 20_000
-"""Positions at once, whose branches fit into the processor's cache."""
-
-ROWS_TO_COMPARE = 20
-"""Joint values at which compiled C has to say what NumPy says, to a share of the extent."""
-ALIKE = 1e-8
-
+from .prediction import predict
 
 _UNSURE = "the bound on the position may be too wide here: ask without strict"
 _NOWHERE = "nothing reaches the position"
@@ -67,7 +44,7 @@ class Compilable(Parts):
         object.__setattr__(self, "kernel", kernel)
         object.__setattr__(self, "strict", strict)
         if kernel is None:  # what NumPy makes once
-            solve(self, self.sensory.weights[:1], None)
+            answers.solve(self, self.sensory.weights[:1], None)
         return sentence
 
     @property
@@ -89,115 +66,45 @@ class Compilable(Parts):
 
     def _single(
         self,
-        kind: str,
+        query: Query,
         *values: ArrayLike,
-        unsure: Collection[int] = (0,),
+        unsure: Collection[int] = (Flag.NONE,),
         why: str = _UNREACHED,
     ) -> Array | None:
         """What the compiled C answers to one row; None where the batch has to.
 
         unsure : flags of answers that are none
         """
-        if self.kernel is None:
-            return None
-        answer = self.kernel.ask(kind, *values)
-        if answer is None:
-            return None
-        value, sure = answer
-        if self.strict and sure == NOTHING:
-            return self.kernel.refusal(value, _NOWHERE)
-        if sure not in unsure:
-            return value
-        return self.kernel.refusal(value, why) if self.strict else None
-
-    def _single_at(self, kind: str, q: ArrayLike) -> Array | None:
-        """What the compiled C answers at joint values; None where the batch has to."""
-        unsure = () if self.everywhere else (0,)
-        return self._single(kind, q, unsure=unsure, why=_UNSURE)
-
-    def _rows_at(self, kind: str, q: Array) -> Array | None:
-        """What the compiled C answers at joints (n, dof); None where NumPy has to.
-
-        Where a row was refused NumPy may know better.
-        """
-        kernel = prepare(self, kind, len(q))
+        kernel = self.kernel
         if kernel is None:
             return None
-        answers, valid = kernel.rows(kind, q)
-        return answers if self.everywhere or valid.all() else None
+        answer = kernel.ask(query.name, *values)
+        if answer is None:
+            return None
+        value, flag = answer
+        if self.strict and flag == Flag.UNREACHABLE:
+            return kernel.refusal(value, _NOWHERE)
+        if flag not in unsure:
+            return value
+        return kernel.refusal(value, why) if self.strict else None
 
-
-def kernel_of(model: Parts) -> tuple[Library | None, str]:
-    """A model's compiled kernel, or None, and a sentence on what queries are answered by."""
-    try:
-        header = Header.of(model)
-        dof = len(header.limit)
-        compiled = compile_source(header.text()[0], dof, header.arm.outputs)
-        _check_answers(model, compiled)
-    except CalibError as error:
-        return None, f"queries are answered by the batch in NumPy: {error}"
-    return compiled, "queries are answered by compiled C"
-
-
-def _check_answers(model: Parts, kernel: Library) -> None:
-    """Refuse C that knows less than NumPy, such as a body's parameter that only one of them has."""
-    step = max(model.motor.size // ROWS_TO_COMPARE, 1)
-    q = model.motor.weights[::step]
-    x, valid = kernel.rows("forward", q)
-    expected = model.predictor.value(model.motor.scale.to_unit(q))
-    away = np.abs(x - expected)[valid == 1]
-    if (away > ALIKE * model.sensory.scale.span).any():
-        raise OptionError("the compiled C does not say the same")
-
-
-def prepare(model: Parts, kind: str, rows: int) -> Library | None:
-    """The compiled C for rows of a query, made where that pays; None where NumPy answers.
-
-    Why it cannot be made is said once, as a warning.
-    """
-    cost = rows * len(model.about.lower) ** 2 * COST[kind]
-    if model.kernel is not None or cost < COST["compiler"]:
-        return model.kernel
-    if "uncompiled" in model.cache or model.body is None:
-        return None
-    kernel, reason = kernel_of(model)
-    if kernel is None:
-        model.cache["uncompiled"] = reason
-        warnings.warn(
-            f"{reason}; large batches take longer", RuntimeWarning, stacklevel=5
-        )
-    object.__setattr__(model, "kernel", kernel)
-    return kernel
-
-
-def all_rows(model: Parts, x: Array) -> list[Array] | None:
-    """Joints (k, dof) of every branch of positions (n, m), the middle one first; None for NumPy.
-
-    Families of redundant joints are NumPy's.
-    """
-    kernel = (
-        None if model.solver.redundant else prepare(model, "inverse", len(x))
-    )
-    if kernel is None:
-        return None
-    ways: list[Array] = []
-    for first in range(0, len(x), CHUNK):
-        ways += _branches_of(model, kernel, x[first : first + CHUNK])
-    return ways
-
-
-def _branches_of(model: Parts, kernel: Library, x: Array) -> list[Array]:
-    """All joint values (k, dof) of each target (n, m), the nearest to the ranges' middle first."""
-    q, count = kernel.rows(
-        "inverse_all", np.zeros((len(x), len(model.about.lower))), x
-    )
-    several = np.flatnonzero(count > 1)
-    ways = q[several]
-    # C leaves what is behind the last way as it was
-    ways[np.arange(q.shape[1]) >= count[several, None]] = np.nan
-    scale = model.motor.scale
-    u = scale.to_unit(ways)
-    away = np.linalg.norm(scale.difference(u, np.full(u.shape, 0.5)), axis=2)
-    order = np.argsort(away, axis=1, kind="stable")  # NaN last
-    q[several] = np.take_along_axis(ways, order[:, :, None], axis=1)
-    return [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]
+    def _at(
+        self, query: Reading, q: ArrayLike, approach: ArrayLike | None = None
+    ) -> Array:
+        """What is asked at joint values (n, dof) or (dof,), by what answers fastest."""
+        directed = approach is not None
+        unsure = () if self.everywhere else (Flag.NONE,)
+        if not directed:
+            quick = self._single(query, q, unsure=unsure, why=_UNSURE)
+            if quick is not None:
+                return quick
+        motion, single = answers.motion_of(self, q, approach)
+        kernel = None if directed else kernel_for(self, query, len(motion))
+        rows = None
+        if kernel is not None:
+            rows, flags = kernel.rows(query.name, motion.q)
+            if not self.everywhere and not flags.all():
+                rows = None  # where a row was refused NumPy may know better
+        if rows is None:
+            rows = query.of(predict(self, motion))
+        return rows[0] if single else rows

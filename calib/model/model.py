@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NoReturn
 
@@ -14,13 +12,21 @@ from ..common.arrays import Array
 from ..common.choices import check_choice
 from ..common.inputs import number_rows, query_rows
 from ..errors import OptionError, QueryError
-from ..kernel.compiled import CERTAIN, NOTHING
-from ..samples.motion import Motion
+from ..kernel.compiled import Flag
 from . import answers
 from .answers import Answer
-from .compilable import Compilable, all_rows, prepare
+from .compilable import Compilable
+from .compiling import (
+    BOUND,
+    FORWARD,
+    INVERSE,
+    JACOBIAN,
+    POSE,
+    POSES,
+    TRUE_BOUND,
+)
 from .parts import MOST_SHARE, with_arm_of
-from .prediction import Prediction, predict
+from .prediction import predict
 
 if TYPE_CHECKING:
     import os
@@ -76,17 +82,6 @@ class Model(Compilable):
         )
         return replace(first, others=tuple(others))
 
-    def _motion(
-        self, q: ArrayLike, approach: ArrayLike | None = None
-    ) -> tuple[Motion, bool]:
-        """The motion that is asked for, and whether it is a single row."""
-        names = self.about.joint_names
-        rows, single = number_rows(q, names, "joint values")
-        if approach is None:
-            return Motion(rows), single
-        side = np.sign(answers.rows_for(approach, names, "approach", len(rows)))
-        return Motion(rows, side=side), single
-
     def forward(
         self,
         q: ArrayLike,
@@ -121,34 +116,10 @@ class Model(Compilable):
                 raise OptionError(why, parameter="sensor")
             return self.by(sensor).forward(q, readout, approach=approach)
         if readout is None or self._readout(readout) == "local":
-            return self._at("forward", q, approach, lambda seen: seen.value)
-        motion, single = self._motion(q, approach)
+            return self._at(FORWARD, q, approach)
+        motion, single = answers.motion_of(self, q, approach)
         x = predict(self, motion).read(readout)
         return x[0] if single else x
-
-    def _at(
-        self,
-        kind: str,
-        q: ArrayLike,
-        approach: ArrayLike | None,
-        read: Callable[[Prediction], Array],
-    ) -> Array:
-        """What is asked for at joint values (n, dof) or (dof,), by what answers fastest.
-
-        kind : the query as compiled C knows it
-        read : the same of a prediction, in NumPy
-        """
-        if approach is None:
-            quick = self._single_at(kind, q)
-            if quick is not None:
-                return quick
-        motion, single = self._motion(q, approach)
-        rows = None
-        if approach is None:
-            rows = self._rows_at(kind, motion.q)
-        if rows is None:
-            rows = read(predict(self, motion))
-        return rows[0] if single else rows
 
     def inverse(
         self,
@@ -170,13 +141,14 @@ class Model(Compilable):
         if near is None and self.strict and np.ndim(x) == 1:
             wish = self._middle
         if readout in (None, "local") and wish is not None:
-            unsure = (0, NOTHING) if nearest else (0,)
-            quick = self._single("inverse", wish, x, unsure=unsure)
+            unsure = [Flag.NONE]
+            if nearest:
+                unsure.append(Flag.UNREACHABLE)
+            quick = self._single(INVERSE, wish, x, unsure=unsure)
             if quick is not None:
                 return quick
         rows, single = query_rows(x, self.axes, "positions")
         if self._readout(readout) == "local":
-            prepare(self, "inverse", len(rows))
             q = answers.inverse(self, rows, near, nearest=nearest)
         else:
             answer = self.solve(rows, near, readout)
@@ -197,7 +169,6 @@ class Model(Compilable):
     ) -> Answer:
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
         rows, _ = query_rows(x, self.axes, "positions")
-        prepare(self, "inverse", len(rows))
         return answers.solve(self, rows, near, self._readout(readout))
 
     def solve_all(self, x: ArrayLike) -> list[Answer]:
@@ -206,14 +177,7 @@ class Model(Compilable):
         A target out of reach has one answer, the nearest attainable point.
         """
         rows, _ = query_rows(x, self.axes, "positions")
-        ways = self.solver.solve_all(answers.in_sight(self, rows))
-        every = answers.answer(self, ways.u, rows[ways.target])
-        numbers = np.arange(len(rows) + 1)
-        edges = np.searchsorted(ways.target, numbers).tolist()
-        return [
-            Answer._make(part[a:b] for part in every)
-            for a, b in itertools.pairwise(edges)
-        ]
+        return answers.solve_all(self, rows)
 
     def inverse_all(self, x: ArrayLike) -> list[Array]:
         """Joint values (k, dof) of every branch that reaches each target (n, m).
@@ -222,12 +186,7 @@ class Model(Compilable):
         none.  Of a redundant arm each connected family of solutions has one.
         """
         rows, _ = query_rows(x, self.axes, "positions")
-        ways = all_rows(self, rows)
-        if ways is None:
-            ways = [
-                answer.q[answer.reachable] for answer in self.solve_all(rows)
-            ]
-        return ways
+        return answers.inverse_all(self, rows)
 
     def expected_error(
         self, q: ArrayLike, *, approach: ArrayLike | None = None
@@ -239,7 +198,7 @@ class Model(Compilable):
         another one is off by its distance from the default as well.  With `approach`, see
         :meth:`forward`, it is the smaller bound for a known direction.
         """
-        return self._at("bounds", q, approach, lambda seen: seen.bound)
+        return self._at(BOUND, q, approach)
 
     def model_error(
         self, q: ArrayLike, *, approach: ArrayLike | None = None
@@ -249,9 +208,7 @@ class Model(Compilable):
         Without the noise of a single reading; the same as :meth:`expected_error` for a
         simulated arm.
         """
-        return self._at(
-            "model_bounds", q, approach, lambda seen: seen.true_bound
-        )
+        return self._at(TRUE_BOUND, q, approach)
 
     def outside(self, q: ArrayLike) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""
@@ -341,9 +298,6 @@ class Model(Compilable):
         """What the compiled C answers to one pose; None where the batch has to."""
         from .poses import free_axis, pose_in_sensor
 
-        kernel = self.kernel
-        if kernel is None or not kernel.poses:
-            return None
         if quaternion is None and not self.strict:
             return None
         if frame == "base":
@@ -351,19 +305,23 @@ class Model(Compilable):
         if near is None:
             near = self._middle
         if quaternion is None:
-            return self._single("inverse", near, position)
+            return self._single(INVERSE, near, position)
         axis = free_axis(free)
         no_starts = (-1 if axis is None else axis, 0, 0)
-        unsure = {0} if self.strict else {0, 1, 2, 3} - {CERTAIN}
+        unsure = (
+            (Flag.NONE,)
+            if self.strict
+            else (Flag.NONE, Flag.UNSURE, Flag.UNREACHABLE)
+        )
         question = (near, position, quaternion, no_starts)
-        return self._single("poses", *question, unsure=unsure)
+        return self._single(POSES, *question, unsure=unsure)
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Derivative (n, m, dof), (m, dof) of :meth:`forward` by the joint values [unit/rad].
 
         NaN where there is no position.
         """
-        return self._at("jacobian", q, None, lambda seen: seen.slope)
+        return self._at(JACOBIAN, q)
 
     def pose(self, q: ArrayLike) -> tuple[Array, Array]:
         """Position (n, 3) and quaternion (n, 4) qx, qy, qz, qw of the tip in the sensor's frame.
@@ -371,22 +329,8 @@ class Model(Compilable):
         NaN where there is no position.  Raises QueryError if the model is of a planar arm, of
         pixels, or knows no arm in space.
         """
-        from ..arm.rotations import quaternion_of
-        from .space import Space
-
-        if self.kernel is not None and self.kernel.poses:
-            quick = self._single_at("pose", q)
-            if quick is not None:
-                return quick[:3], quick[3:]
-        motion, single = self._motion(q)
-        prediction = predict(self, motion)
-        position = prediction.value
-        space = Space.of(self)
-        turns = np.full((len(motion), 4), np.nan)
-        answered = prediction.has_answer
-        rotation = space.evaluate(motion.q[answered])[1]
-        turns[answered] = quaternion_of(space.sensor[0] @ rotation)
-        return (position[0], turns[0]) if single else (position, turns)
+        numbers = self._at(POSE, q)
+        return numbers[..., :-4], numbers[..., -4:]
 
     def servo(
         self,

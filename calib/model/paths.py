@@ -123,7 +123,7 @@ def follow_path(
     way = np.linalg.norm(np.diff(x, axis=0), axis=1) / extent
     fast = turn > np.maximum(PATHS.turn, PATHS.faster * way)
     fast_turns = np.setdiff1d(np.flatnonzero(fast) + 1, jumps)
-    return Path(x, *answers, waypoint, jumps, ~close, fast_turns)
+    return Path(x, *answers[:6], waypoint, jumps, ~close, fast_turns)
 
 
 def _in_base(space: Space, u: Array, x: Array) -> Answer:
@@ -133,7 +133,9 @@ def _in_base(space: Space, u: Array, x: Array) -> Answer:
     distance = np.linalg.norm(position - x, axis=1)
     bound = space.bound(q)
     reachable = distance <= REACHED * space.length
-    return Answer(q, position, distance, bound, bound, reachable)
+    return Answer(
+        q, position, distance, bound, bound, reachable, np.arange(len(q))
+    )
 
 
 def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:

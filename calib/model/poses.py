@@ -5,10 +5,8 @@ Use it for tables of poses; `calib.Model.solve` answers positions alone, in the 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arm.rotations import matrix_of, quaternion_of
 from ..common.arrays import Array
@@ -18,32 +16,15 @@ from ..errors import QueryError
 from ..inverse.task import Poses, turn_left
 from ..samples.motion import Motion
 from ..samples.roles import QUATERNION, ROUNDING
-from .answers import anchor, rows_for
-from .compilable import prepare
+from .answers import Answer, anchor, rows_for, wished_joints
 from .parts import Parts
 from .prediction import predict
 from .reach import Reach
 from .space import REACHED, Space
-from .turns import nearest_turn, on_turn
+from .turns import on_turn
 
-
-class PoseAnswers(NamedTuple):
-    """Answers to poses; without `every` one for each, in their order."""
-
-    target: NDArray[
-        np.intp
-    ]  # (k,), which pose each answer belongs to, ascending
-    q: Array  # (k, dof) [rad or m], joint values; out of reach those that come nearest
-    # (k, 3), (k, 4), where they put the tip, in the frame of the question
-    position: Array
-    quaternion: Array
-    # (k,), from the position wanted [m, or the sensor's unit in its frame]
-    distance: Array
-    turned: Array  # (k,) [rad], from the orientation wanted; 0 where none was
-    # (k,), 95 % bounds as of `Answer`; both on the true position in the base frame
-    expected_error: Array
-    model_error: Array
-    reachable: NDArray[np.bool_]  # (k,)
+PoseAnswers = Answer
+"""Answers to poses; without `every` one for each, in their order."""
 
 
 def solve_poses(
@@ -57,7 +38,7 @@ def solve_poses(
     keep: bool = False,
     free: str | None = None,
     bounded: bool = True,
-) -> PoseAnswers:
+) -> Answer:
     """Joint values for positions and, if given, orientations.
 
     position, quaternion, near, frame : as of :meth:`calib.Model.inverse_pose`
@@ -74,54 +55,57 @@ def solve_poses(
         raise QueryError(
             "pixels are no positions in space: ask with frame='base'"
         )
-    p, _ = query_rows(position, ("x", "y", "z"), "positions")
-    n = len(p)
-    r = None if quaternion is None else _rotations(quaternion, n)
-    wish = model.motor.scale.from_unit(anchor(model, near, n))
-    wanted_joints = wish
-    if near is not None:
-        rows = rows_for(near, model.about.joint_names, "near", n)
-        wanted_joints = nearest_turn(model, wish, rows)
+    place, _ = query_rows(position, ("x", "y", "z"), "positions")
+    n = len(place)
+    rotation = np.tile(np.eye(3), (n, 1, 1))
+    if quaternion is not None:
+        rotation = _rotations(quaternion, n)
+    wish = anchor(model, near, n)
+    wished = wished_joints(model, wish, near)
+    start = model.motor.scale.from_unit(wish)
+    if frame != "base":
+        place, rotation = space.to_base(place, rotation)
     axis = free_axis(free)
-    if frame != "base":
-        same = np.tile(np.eye(3), (n, 1, 1)) if r is None else r
-        p, turned = space.to_base(p, same)
-        r = None if r is None else turned
-    reach = Reach.of(space, posed=r is not None, free=axis)
+    posed = quaternion is not None
+    reach = Reach.of(space, posed=posed, free=axis)
+    goal = Poses.target(place, rotation) if posed else place
     target = np.arange(n)
-    if r is None and keep:
-        q = reach.least_turn_joints(p, wish)
-    elif r is None:
-        q = reach.nearest(p, wish)
-    elif every:
-        prepare(model, "branches", n)
-        ways = reach.branches(Poses.target(p, r), wish)
+    if keep and not posed:
+        q = reach.least_turn_joints(place, start)
+    elif every and posed:
+        ways = reach.branches(goal, start)
         target = np.repeat(target, [len(rows) for rows in ways])
-        q = np.concatenate([wish[:0], *ways])
+        q = np.concatenate([start[:0], *ways])
     else:
-        prepare(model, "poses", n)
-        q = reach.nearest(Poses.target(p, r), wish)
-    q = on_turn(model, q, wanted_joints[target])
-    position, rotation, _ = space.evaluate(q)
-    away = np.linalg.norm(position - p[target], axis=1)
-    turned = np.zeros(len(q))
-    if r is not None:
-        turned = np.linalg.norm(turn_left(rotation, r[target], axis), axis=1)
-    met = (away <= REACHED * space.length) & (turned <= 10 * REACHED)
-    reachable = np.isin(target, target[met])
-    bound = error = np.full(len(q), np.nan)
+        q = reach.nearest(goal, start)
+    q = on_turn(model, q, wished[target])
+    position, orientation, _ = space.evaluate(q)
+    distance = np.linalg.norm(position - place[target], axis=1)
+    angle = np.zeros(len(q))
+    if posed:
+        rest = turn_left(orientation, rotation[target], axis)
+        angle = np.linalg.norm(rest, axis=1)
+    met = (distance <= REACHED * space.length) & (angle <= 10 * REACHED)
     if frame != "base":
-        position, rotation = space.to_sensor(position, rotation)
-        away = space.sensor[2] * away
+        position, orientation = space.to_sensor(position, orientation)
+        distance = space.sensor[2] * distance
+    bound = error = np.full(len(q), np.nan)
     if bounded and frame == "base":
         bound = error = space.bound(q)
     elif bounded:
         prediction = predict(model, Motion(q))
         bound = prediction.bound
         error = prediction.true_bound
-    turns = quaternion_of(rotation)
-    return PoseAnswers(
-        target, q, position, turns, away, turned, bound, error, reachable
+    return Answer(
+        q,
+        position,
+        distance,
+        bound,
+        error,
+        np.isin(target, target[met]),
+        target,
+        quaternion_of(orientation),
+        angle,
     )
 
 
@@ -133,9 +117,9 @@ def pose_in_sensor(
     place, _ = query_rows(position, ("x", "y", "z"), "positions")
     if quaternion is None:
         return space.to_sensor(place, np.eye(3))[0][0], None
-    turn = _rotations(quaternion, len(place))
-    place, turn = space.to_sensor(place, turn)
-    return place[0], quaternion_of(turn)[0]
+    rotation = _rotations(quaternion, len(place))
+    place, rotation = space.to_sensor(place, rotation)
+    return place[0], quaternion_of(rotation)[0]
 
 
 def free_axis(name: str | None) -> int | None:
@@ -148,12 +132,12 @@ def free_axis(name: str | None) -> int | None:
 
 def _rotations(quaternion: ArrayLike, n: int) -> Array:
     """Matrices (n, 3, 3) of quaternions (n, 4)."""
-    turns = rows_for(quaternion, QUATERNION, "quaternion", n)
-    length = np.linalg.norm(turns, axis=1)
+    rows = rows_for(quaternion, QUATERNION, "quaternion", n)
+    length = np.linalg.norm(rows, axis=1)
     if (np.abs(length - 1.0) > ROUNDING).any():  # files round to a few digits
         row = int(np.argmax(np.abs(length - 1.0)))
         raise QueryError(
             f"the quaternion of row {row + 1} has length {length[row]:.4g}: expected length "
             "1, in the order qx, qy, qz, qw"
         )
-    return matrix_of(turns / length[:, None])
+    return matrix_of(rows / length[:, None])

@@ -15,10 +15,12 @@ from functools import cached_property
 
 import numpy as np
 
+from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Mask
 from ..common.rows import row_lengths
 from ..samples.motion import Motion
 from .parts import BoundName, Parts
+from .space import Space
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +75,16 @@ class Prediction:
             by_unit = model.predictor.value_and_slope(self._unit)[1]
             slope[self.has_answer] = by_unit / model.motor.scale.span
         return slope
+
+    @property
+    def pose(self) -> Array:
+        """Positions [unit] and quaternions of the tip in the sensor's frame, (n, m + 4)."""
+        space = Space.of(self.model)
+        quaternion = self._nan_rows(4)
+        rotation = space.evaluate(self.motion.q[self.has_answer])[1]
+        in_sensor = space.sensor[0] @ rotation
+        quaternion[self.has_answer] = quaternion_of(in_sensor)
+        return np.hstack([self.value, quaternion])
 
     def read(self, readout: str) -> Array:
         """Readings (n, m) [unit] of any readout."""

@@ -18,8 +18,9 @@ from ..inverse.search import Search
 from ..inverse.settings import SEARCH
 from ..inverse.slides import settle
 from ..inverse.task import Poses, Positions, Task
-from ..inverse.ways import distinct, rank_within
-from ..kernel.compiled import CERTAIN, Library
+from ..inverse.ways import distinct, rank_within, slices
+from ..kernel.compiled import Flag, Library
+from .compiling import POSES, POSES_ALL, Query, kernel_for
 from .space import REACHED, Space
 
 _ROWS = 2_000  # poses whose starts are held at a time, 20 MB
@@ -82,17 +83,16 @@ class Reach:
         """Joints (n, dof) nearest to `near` (n, dof) for targets."""
         q = near.copy()
         rest = np.arange(len(q))
-        kernel = self._kernel
+        kernel = self._kernel(POSES, len(q))
         if kernel is not None:
             question = self._question(target, alone=True)
-            q, sure = kernel.rows("poses", near, *question)
-            unsure = np.flatnonzero(sure != CERTAIN)
+            q, flags = kernel.rows(POSES.name, near, *question)
+            unsure = np.flatnonzero(flags != Flag.CERTAIN)
             for rows in _chunks(unsure):
                 question = self._question(target[rows])
-                q[rows], sure[rows] = kernel.rows(
-                    "poses", near[rows], *question
-                )
-            rest = np.flatnonzero(sure == 0)
+                answered = kernel.rows(POSES.name, near[rows], *question)
+                q[rows], flags[rows] = answered
+            rest = np.flatnonzero(flags == Flag.NONE)
         if len(rest):
             wish = self._unit(near[rest])
             stand = self.search.nearest(target[rest], wish)
@@ -117,41 +117,54 @@ class Reach:
 
         Of the infinitely many of redundant joints some that are near.
         """
-        newton = self.search.newton
-        kernel = self._kernel
-        if kernel is not None and not newton.redundant:
-            ways = []
-            for part in _chunks(np.arange(len(target))):
-                question = self._question(target[part])
-                q, count = kernel.rows("poses_all", near[part], *question)
-                counts = count.tolist()
-                ways += [rows[:k] for rows, k in zip(q, counts, strict=True)]
-        else:
+        kernel = None
+        if not self.search.redundant:
+            kernel = self._kernel(POSES_ALL, len(target))
+        if kernel is None:
             every = self.search.every(target)
-            numbers = np.arange(1, len(target))
-            edges = np.searchsorted(every.target, numbers)
-            ways = np.split(self._scale.from_unit(every.u), edges)
+            rows = slices(every.target, len(target))
+            ways = [self._scale.from_unit(every.u[part]) for part in rows]
+        else:
+            ways = self._ways_by_kernel(kernel, target, near)
         wish = self._unit(near)
-        for k, rows in enumerate(ways):
-            if not len(rows):
-                some = self.search.nearest(target[k : k + 1], wish[k : k + 1])
-                ways[k] = self._scale.from_unit(some.u)
-                continue
-            u = self._unit(rows)
-            if newton.redundant:
-                goals = np.tile(target[k], (len(u), 1))
-                wishes = np.tile(wish[k], (len(u), 1))
-                stand = settle(newton, u, goals, wishes)
-                met = newton.is_met(stand.miss)
-                rows[met] = self._scale.from_unit(stand.u[met])
-                u = self._unit(rows)
-            order = np.argsort(newton.away(u, wish[k]), kind="stable")
-            if newton.redundant:
-                owner = np.zeros(len(u), dtype=np.intp)
-                single = distinct(self._scale, owner, u[order], _SAME)
-                order = order[single][:_FAMILIES]
-            ways[k] = rows[order]
+        questions = zip(ways, target, wish, strict=True)
+        return [self._ordered(q, goal, near) for q, goal, near in questions]
+
+    def _ways_by_kernel(
+        self, kernel: Library, target: Array, near: Array
+    ) -> list[Array]:
+        """Joints (k, dof) of ways to targets, as compiled C finds them."""
+        ways: list[Array] = []
+        for part in _chunks(np.arange(len(target))):
+            question = self._question(target[part])
+            q, count = kernel.rows(POSES_ALL.name, near[part], *question)
+            counts = count.tolist()
+            ways += [rows[:k] for rows, k in zip(q, counts, strict=True)]
         return ways
+
+    def _ordered(self, q: Array, goal: Array, wish: Array) -> Array:
+        """Ways (k, dof) to one goal, the nearest to a wish (dof,) in the unit box first.
+
+        Where there is none, joints that come near to the goal.
+        """
+        newton = self.search.newton
+        if not len(q):
+            stand = self.search.nearest(goal[None], wish[None])
+            return self._scale.from_unit(stand.u)
+        if not newton.redundant:
+            away = newton.away(self._unit(q), wish)
+            return q[np.argsort(away, kind="stable")]
+        size = len(q), 1
+        stand = settle(
+            newton, self._unit(q), np.tile(goal, size), np.tile(wish, size)
+        )
+        met = newton.is_met(stand.miss)
+        q[met] = self._scale.from_unit(stand.u[met])
+        u = self._unit(q)
+        order = np.argsort(newton.away(u, wish), kind="stable")
+        owner = np.zeros(len(u), dtype=np.intp)
+        single = distinct(self._scale, owner, u[order], _SAME)
+        return q[order[single][:_FAMILIES]]
 
     @property
     def _task(self) -> Task:
@@ -180,34 +193,33 @@ class Reach:
             self.space.evaluate, self._scale, self.space.length, tuple(columns)
         )
 
-    @property
-    def _kernel(self) -> Library | None:
-        """The compiled C that knows poses."""
-        kernel = self.space.model.kernel
-        if kernel is None or not kernel.poses or not self.posed:
-            return None
-        return kernel
+    def _kernel(self, query: Query, rows: int) -> Library | None:
+        """The compiled C, where it answers poses."""
+        return kernel_for(self.space.model, query, rows) if self.posed else None
 
     def _question(self, target: Array, *, alone: bool = False) -> list[Array]:
         """What the compiled C is asked of poses, see ``c/many.h``.
 
-        alone : whether to begin near the joints alone, rather than at starts; NaN are none
+        alone : whether to begin near the joints alone, rather than at starts, too
         """
-        rotation = target[:, 3:].reshape(-1, 3, 3)
-        place, turn = self.space.to_sensor(target[:, :3], rotation)
-        axis = -1 if self.free is None else self.free
-        starts = self._starts
-        most = 0
-        if not alone:
-            owner, u = starts.of(target)
-            most = int(np.bincount(owner).max(initial=0))
-        choice = np.tile([axis, starts.apart, most], (len(target), 1))
+        count = len(target)
         dof = len(self._scale.span)
-        table = np.full((len(target), most, dof), np.nan)
-        if most:
-            table[owner, rank_within(owner)] = self._scale.from_unit(u)
-        flat = table.reshape(len(target), most * dof)
-        return [place, quaternion_of(turn), choice, flat]
+        rotation = target[:, 3:].reshape(-1, 3, 3)
+        place, orientation = self.space.to_sensor(target[:, :3], rotation)
+        starts = np.zeros((count, 0, dof))
+        if not alone:
+            owner, u = self._starts.of(target)
+            most = int(np.bincount(owner).max(initial=0))
+            starts = np.full((count, most, dof), np.nan)  # where there are less
+            starts[owner, rank_within(owner)] = self._scale.from_unit(u)
+        axis = -1 if self.free is None else self.free
+        choice = axis, self._starts.apart, starts.shape[1]
+        return [
+            place,
+            quaternion_of(orientation),
+            np.tile(choice, (count, 1)),
+            starts.reshape(count, starts.shape[1] * dof),
+        ]
 
     def _unit(self, q: Array) -> Array:
         return self.search.newton.clip(self._scale.to_unit(q))

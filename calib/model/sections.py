@@ -24,7 +24,6 @@ from ..maps.blend import blend_size
 from ..maps.local_models import exponents
 from ..maps.settings import LOCAL
 from ..samples.roles import ROUNDING
-from .answers import SURE
 from .parts import ROUNDED, Parts
 from .space import Space
 from .turns import joint_limits
@@ -46,7 +45,6 @@ SETTINGS: Words = {
     **asdict(SEARCH),
     **asdict(MOST),
     "rounded": -float(ROUNDED),
-    "sure": SURE,
     "rounding": ROUNDING,
 }
 """Words of every source."""

@@ -7,20 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arm.rotations import quaternion_of
-from ..body.belief import Body
-from ..body.sensor_pose import SensorPose, hand_pose
-from ..common.arrays import Array, Index, Mask
-from ..samples.samples import Samples
-from .agreement import consensus, held_out_pixels
-from .bundle import shape_slopes
-from .fit import Fit
-from .joint_motions import JointMotions
-from .lens import Lens
-from .notes import limit_of, notes_of
-from .problem import Problem
-from .rig import CameraPlace, HandEye, LensFacts, Place
-from .rigid import (
+from ..arm.rigid import (
     adjoint,
     along_parent,
     inverse,
@@ -28,6 +15,19 @@ from .rigid import (
     shifts_along_parents,
     turn_of,
 )
+from ..arm.rotations import quaternion_of
+from ..body.belief import Body
+from ..body.sensor_pose import SensorPose, hand_pose
+from ..common.arrays import Array, Index, Mask
+from ..samples.lens import Lens
+from ..samples.samples import Samples
+from .agreement import consensus, held_out_pixels
+from .bundle import shape_slopes
+from .fit import Fit
+from .joint_motions import JointMotions
+from .notes import limit_of, notes_of
+from .problem import Problem
+from .rig import CameraPlace, HandEye, LensFacts, Place
 
 
 def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:

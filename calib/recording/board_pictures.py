@@ -9,19 +9,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arm.arm import SpatialArm
+from ..arm.rigid import inverse, place_points, rigid, shift_of, turn_of
 from ..arm.rotations import cross_matrix, matrix_of, quaternion_of
 from ..common.arrays import Array, Index, Mask
 from ..common.wording import listing
 from ..errors import LogError, OptionError
 from ..model.model import Model
+from ..samples.lens import Lens
 from ..samples.samples import Samples
 from .board import LEAST_CORNERS, Chessboard, Pattern, parse_board
-from .lens import Lens, calibrate_lens, lens_of_model
+from .lens import calibrate_lens, lens_of_model
 from .lerobot import is_dataset, read_dataset
 from .motion_tables import JointTable, read_joints, read_shots
 from .pictures import Picture, Shot
 from .reference import Pose, find_pose, matrices
-from .rigid import inverse, place_points, rigid, shift_of, turn_of
 
 LEAST = 4
 """Pictures of the board that tell where it is, and in which another one is looked for."""

@@ -15,9 +15,9 @@ from functools import cached_property
 
 import numpy as np
 
+from ..arm.rigid import adjoint, inverse, shift_of, step_from, turn_of
 from ..common.arrays import Array, Index
 from .pictures import opencv
-from .rigid import adjoint, inverse, shift_of, step_from, turn_of
 
 LENS = 9
 """Numbers of a lens: focal lengths, centre, k1, k2, p1, p2, k3."""

@@ -7,14 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arm.rotations import logarithm
-from ..body.belief import Body
-from ..body.settings import FINER, SHIFT, TURN
-from ..body.spatial import SpatialStructure
-from ..common.arrays import Array, Index
-from .bundle import Layout, Motions
-from .fit import Fit, Scale
-from .rigid import (
+from ..arm.rigid import (
     adjoint,
     along_parent,
     inverse,
@@ -23,6 +16,13 @@ from .rigid import (
     shifts_along_parents,
     turn_of,
 )
+from ..arm.rotations import logarithm
+from ..body.belief import Body
+from ..body.settings import FINER, SHIFT, TURN
+from ..body.spatial import SpatialStructure
+from ..common.arrays import Array, Index
+from .bundle import Layout, Motions
+from .fit import Fit, Scale
 
 FREE = ("placement", "offset")
 """Groups of the arm's parameters that the pictures correct."""

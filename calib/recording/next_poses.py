@@ -1,7 +1,8 @@
-"""Next poses: flange poses with the board in view that tell most of what a rig left open.
+"""Next poses: those with the whole board in view that tell most of where camera and board are.
 
-Random poses near those of the pictures (`_candidates`) are each credited with the information that
-the board's corners would bring there (`_gains`); of them the best is taken, again and again.
+Boards before the camera are drawn as pictures show them, turned, nearer or farther (`draw`).  Each
+motion is credited with the information that the board's corners would bring there; of them the best
+is taken, again and again (`best`).
 """
 
 from __future__ import annotations
@@ -10,13 +11,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arm.rigid import (
+    inverse,
+    place_points,
+    rigid,
+    shifts_along_parents,
+    turn_of,
+)
 from ..arm.rotations import exponential
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array, Index, Mask
 from ..errors import OptionError
+from ..samples.lens import Lens
 from .bundle import POSE, SHAPE, Bundle, Motions, Unknowns
 from .fit import Noise, information
 from .rig import HandEye, frame_of
-from .rigid import inverse, rigid, shifts_along_parents
 
 
 @dataclass(frozen=True)
@@ -24,10 +32,8 @@ class Settings:
     """How poses are drawn, and which are credited with what."""
 
     draws: int = 2000
-    # most that the board turns about each axis from a picture's pose [rad]
-    tilt: float = 0.5
-    nearer: tuple[float, float] = (0.8, 1.25)  # times that picture's distance
-    edge: float = 0.05  # share of the picture that stays free
+    # least cosine between the line of sight and the board's normal
+    upright: float = 0.5
     lever: float = 0.1  # from what is in the hand to where it is used [m]
     # times the corners' misses, that new ones are credited with: lens and board stay as open as
     # they are (in twelve worlds the intervals that came out were .8 to 1.15 of the promised)
@@ -35,6 +41,175 @@ class Settings:
 
 
 SETTINGS = Settings()
+
+
+@dataclass(frozen=True)
+class Around:
+    """How boards are drawn about those of pictures."""
+
+    # most that the board turns about each of its axes [rad]
+    tilt: tuple[float, float, float] = (0.5, 0.5, 0.5)
+    nearer: tuple[float, float] = (0.8, 1.25)  # times the distance
+    edge: float = 0.05  # share of the picture that stays free
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedRig:
+    """Where camera X and board Y are as far as is known, in the symbols of :mod:`.bundle`."""
+
+    in_hand: bool  # whether the camera is in the hand
+    frames: Array  # (2, 4, 4), X and Y [m]
+    lens: Lens
+    points: Array  # (k, 3), the board's corners in its frame [m]
+    boards: Array  # (p, 4, 4), the board before the camera, about which others are drawn [m]
+    around: Around
+    noise: Noise  # of pictures to come, whose lens and board stay as they are
+    precision: Array  # (12, 12), of steps of X and Y
+
+    @staticmethod
+    def of(rig: HandEye) -> ExpectedRig:
+        """The rig of pictures, whose lens and board stay as they are."""
+        in_hand = rig.eye == "hand"
+        frames = np.stack([frame_of(rig.hand), frame_of(rig.base)])
+        covariance = rig.covariance + 1e-14 * np.eye(2 * POSE)
+        slope = shifts_along_parents(frames)
+        precision = slope.T @ np.linalg.inv(covariance) @ slope
+        scenes = inverse(frames[1]) @ rig.flange @ frames[0]
+        if in_hand:
+            scenes = inverse(scenes)
+        else:  # the camera is what stands still
+            frames = frames[::-1]
+            precision = np.roll(precision, POSE, axis=(0, 1))
+        turn = max(rig.repeatability["rotation"], 1e-5)
+        shift = max(rig.repeatability["position"], 1e-5)
+        corner = SETTINGS.careful * max(rig.reprojection["mean"], 0.1)
+        facts = rig.lens
+        width, height = facts["size"]
+        focal = np.diag(facts["matrix"])[:2]
+        parameters = np.array([*focal, *facts["centre"], *facts["distortion"]])
+        return ExpectedRig(
+            in_hand,
+            frames,
+            Lens.of((width, height), parameters),
+            points=np.array(rig.board["points"]),
+            boards=scenes,
+            around=Around(),
+            noise=noise_of(corner, turn, shift),
+            precision=precision,
+        )
+
+    def boards_at(self, flange: Array) -> Array:
+        """The board before the camera (n, 4, 4) [m] at flange poses (n, 4, 4) [m]."""
+        motions = inverse(flange) if self.in_hand else flange
+        camera, board = self.frames
+        scenes: Array = inverse(camera) @ motions @ board
+        return scenes
+
+    def draw(self, count: int, rng: np.random.Generator) -> Array:
+        """Random flange poses (n, 4, 4) [m] with the board about as pictures show it."""
+        around = self.around
+        boards = self.boards[rng.integers(len(self.boards), size=count)]
+        middle = self.points.mean(axis=0)
+        turns = exponential(around.tilt * rng.uniform(-1.0, 1.0, (count, 3)))
+        boards = boards @ rigid(turns, middle - turns @ middle)
+        boards[:, :3, 3] *= rng.uniform(*around.nearer, (count, 1))
+        # the flange that brings it there
+        camera, board = self.frames
+        motions: Array = camera @ boards @ inverse(board)
+        return inverse(motions) if self.in_hand else motions
+
+    def sees(self, flange: Array) -> Mask:
+        """Whether all of the board is in the picture, and not too slanted, (n,)."""
+        boards = self.boards_at(flange)
+        places = place_points(boards, self.points)
+        depth = places[:, :, 2:]
+        ahead = (depth > 0.0).all(axis=(1, 2))
+        pixels = self.lens.distort(
+            places[:, :, :2] / np.where(depth > 0.0, depth, 1.0)
+        )
+        size = np.array(self.lens.size)
+        margin = self.around.edge * size
+        inside = (pixels > margin) & (pixels < size - margin)
+        upright = turn_of(boards)[:, 2, 2] > SETTINGS.upright
+        return np.asarray(ahead & upright & inside.all(axis=(1, 2)))
+
+    def best(self, flange: Array, count: int) -> tuple[Index, Array]:
+        """Flange poses (n, 4, 4) [m] that tell most, one after the other, (count,).
+
+        Returns the covariance (count, 6, 6) of steps of what is in the hand after each, too.
+        """
+        # normal equations of corners that are where the rig expects them
+        bundle = self._bundle(flange)
+        layout = bundle.layout
+        sight = bundle.look(self._unknowns(bundle))
+        bundle = replace(bundle, pixels=sight.pixels)
+        products, _ = information(bundle, self.noise, sight)
+
+        # of the two frames, less what errors of the motion take away
+        frames = layout.frames.ravel()
+        across = products[:, frames, layout.size :]
+        error_products = products[:, layout.size :, layout.size :]
+        error_precision = np.diag(self.noise.error**-2.0)
+        spread = np.linalg.inv(error_products + error_precision)
+        gains = products[:, frames[:, None], frames]
+        gains = gains - across @ spread @ np.swapaxes(across, 1, 2)
+        hand = layout.frames[0 if self.in_hand else 1]
+        return _greedy_by_trace(gains, self.precision, hand, count)
+
+    def _bundle(self, flange: Array) -> Bundle:
+        """The board's corners at flange poses (n, 4, 4) [m], with no pixels yet."""
+        count = len(flange)
+        corners = np.tile(self.points, (count, 1))
+        return Bundle(
+            Motions(flange),
+            in_hand=[self.in_hand],
+            points=corners,
+            bends=np.zeros((len(corners), 3, SHAPE - 1)),
+            pixels=corners[:, :2],
+            camera=np.zeros(len(corners), int),
+            motion=np.repeat(np.arange(count), len(self.points)),
+        )
+
+    def _unknowns(self, bundle: Bundle) -> Unknowns:
+        """The rig as values of a bundle's unknowns, its motions without errors."""
+        layout = bundle.layout
+        values = np.zeros(layout.size)
+        values[layout.lenses[0]] = self.lens.parameters
+        errors = np.zeros((bundle.motions.count, layout.errors))
+        return Unknowns(self.frames, values, errors)
+
+
+def noise_of(corner: float, turn: float, shift: float) -> Noise:
+    """Noise of one camera's corners [px] and of motions [rad, m], whose focal length stays."""
+    return Noise(
+        corner=np.array([corner]),
+        error=np.repeat([turn, shift, 1e-6], [3, 3, 1]),
+        prior=np.zeros(0),
+    )
+
+
+def _greedy_by_trace(
+    gains: Array, precision: Array, hand: Index, count: int
+) -> tuple[Index, Array]:
+    """Rows after which what is in the hand is best known, one by one, and its covariances.
+
+    gains : (n, 12, 12), information of each row;  precision : (12, 12), before
+    hand : (6,), its turn and shift among them
+    """
+    # variance of the place where what is in the hand is used
+    weight = np.repeat([SETTINGS.lever**2, 1.0], 3)
+    waiting = np.ones(len(gains), bool)
+    chosen: list[int] = []
+    covariances: list[Array] = []
+    for _ in range(count):
+        after = np.linalg.inv(precision + gains)[:, hand[:, None], hand]
+        variances = after.diagonal(axis1=1, axis2=2) @ weight
+        best = int(np.where(waiting, variances, np.inf).argmin())
+        waiting[best] = False
+        chosen.append(best)
+        covariances.append(after[best])
+        precision = precision + gains[best]
+    return np.array(chosen, dtype=np.intp), np.array(covariances)
 
 
 def next_poses(
@@ -45,131 +220,16 @@ def next_poses(
     Each interval is that after its pose and those before it.
     Raises OptionError where no pose keeps the board in view.
     """
-    flange = _candidates(rig, np.random.default_rng(seed))
-    is_in_view, gain = _gains(rig, flange)
-    if is_in_view.sum() < count:
+    expected = ExpectedRig.of(rig)
+    flange = expected.draw(SETTINGS.draws, np.random.default_rng(seed))
+    in_view = flange[expected.sees(flange)]
+    if len(in_view) < count:
         raise OptionError(
-            f"{is_in_view.sum()} of {len(flange)} poses near those of the pictures keep the board "
-            f"in view: expected {count}"
+            f"{len(in_view)} of {len(flange)} poses near those of the pictures keep the board in "
+            f"view: expected {count}"
         )
-    gain[~is_in_view] = 0.0
-
-    # add the pose after which what is in the hand is best known, one by one
-    covariance = rig.covariance + 1e-14 * np.eye(2 * POSE)
-    slope = shifts_along_parents(
-        np.stack([frame_of(rig.hand), frame_of(rig.base)])
-    )
-    precision = slope.T @ np.linalg.inv(covariance) @ slope
-    # variance of the place where what is in the hand is used
-    weight = np.repeat([SETTINGS.lever**2, 1.0], 3)
-    chosen = []
-    intervals = []
-    for _ in range(count):
-        covariances = np.linalg.inv(precision + gain)
-        diagonals = covariances.diagonal(axis1=1, axis2=2)
-        hand_variances = diagonals[:, :POSE]
-        best = int(np.argmin(hand_variances @ weight))
-        shift_sd = np.sqrt(hand_variances[best, 3:])
-        chosen.append(flange[best])
-        intervals.append(1.96 * shift_sd)
-        precision = precision + gain[best]
-    return np.array(chosen), np.array(intervals)
-
-
-def _gains(rig: HandEye, flange: Array) -> tuple[Mask, Array]:
-    """Which poses (n, 4, 4) show the whole board, and the information (n, 12, 12) that each adds.
-
-    It is of turn and shift of what is in the hand, and of what stands still.
-    """
-    # normal equations of corners that are where the rig expects them
-    bundle = _expected_bundle(rig, flange)
-    layout = bundle.layout
-    sight = bundle.look(_unknowns(rig, bundle))
-    noise = _noise(rig, layout.size)
-    bundle = replace(bundle, pixels=sight.pixels)
-    products, _ = information(bundle, noise, sight)
-
-    # of the two frames, less what errors of the motion take away
-    places = layout.frames if rig.eye == "hand" else layout.frames[::-1]
-    frames = places.ravel()
-    across = products[:, frames, layout.size :]
-    error_products = products[:, layout.size :, layout.size :]
-    error_precision = np.diag(noise.error**-2.0)
-    spread = np.linalg.inv(error_products + error_precision)
-    gain = products[:, frames[:, None], frames]
-    gain = gain - across @ spread @ np.swapaxes(across, 1, 2)
-
-    # poses with all corners within the picture
-    size = np.array(rig.lens["size"])
-    margin = SETTINGS.edge * size
-    is_inside = (sight.pixels > margin) & (sight.pixels < size - margin)
-    by_pose = is_inside.reshape(len(flange), -1)
-    return np.asarray(by_pose.all(axis=1)), gain
-
-
-def _noise(rig: HandEye, size: int) -> Noise:
-    """Noise of pictures to come; all `size` unknowns are free."""
-    turn = max(rig.repeatability["rotation"], 1e-5)
-    shift = max(rig.repeatability["position"], 1e-5)
-    corner = max(rig.reprojection["mean"], 0.1)
-    return Noise(
-        corner=np.array([SETTINGS.careful * corner]),
-        error=np.repeat([turn, shift, 1e-6], [3, 3, 1]),
-        prior=np.full(size, np.inf),
-    )
-
-
-def _expected_bundle(rig: HandEye, flange: Array) -> Bundle:
-    """The board's corners at flange poses (n, 4, 4) [m], with no pixels yet."""
-    points = np.array(rig.board["points"])
-    corners = np.tile(points, (len(flange), 1))
-    return Bundle(
-        Motions(flange),
-        in_hand=[rig.eye == "hand"],
-        points=corners,
-        bends=np.zeros((len(corners), 3, SHAPE - 1)),
-        pixels=corners[:, :2],
-        camera=np.zeros(len(corners), int),
-        motion=np.repeat(np.arange(len(flange)), len(points)),
-    )
-
-
-def _unknowns(rig: HandEye, bundle: Bundle) -> Unknowns:
-    """The rig as values of a bundle's unknowns, its motions without errors."""
-    layout = bundle.layout
-    values = np.zeros(layout.size)
-    lens = rig.lens
-    focal = np.diag(lens["matrix"])[:2]
-    values[layout.lenses[0]] = [*focal, *lens["centre"], *lens["distortion"]]
-    # the camera's frame is the first, then the board's
-    frames = np.stack([frame_of(rig.hand), frame_of(rig.base)])
-    if rig.eye == "base":
-        frames = frames[::-1]
-    errors = np.zeros((bundle.motions.count, layout.errors))
-    return Unknowns(frames, values, errors)
-
-
-def _candidates(rig: HandEye, rng: np.random.Generator) -> Array:
-    """Random flange poses (n, 4, 4) [m]: the board as in a picture, turned, nearer or farther."""
-    draws = SETTINGS.draws
-    hand = frame_of(rig.hand)
-    base = frame_of(rig.base)
-    pictures = rng.integers(len(rig.flange), size=draws)
-
-    # the board before the camera in a picture
-    hand_poses = inverse(base) @ rig.flange[pictures] @ hand
-    boards = inverse(hand_poses) if rig.eye == "hand" else hand_poses
-
-    # turned about its middle, nearer or farther
-    points = np.array(rig.board["points"])
-    middle = points.mean(axis=0)
-    vectors = SETTINGS.tilt * rng.uniform(-1.0, 1.0, (draws, 3))
-    turns = exponential(vectors)
-    shifts = middle - turns @ middle
-    boards = boards @ rigid(turns, shifts)
-    boards[:, :3, 3] *= rng.uniform(*SETTINGS.nearer, (draws, 1))
-
-    # the flange that brings it there
-    hand_poses = inverse(boards) if rig.eye == "hand" else boards
-    flange: Array = base @ hand_poses @ inverse(hand)
-    return flange
+    chosen, covariances = expected.best(in_view, count)
+    along_parent = turn_of(frame_of(rig.hand))
+    shifts = along_parent @ covariances[:, 3:, 3:] @ along_parent.T
+    variances = shifts.diagonal(axis1=1, axis2=2)
+    return in_view[chosen], 1.96 * np.sqrt(variances)

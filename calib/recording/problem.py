@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arm.arm import SpatialArm
+from ..arm.rigid import turn_of
 from ..arm.rotations import logarithm, nearest_rotation
 from ..body.spatial import structure_of
 from ..common.arrays import Array, Index, Mask
@@ -21,7 +22,6 @@ from .fit import Fit, Noise, Prior, Scale, solve
 from .joint_motions import JointMotions
 from .motion_tables import FlangeTable
 from .readings import Choice, choose, refuse_readings
-from .rigid import turn_of
 from .start import Start, find_start
 from .view import View
 

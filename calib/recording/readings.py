@@ -13,6 +13,7 @@ from typing import TypedDict
 
 import numpy as np
 
+from ..arm.rigid import inverse, rigid
 from ..arm.rotations import matrix_of
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array
@@ -23,7 +24,6 @@ from ..samples.findings import Finding
 from ..samples.other_readings import readings as joint_readings
 from ..samples.settings import DIAGNOSIS
 from .motion_tables import FlangeTable
-from .rigid import inverse, rigid
 from .start import Start, find_start
 from .view import View
 

@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arm.rigid import rigid
 from ..arm.rotations import cross_matrix, exponential, similarity
 from ..common.arrays import Array
 from ..errors import LogError
+from ..samples.lens import Lens
 from ..samples.tables import open_source
 from .board import LEAST_CORNERS, Board
-from .lens import Lens
 from .pictures import opencv
-from .rigid import rigid
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
+from ..arm.rigid import rigid
 from ..arm.rotations import logarithm, matrix_of
 from ..body.belief import Body
 from ..common.arrays import Array
@@ -22,7 +23,6 @@ from ..model.model import Model
 from ..model_file.container import check_sum, pack, unpack
 from ..samples.samples import Samples
 from .readings import Convention
-from .rigid import rigid
 
 KIND = "rig"
 UNWRITTEN = ("poses", "body")

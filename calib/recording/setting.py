@@ -15,8 +15,9 @@ from ..common.atomic import atomic_write
 from ..common.choices import DICTIONARY
 from ..common.wording import listing
 from ..errors import LogError, OptionError
+from ..samples.lens import Lens
 from .board import Board
-from .lens import UNSTATED, Lens
+from .lens import UNSTATED
 from .pictures import Picture, Shot, opencv
 from .reference import MarkLayout, Marks, PlaneReference, find_reference
 from .tags import Tag, TagFinder

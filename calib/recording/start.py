@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arm.rigid import inverse, place_points, rigid, shift_of, turn_of
 from ..arm.rotations import nearest_rotation
 from ..common.arrays import Array, Mask
 from ..common.scale import METRES
-from .rigid import inverse, place_points, rigid, shift_of, turn_of
 from .view import View
 
 MISSAID = 0.3

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from ..arm.rigid import shift_of, turn_of
 from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Index, Mask
 from ..common.parallel import one_blas_thread
 from ..errors import LogError
+from ..samples.lens import Lens
 from ..samples.motion import (
     MAX_GAP,
     SETTLE,
@@ -23,11 +25,9 @@ from ..samples.motion import (
 )
 from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
-from .lens import Lens
 from .motion_tables import JointTable, read_shots
 from .pictures import Shot, Video
 from .reference import find_pose, matrices
-from .rigid import shift_of, turn_of
 from .setting import LOOKS, Setup, Sightings, find_sightings
 from .tags import LEAST_NOISE, Tag
 from .track import jumps, row_shift

@@ -13,6 +13,7 @@ from ..body.belief import Body
 from ..body.curves import waves_of
 from ..body.structure import Structure
 from ..common.arrays import Array, Index
+from ..common.rows import solve_least_squares
 from ..common.wording import quantity
 from ..errors import CalibError
 from ..model.model import Model
@@ -76,11 +77,12 @@ def deviations_of(model: Model) -> list[Deviation]:
     of_arm = _moving(np.array(active, np.intp), sizes, np.array(units))
     chosen = _independent(of_arm, columns)
     others = np.setdiff1d(of_arm, chosen)
-    share = _in_terms_of(columns[:, chosen], columns[:, others])
+    # how much of each chosen one moves the tip as the others do
+    shares = solve_least_squares(columns[:, chosen], columns[:, others])
     root = np.zeros((structure.size, body.root.shape[1]))
     root[body.active] = body.root
-    values = steps[chosen] + share @ steps[others]
-    halves = Z95 * np.linalg.norm(root[chosen] + share @ root[others], axis=1)
+    values = steps[chosen] + shares @ steps[others]
+    halves = Z95 * np.linalg.norm(root[chosen] + shares @ root[others], axis=1)
     deviations = []
     for k, value, half in zip(
         chosen, values.tolist(), halves.tolist(), strict=True
@@ -133,7 +135,7 @@ def _motions_of_tip(model: Model, body: Body) -> Array:
     slope = structure.linearise(q, body.beta)[1][:, : structure.blocks[0]]
     columns = slope.reshape(-1, structure.size) / SETTINGS.postures**0.5
     frame = columns[:, frame_parameters(body)]
-    return np.asarray(columns - frame @ _in_terms_of(frame, columns))
+    return np.asarray(columns - frame @ solve_least_squares(frame, columns))
 
 
 def _moving(indices: Index, sizes: Array, units: NDArray[np.str_]) -> Index:
@@ -158,11 +160,6 @@ def _independent(indices: Index, columns: Array) -> Index:
             chosen.append(k)
             basis = np.column_stack([basis, rest / length])
     return np.array(chosen, dtype=np.intp)
-
-
-def _in_terms_of(columns: Array, others: Array) -> Array:
-    """Shares of columns (m, k) that add up to others (m, l) best."""
-    return np.asarray(np.linalg.lstsq(columns, others, rcond=1e-9)[0])
 
 
 def _in_words(name: str, joint: str) -> str:

@@ -29,30 +29,33 @@ class Placement:
 
 
 def place_model(model: Model, robot: Robot | None) -> Placement:
-    """Return where a model's positions are in space: where the arm is when it reads them.
-
-    Of what M and h leave of p (1 + h'u) = M (u, 1) it is the least sum of squares, over positions u
-    in the unit box and points p of the arm.
-    """
+    """Return where a model's positions are in space: where the arm is when it reads them."""
     q = visited_joints(model, 300)
     x = model.forward(q)
     if robot is None:
         points = np.column_stack([x, np.zeros(len(x))])[:, :3]
-        if (
-            model.about.unit == "px"
-        ):  # as the camera sees it: y counts downwards
-            points[:, 1] *= -1.0
+        if model.about.unit == "px":
+            points[:, 1] *= -1.0  # as the camera sees it: y counts downwards
     elif SensorPose.of(model.body) is None:
         points = robot.tips(q)
     else:
         points = Space.of(model).forward(q)[0]
     answered = np.isfinite(x).all(axis=1) & np.isfinite(points).all(axis=1)
     scale = model.sensory.scale
-    u = scale.to_unit(x[answered])
-    p = points[answered].T
-    linear = np.kron(np.eye(3), np.column_stack([u, np.ones(len(u))]))
-    columns = np.hstack([linear, -p.reshape(-1, 1) * np.tile(u, (3, 1))])
+    return _projective(scale, scale.to_unit(x[answered]), points[answered])
+
+
+def _projective(scale: Scale, u: Array, points: Array) -> Placement:
+    """Fit the map from u (n, m) in the unit box to points (n, 3) by direct linear transform.
+
+    Of p (1 + h'u) = M (u, 1), which is linear in M and h, the least sum of squares is left.
+    """
+    p = points.T
+    of_matrix = np.kron(np.eye(3), np.column_stack([u, np.ones(len(u))]))
+    of_horizon = -p.reshape(-1, 1) * np.tile(u, (3, 1))
+    columns = np.hstack([of_matrix, of_horizon])
     solution = np.linalg.lstsq(columns, p.ravel(), rcond=1e-9)[0]
     width = u.shape[1]
-    rows = solution[:-width].reshape(3, width + 1)
-    return Placement(scale, np.vstack([rows, [*solution[-width:], 1.0]]))
+    matrix = solution[:-width].reshape(3, width + 1)
+    horizon = [*solution[-width:], 1.0]
+    return Placement(scale, np.vstack([matrix, horizon]))

@@ -64,8 +64,8 @@ class Bar(NamedTuple):
     def of(name: str, errors: Array, blocks: int = 10) -> Bar:
         """The mean distance of errors (n, m), with the spread of contiguous blocks of rows."""
         distance = np.linalg.norm(errors, axis=1)
-        parts = np.array_split(distance, min(blocks, len(distance)))
-        means = [part.mean() for part in parts]
+        pieces = np.array_split(distance, min(blocks, len(distance)))
+        means = [piece.mean() for piece in pieces]
         student = 2.26  # 95 % of ten blocks
         half = student * float(np.std(means)) / max(len(means) - 1, 1) ** 0.5
         return Bar(name, float(distance.mean()), half)
@@ -163,9 +163,9 @@ def studies_of(model: Model, log: Samples | None = None) -> list[Study]:
         Study(
             model.by(name),
             log if name == measured else None,
-            f"-{place}" if place > 1 else "",
+            f"-{number}" if number > 1 else "",
         )
-        for place, name in enumerate(model.sensors, 1)
+        for number, name in enumerate(model.sensors, 1)
     ]
 
 

@@ -28,15 +28,15 @@ def node_errors(model: Model) -> tuple[Array, Array]:
     return motor, sensory
 
 
-def drawn_edges(part: Map) -> NDArray[np.intp]:
+def drawn_edges(som: Map) -> NDArray[np.intp]:
     """Edges (m, 2) of a map, without those that lead once round a full turn.
 
     Of a lattice with three axes those of its middle sheets: all would hide each other.
     """
-    gap = np.abs(np.diff(part.units[part.edges], axis=1)[:, 0])
-    around = ((gap > 0.5) & part.scale.periodic).any(axis=1)
-    edges = part.edges[~around]
-    shape = part.lattice.shape
+    gap = np.abs(np.diff(som.units[som.edges], axis=1)[:, 0])
+    around = ((gap > 0.5) & som.scale.periodic).any(axis=1)
+    edges = som.edges[~around]
+    shape = som.lattice.shape
     if len(shape) == 3:
         places = np.indices(shape).reshape(3, -1).T
         middle = places == np.array(shape) // 2

@@ -75,7 +75,7 @@ class WrongRows:
 
 
 @dataclass(frozen=True)
-class Play:
+class Backlash:
     """What backlash is learned from."""
 
     fewest: int = 20  # rows
@@ -125,6 +125,6 @@ Of 40 rows 1.0 where they are of one, 25 and more with a joint 3 deg off or a li
 LEARNING = Learning()
 TESTING = Testing()
 WRONG = WrongRows()
-PLAY = Play()
+BACKLASH = Backlash()
 LATE_CLOCK = LateClock()
 TOUCHING = Touching()

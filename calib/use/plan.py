@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,7 +25,8 @@ from ..common.wording import by_name
 from ..errors import OptionError, require
 from ..model.model import Model
 from ..samples.tables import write_table
-from .aimed import at_point, in_sight
+from .aimed import Candidates, at_point
+from .in_sight import in_sight
 from .pose_space import PoseSpace, space_of, usable_postures
 from .settings import PLANNING
 from .whitened import whitened_jacobian
@@ -172,30 +174,21 @@ def plan(
     if touch is not None and handeye is not None:
         raise OptionError("expected one of `touch` and `handeye`")
     check_choice("eye", eye, EYES)
-    directions: Array | None = None
     if touch is not None:
-        q, directions = at_point(source, space, touch, rng)
-        at = ", ".join(f"{value:g}" for value in np.ravel(touch))
-        how = f"the tip at ({at}) m in the base frame, chosen to tell most of the arm"
+        candidates = at_point(source, space, touch, rng)
     elif handeye is not None:
         posture = None if start is None else begin
-        q, directions = in_sight(source, space, handeye, eye, posture, rng)
-        how = "the board in the picture from many sides, chosen to tell most of the camera"
+        candidates = in_sight(source, space, handeye, eye, posture, rng)
     else:
-        q = space.candidates(rng)
-        how = ""
-    usable, notes = usable_postures(source, q, above)
-    q = q[usable]
+        candidates = all_over(source, space, rng)
+    usable, notes = usable_postures(source, candidates.q, above)
+    q = candidates.q[usable]
     if len(q) < n:
         allowed = f"{n} poses: {len(q)} are within the limits"
         if above is not None:
             allowed += f" and above {above:g} m"
         raise OptionError(f"{allowed}; ask for fewer, or allow more")
-    if directions is not None:
-        chosen = greedy(directions[usable], n)
-    else:
-        chosen, how = _chosen(source, space, q, n)
-    nodes = np.vstack([begin, q[chosen]])
+    nodes = np.vstack([begin, q[candidates.best(q, n)]])
     # by the span alone: the upper end of a whole turn is not its lower end to a cable
     away = (np.abs(nodes[:, None] - nodes[None]) / space.scale.span).max(
         axis=-1
@@ -216,29 +209,39 @@ def plan(
         travel=np.abs(np.diff(way, axis=0)).sum(axis=0),
         length=float(away[order[:-1], order[1:]].sum()),
         unit=unit,
-        why=(f"{n} poses, {how}",),
+        why=(f"{n} poses, {candidates.why}",),
         notes=tuple(notes),
     )
 
 
-def _chosen(
-    source: Arm | Model, space: PoseSpace, q: Array, n: int
-) -> tuple[Index, str]:
-    """Return rows (n,) of postures (m, dof) that tell most, and why."""
+def all_over(
+    source: Arm | Model, space: PoseSpace, rng: np.random.Generator
+) -> Candidates:
+    """Postures all over the ranges, of which those that tell most are chosen."""
+    q = space.candidates(rng)
     if isinstance(source, SpatialArm):
         # never measured: the prior says what is unknown
         structure = structure_of(source, "rigid")
         frame = ("view.rotation", "view.shift", "tool")
         groups = (*frame, "placement", "offset", "elastic", "curve")
         beta = structure.neutral()
-        by_pose = whitened_jacobian(structure, beta, q, groups, PLANNING.noise)
-        return greedy(by_pose, n), "chosen to determine the arm best"
+
+        def best(q: Array, count: int) -> Index:
+            """Postures (count,) of some (n, dof) that tell most of the arm."""
+            by_pose = whitened_jacobian(
+                structure, beta, q, groups, PLANNING.noise
+            )
+            return greedy(by_pose, count)
+
+        return Candidates(q, best, "chosen to determine the arm best")
     body = None if isinstance(source, Arm) else source.body
     if body is None or body.simulated:  # exact samples leave nothing to learn
-        chosen = farthest(space.scale, q, n)
-        return chosen, "as far from each other as possible"
-    chosen = most_telling(body, q, n)
-    return chosen, "chosen to reduce the model's uncertainty most"
+        apart = partial(farthest, space.scale)
+        return Candidates(q, apart, "as far from each other as possible")
+    telling = partial(most_telling, body)
+    return Candidates(
+        q, telling, "chosen to reduce the model's uncertainty most"
+    )
 
 
 def farthest(scale: Scale, q: Array, n: int) -> Index:

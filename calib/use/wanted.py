@@ -31,7 +31,7 @@ from ..model.reach import Reach
 from ..model.space import REACHED, Space, measured_chain
 from ..model.turns import joint_limits, within_limits
 from ..samples.joint_values import wrap
-from .frames import assumption, frame_is_free, frames, is_simulated
+from .frames import assumption, frame_is_free, frame_moves, is_simulated
 from .geometry_fit import fit_geometry
 from .settings import CORRECTION
 
@@ -173,13 +173,13 @@ def _behind_planar_body(model: Model) -> Wanted:
     predict = partial(structure.predict, beta=frozen(nominal))
     if free:  # the body knows the frame as it is after all adaptations
         return Wanted(model, free, predict)
-    return Wanted(model, free, predict, tuple(frames(model)))
+    return Wanted(model, free, predict, tuple(frame_moves(model)))
 
 
 def _behind_maps(model: Model) -> Wanted:
     """The drawn arm in its base frame, led to a planar log's frame by a fit to its maps."""
     free = frame_is_free(model)
-    moves = tuple(frames(model))
+    moves = tuple(frame_moves(model))
     if free and not moves_in_space(model):
         to_sensor = fit_geometry(model).frame
         if to_sensor is not None:
@@ -205,5 +205,5 @@ def _behind_fitted_chain(model: Model) -> Wanted:
     chain = geometry.structure
     nominal = frozen(nominal_behind(chain, geometry.beta))
     predict = partial(chain.predict, beta=nominal)
-    moves = tuple(frames(model))
+    moves = tuple(frame_moves(model))
     return Wanted(model, frame_is_free(model), predict, moves)

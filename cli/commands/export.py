@@ -118,8 +118,8 @@ def export(
         files.append((camera, formats.camera_info(loaded), "camera_info"))
     if transform:
         frames = formats.static_transforms(loaded)
-        place = frames if len(frames) > 1 else frames[0]
-        text = json.dumps(place, indent=2) + "\n"
+        transforms = frames if len(frames) > 1 else frames[0]
+        text = json.dumps(transforms, indent=2) + "\n"
         files.append((transform, text, "static transform"))
     tip = loaded.about.tip
     if ur:

@@ -12,7 +12,6 @@ from typing import Annotated
 
 from typer import Argument
 
-from calib.common.choices import Eye
 from calib.common.wording import error_size
 from calib.use import standing
 
@@ -43,12 +42,7 @@ def lerobot(
     output: Annotated[
         str, opt.value("--output -o NEW.json", "The corrected calibration.")
     ],
-    eye: Annotated[
-        Eye,
-        opt.option(
-            "--eye", "hand: the camera is on the arm; base: it stands still."
-        ),
-    ] = "hand",
+    eye: opt.OneEye = "hand",
     robot: Annotated[
         str | None,
         opt.value("--robot ROBOT", "Default: the kind of the data set."),

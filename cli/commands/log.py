@@ -81,8 +81,10 @@ def log(
     sliding = prismatic or ()
     units = "[rad, m, s]"
     of_tag = (tag, tags_at, tag_size, tag_height, picture)
-    typed = (*of_tag, joints_file, board, lens, camera, eye)
-    is_bag = set(typed) == {None} and not any(map(is_of_camera, bag))
+    of_pictures = (*of_tag, joints_file, board, lens, camera, eye)
+    is_bag = not any(map(is_of_camera, bag)) and all(
+        option is None for option in of_pictures
+    )
     if is_bag:
         from calib.recording.bags import read_bag
 

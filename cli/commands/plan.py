@@ -110,8 +110,8 @@ def plan(
         source = model
         facts = model.about
         # an arm was loaded with its ranges, which it may need where it states no limits
-        turns = by_name(facts.joint_names, facts.revolute)
-        within = in_si("--range", ranges, turns, degrees)
+        revolute = by_name(facts.joint_names, facts.revolute)
+        within = in_si("--range", ranges, revolute, degrees)
     else:
         selection = Selection(joints, tip, planar, lock, ranges, degrees)
         arm = selection.load(robot)

@@ -227,3 +227,26 @@ def test_a_bound_that_the_rows_contradict_is_widened(simulated, run, tmp_path):
     assert done.code == 3
     assert f"{new} predicts as {old} does, with a wider bound" in done.out
     assert np.array_equal(calib.load(new).model_error(q), found.model.model_error(q))
+
+
+def test_local_models_follow_the_arm():
+    """Fitted anew beside the new body they lost the defect, and an offset was not adapted to."""
+    robot = calib.load_arm("three_link")
+    middle = (robot.lower + robot.upper) / 2
+
+    def real(q):
+        size = 8e-3 * np.exp(-((q - middle) ** 2).sum(axis=1) / 0.8**2)
+        return robot.forward(q) + size[:, None] * np.array([1.0, -0.5])
+
+    def measured(n, seed, offset):
+        rows = calib.babble(robot, n, seed=seed)
+        noise = np.random.default_rng(seed).normal(0.0, 2e-4, rows.x.shape)
+        return replace(rows, x=real(rows.q + offset) + noise, simulation=None)
+
+    offset = np.array([0.0, 0.02, 0.0])
+    learned = calib.train(measured(1500, 1, 0.0), size=6)
+    found = calib.adapt(learned, measured(60, 5, offset))
+    q = calib.babble(robot, 500, seed=9).q
+    assert found.improved
+    before = np.nanmean(miss(learned, q, real(q)))
+    assert np.nanmean(miss(found.model, q, real(q + offset))) < 1.1 * before

@@ -34,8 +34,8 @@ def camera_onto(points: Array, frame: Array) -> dict[str, object]:
     up = np.array([0.0, 0.0, 1.0])
     # off the plane's normal, so that depth can be seen; from above, y leads up the screen
     upright = abs(frame[2] @ up) < 0.75
-    away = frame[2] + 0.45 * (up if upright else -frame[1])
-    direction = away / np.linalg.norm(away)
+    to_eye = frame[2] + 0.45 * (up if upright else -frame[1])
+    direction = to_eye / np.linalg.norm(to_eye)
     right = np.cross(up, direction)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(direction, right), direction])

@@ -10,12 +10,13 @@ from numpy.typing import ArrayLike
 from ...common.arrays import Array
 from ...common.wording import quantity
 from ...maps.lattice import Lattice
+from ...maps.map import Map
 from ...model.model import Model
 from ...model.nominal import moves_in_space
 from ..error_scale import UNKNOWN, ErrorScale
 from ..settings import SETTINGS
 from ..workspace import drawn_edges, node_errors
-from .canvas import Canvas, packed
+from .canvas import Canvas, Colour, packed
 
 _LINK = "#2f9e44"
 
@@ -52,19 +53,12 @@ def draw_maps(
     shown = not moves_in_space(model)
     motor_errors, sensory_errors = node_errors(model)
     joints = panel.lift(model.motor.units)
-    for name, part, points, errors in (
-        ("Sensory map", model.sensory, places, sensory_errors),
-        ("Motor map", model.motor, joints, motor_errors),
-    ):
-        tint = scale.colours(errors)
-        edges = drawn_edges(part)
-        nodes = "x".join(map(str, part.lattice.shape))
-        canvas.layer(name, "scale", f"{nodes} nodes", shown=shown)
-        canvas.add(f"{name}/lattice", "lines", tint, points, edges)
-        lengths = np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1)
-        width = 0.5 * np.median(lengths) / canvas.size
-        width = float(np.clip(width, 0.003, 0.02))
-        canvas.add(f"{name}/nodes", "points", tint, points, size=width)
+    sensory_tints = scale.colours(sensory_errors)
+    motor_tints = scale.colours(motor_errors)
+    _draw_map(
+        canvas, "Sensory map", model.sensory, places, sensory_tints, shown
+    )
+    _draw_map(canvas, "Motor map", model.motor, joints, motor_tints, shown)
     box = Lattice((2,) * len(panel.edges))
     corners = panel.lift(box.positions())
     canvas.add("Motor map/range", "lines", UNKNOWN, corners, box.edges())
@@ -75,6 +69,25 @@ def draw_maps(
     canvas.label("Sensory map", "sensory map", top + 0.06 * canvas.size * up)
     canvas.label("Motor map", "motor map", panel.lift([0.5, 1.09, 0.0]))
     _label_joints(canvas, model, panel)
+
+
+def _draw_map(
+    canvas: Canvas,
+    name: str,
+    som: Map,
+    points: Array,
+    tints: Colour,
+    shown: bool,
+) -> None:
+    """Draw a map with its nodes at points (nodes, 3)."""
+    edges = drawn_edges(som)
+    nodes = "x".join(map(str, som.lattice.shape))
+    canvas.layer(name, "scale", f"{nodes} nodes", shown=shown)
+    canvas.add(f"{name}/lattice", "lines", tints, points, edges)
+    lengths = np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1)
+    width = 0.5 * np.median(lengths) / canvas.size
+    width = float(np.clip(width, 0.003, 0.02))
+    canvas.add(f"{name}/nodes", "points", tints, points, size=width)
 
 
 def _label_joints(canvas: Canvas, model: Model, panel: Panel) -> None:
@@ -88,12 +101,12 @@ def _label_joints(canvas: Canvas, model: Model, panel: Panel) -> None:
             1.0: quantity(about.upper[axis], unit),
         }
         for share, text in words.items():
-            place = np.array([-0.12, -0.06, 0.0])
+            shares = np.array([-0.12, -0.06, 0.0])
             if axis == 2:
                 # along the other side, where no other joint's words are
-                place[:2] = 1.06, 0.0
-            place[axis] = share
-            canvas.label("Motor map", text, panel.lift(place))
+                shares[:2] = 1.06, 0.0
+            shares[axis] = share
+            canvas.label("Motor map", text, panel.lift(shares))
 
 
 def links_of(model: Model, node: int) -> dict[str, object]:

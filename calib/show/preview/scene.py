@@ -1,4 +1,4 @@
-"""Scene: an arm with what stands around it, its rows, its bound and its maps, in layers.
+"""Scene: an arm or a rig with what stands around it, its rows, its bound and its maps, in layers.
 
 What is to be drawn is a `Subject`, found from a model and a log; `data_of_model` decides where the
 camera stands and has one function after the other draw its layer on a `Canvas`.
@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...arm.rigid import rigid
 from ...common.arrays import Array
 from ...common.rows import spread_rows
 from ...common.wording import quantity
@@ -21,21 +22,21 @@ from ...maps.lattice import Lattice
 from ...model.about import Photo
 from ...model.model import Model
 from ...model.nominal import moves_in_space, visited_joints
-from ...recording.rigid import rigid
+from ...recording.rig import HandEye
 from ...samples.samples import Samples
 from ...use.plan import shortest_tour
 from ..error_scale import UNKNOWN, ErrorScale
 from ..placement import Placement, place_model
 from ..robot import Robot
 from ..settings import SETTINGS
-from ..setup import Thing, things_of
+from ..setup import Thing, things_of, things_of_rig
 from ..study import StudiedRows, Study, studies_of
 from ..workspace import bound_field, extent, node_errors
-from .camera import camera_onto, frame_of_view
+from .camera import OBLIQUE, camera_onto, frame_of_view
 from .canvas import Canvas, packed
 from .maps import Panel, draw_maps, links_of
 
-ARM = "Arm"
+_ARM = "Arm"
 _BONE = "#e0853c"
 _JOINT = "#59636e"
 _MEASURED = "#1c7ed6"
@@ -106,7 +107,7 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
     # a little way to the eye: at equal depth the one would be drawn, or the other
     front = 0.006 * canvas.size * frame[2]
 
-    around = [*reached, *standing(subject.things)]
+    around = [*reached, *_standing(subject.things)]
     photo = model.photo if len(model.axes) == 2 else None
     if photo is not None:
         around.append(_draw_photo(canvas, photo, subject.placement, front))
@@ -121,7 +122,7 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
     if subject.robot is not None:
         links = subject.robot.links
         _draw_robot(canvas, links, subject.poses)
-        draw_things(canvas, subject.things, links[-1])
+        _draw_things(canvas, subject.things, links[-1])
     draw_maps(canvas, model, subject.nodes(), panel, scale)
     _draw_bound(canvas, subject.placement.lift(points), bound, scale)
     for study, placement in zip(
@@ -139,6 +140,31 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
         bound=f"95 % bound on the distance to the {measure}; rows: their error",
         links=links_of(model, int(model.sensory.winners(middle)[0])),
         notes=[] if subject.robot is not None else [NO_ARM],
+    )
+
+
+def data_of_rig(rig: HandEye) -> dict[str, object]:
+    """Plain data for the page of a preview."""
+    places = rig.flange[:, :3, 3]
+    things = things_of_rig(rig)
+    around = np.vstack([np.zeros(3), places, *_standing(things)])
+    canvas = Canvas(float(np.ptp(around, axis=0).max()))
+    base, flange = rig.frames
+    canvas.layer(_ARM, "", "the flange, from its base")
+    canvas.add(f"{_ARM}/{base}/ball", "sphere", _BONE, size=[0.02])
+    canvas.add(f"{_ARM}/{flange}/ball", "sphere", _JOINT, size=[0.015])
+    canvas.place(f"{_ARM}/{flange}", rig.flange)
+    canvas.label(_ARM, base, np.zeros(3))
+    _draw_things(canvas, things, flange)
+    scale = ErrorScale.of(rig.misses, "px", extent=1.0)
+    _draw_points(canvas, "Poses", places, rig.misses, scale)
+    return canvas.data(
+        scale,
+        camera_onto(around, OBLIQUE),
+        title=f"Hand-eye: {rig.hand_item} in the hand",
+        bound="corners off, rms of pictures that the fit did not see",
+        links=None,
+        notes=[],
     )
 
 
@@ -167,9 +193,9 @@ def _motion(model: Model, rows: StudiedRows | None) -> Motion:
         q = visited_joints(model, SETTINGS.played)
         measured = model.forward(q)
     else:
-        some = spread_rows(len(rows.q), SETTINGS.played)
-        q = rows.q[some]
-        measured = rows.x[some]
+        spread = spread_rows(len(rows.q), SETTINGS.played)
+        q = rows.q[spread]
+        measured = rows.x[spread]
     if rows is None or model.about.simulation is not None:
         u = model.motor.scale.to_unit(q)
         order = shortest_tour(np.linalg.norm(u[:, None] - u, axis=2))
@@ -222,12 +248,12 @@ def _draw_rows(
         layer = f"Rows {about.sensor}".strip()
         points = placement.lift(study.rows.x) + front
         shown = about.simulation is None
-        draw_points(
+        _draw_points(
             canvas, layer, points, study.rows.distance, scale, shown=shown
         )
 
 
-def draw_points(
+def _draw_points(
     canvas: Canvas,
     layer: str,
     points: Array,
@@ -237,23 +263,33 @@ def draw_points(
     shown: bool = True,
 ) -> None:
     """Draw measured points (n, 3) in the colour of their errors (n,)."""
-    some = spread_rows(len(points), SETTINGS.points)
-    words = f"{len(some):,}, in the colour of their errors"
+    spread = spread_rows(len(points), SETTINGS.points)
+    words = f"{len(spread):,}, in the colour of their errors"
     canvas.layer(layer, "scale", words, shown=shown)
-    tints = scale.colours(errors[some])
-    canvas.add(f"{layer}/positions", "points", tints, points[some], size=0.014)
+    tints = scale.colours(errors[spread])
+    canvas.add(
+        f"{layer}/positions", "points", tints, points[spread], size=0.014
+    )
 
 
 def _draw_motion(
     canvas: Canvas, motion: Motion, placement: Placement, unit: str
 ) -> None:
     """Draw the balls that run along."""
-    apart = np.linalg.norm(motion.predicted - motion.measured, axis=1)
-    off = f"{quantity(apart.mean(), unit)} off on average"
+    errors = np.linalg.norm(motion.predicted - motion.measured, axis=1)
+    words_of_errors = f"{quantity(errors.mean(), unit)} off on average"
     # the two may coincide: the measured one is a glass ball around the other
     for name, words, colour, x, radius, opacity, order in (
         ("Measured tip", "", _MEASURED, motion.measured, 0.022, 0.45, 1),
-        ("Predicted tip", off, _PREDICTED, motion.predicted, 0.012, 1.0, 2),
+        (
+            "Predicted tip",
+            words_of_errors,
+            _PREDICTED,
+            motion.predicted,
+            0.012,
+            1.0,
+            2,
+        ),
     ):
         canvas.layer(name, colour, words)
         ball = f"{name}/ball"
@@ -271,34 +307,34 @@ def _draw_robot(
     """Draw links as capsules from joint to joint, moving through poses (n, 4, 4)."""
     from scipy.spatial.transform import Rotation
 
-    canvas.layer(ARM, "", "its joints and links, as its URDF describes them")
+    canvas.layer(_ARM, "", "its joints and links, as its URDF describes them")
     for link in links:
-        canvas.add(f"{ARM}/{link}/joint", "sphere", _JOINT, size=[0.025])
-        canvas.place(f"{ARM}/{link}", poses[link])
+        canvas.add(f"{_ARM}/{link}/joint", "sphere", _JOINT, size=[0.025])
+        canvas.place(f"{_ARM}/{link}", poses[link])
     for link, following in pairwise(links):
         # in the frame of the link that carries it, so that it moves along
         end = (np.linalg.inv(poses[link][0]) @ poses[following][0])[:3, 3]
         length = float(np.linalg.norm(end)) / canvas.size
         if length > 0.001:
             turn, _ = Rotation.align_vectors([end], [[0.0, 1.0, 0.0]])
-            path = f"{ARM}/{link}/bone"
+            path = f"{_ARM}/{link}/bone"
             canvas.add(path, "cylinder", _BONE, size=[0.02, length])
             canvas.place(path, rigid(turn.as_matrix(), end / 2))
 
 
-def standing(things: Sequence[Thing]) -> list[Array]:
+def _standing(things: Sequence[Thing]) -> list[Array]:
     """Points (n, 3) of what is not carried."""
     return [thing.at_tip(np.eye(4)) for thing in things if not thing.carried]
 
 
-def draw_things(canvas: Canvas, things: Sequence[Thing], tip: str) -> None:
+def _draw_things(canvas: Canvas, things: Sequence[Thing], tip: str) -> None:
     """Draw camera, board, sockets, frames; what is carried moves along with the link `tip`."""
     if not things:
         return
     kinds = dict.fromkeys(thing.kind for thing in things)
     canvas.layer("Setup", _THING, ", ".join(kinds))
     for thing in things:
-        above = f"{ARM}/{tip}" if thing.carried else "Setup"
+        above = f"{_ARM}/{tip}" if thing.carried else "Setup"
         path = f"{above}/{thing.name}"
         canvas.add(f"{path}/lines", "lines", _THING, thing.points, thing.pairs)
         canvas.place(path, thing.frame)

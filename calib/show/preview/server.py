@@ -18,8 +18,7 @@ from ...errors import OptionError, require
 from ...model.model import Model
 from ...recording.rig import HandEye
 from ...samples.samples import Samples
-from .rig_scene import data_of_rig
-from .scene import data_of_model
+from .scene import data_of_model, data_of_rig
 
 _ADDRESS = "127.0.0.1"  # no other computer can reach it
 

@@ -77,13 +77,7 @@ def _intervals(
     figure, ax = named_rows(names, printable(f"{label} [{shown}]"))
     rows = range(len(names))
     ax.barh(rows, factor * values, 0.34, color=ACCENT, alpha=0.45)
-    ax.errorbar(
-        factor * values,
-        rows,
-        xerr=factor * halves,
-        fmt="o",
-        color=INK,
-    )
+    ax.errorbar(factor * values, rows, xerr=factor * halves, fmt="o", color=INK)
     ax.set_xlim(left=0.0)
     return figure
 
@@ -113,14 +107,7 @@ def draw_setup(frames: Array, things: Sequence[Thing]) -> Figure:
     kinds = list(dict.fromkeys(thing.kind for thing in things))
     for ax, view in zip(axes, views, strict=True):
         arm = 1e3 * bones[:, view].T
-        ax.plot(
-            *arm,
-            "o-",
-            color=GREY,
-            lw=3,
-            ms=5,
-            label="arm",
-        )
+        ax.plot(*arm, "o-", color=GREY, lw=3, ms=5, label="arm")
         for thing, corners in zip(things, placed, strict=True):
             lines = 1e3 * corners[np.array(thing.pairs)][:, :, view]
             drawn = ax.plot(
@@ -163,9 +150,9 @@ def where(study: Study) -> Figure | None:
         )
         if rows is None:
             continue
-        some = spread_rows(len(rows.x), SETTINGS.dots)
-        across, up = factor * rows.x[some][:, view].T
-        tints = colours(scale.share(rows.distance[some]))
+        spread = spread_rows(len(rows.x), SETTINGS.dots)
+        across, up = factor * rows.x[spread][:, view].T
+        tints = colours(scale.share(rows.distance[spread]))
         ax.scatter(across, up, 9, tints, linewidths=0.5, rasterized=True)
         if rows.left_out is not None:
             ax.plot(*factor * rows.left_out[:, view].T, "x", color=INK, ms=4)
@@ -192,12 +179,7 @@ def coverage(study: Study) -> Figure | None:
     figure, ax = named_rows(names, "share of the range [%]")
     shade = max(0.08, min(1.0, 60.0 / len(u)))
     ax.barh(range(len(names)), 100.0, 0.34, color="none", edgecolor=RULE)
-    ax.eventplot(
-        100.0 * u.T,
-        linelengths=0.34,
-        alpha=shade,
-        rasterized=True,
-    )
+    ax.eventplot(100.0 * u.T, linelengths=0.34, alpha=shade, rasterized=True)
     ax.set_xlim(0.0, 100.0)
     return figure
 
@@ -212,8 +194,8 @@ def joints(study: Study) -> Figure | None:
     structure = body.structure
     if structure.dof != len(about.joint_names):
         return None
-    some = spread_rows(len(rows.q), SETTINGS.dots)
-    q = rows.q[some]
+    spread = spread_rows(len(rows.q), SETTINGS.dots)
+    q = rows.q[spread]
     offsets = structure.groups["offset"]
     slope = structure.linearise(q, body.beta, offsets)[1]
     levers = np.linalg.norm(slope[:, : structure.blocks[0]], axis=1)
@@ -227,7 +209,7 @@ def joints(study: Study) -> Figure | None:
         lever = slope[:, : structure.blocks[0], k]
         length = levers[:, k]
         long = length > SETTINGS.lever * length.max()
-        along = (rows.held_out[some] * lever).sum(axis=1)[long]
+        along = (rows.held_out[spread] * lever).sum(axis=1)[long]
         grid = np.linspace(about.lower[k], about.upper[k], 200)
         curve, half = error_curve(body, k, grid)
         learned = np.interp(q[long, k], grid, curve)
@@ -261,11 +243,7 @@ def order(study: Study, window: int = 15) -> Figure | None:
         middles = numbers[window // 2 :][: len(windows)]
         ax.plot(middles, np.median(windows, axis=1))
     label = printable(f"error [{unit}]")
-    ax.set(
-        xlabel="row of the log",
-        ylabel=label,
-        ylim=(0, None),
-    )
+    ax.set(xlabel="row of the log", ylabel=label, ylim=(0, None))
     return figure
 
 
@@ -274,11 +252,11 @@ def arrows(study: Study) -> Figure | None:
     rows = study.rows
     if rows is None:
         return None
-    some = spread_rows(len(rows.x), SETTINGS.arrows)
+    spread = spread_rows(len(rows.x), SETTINGS.arrows)
     unit = study.model.about.unit
     factor = for_people(unit)[0]
-    x = factor * rows.x[some]
-    error = factor * rows.held_out[some]
+    x = factor * rows.x[spread]
+    error = factor * rows.held_out[spread]
     length = float(np.quantile(np.linalg.norm(error, axis=1), 0.95))
     longest = SETTINGS.arrow * float(np.ptp(x, axis=0).max())
     times = float(f"{max(longest / max(length, 1e-12), 1.0):.0e}")
@@ -287,12 +265,7 @@ def arrows(study: Study) -> Figure | None:
     for ax, view in zip(axes, views, strict=True):
         ends = np.stack([x - times * error, x])[:, :, view]
         # a line to each dot, where it was measured
-        ax.plot(
-            *ends.transpose(2, 0, 1),
-            color=SECOND,
-            lw=0.8,
-            rasterized=True,
-        )
+        ax.plot(*ends.transpose(2, 0, 1), color=SECOND, lw=0.8, rasterized=True)
         ax.plot(*ends[1].T, ".", color=SECOND, rasterized=True)
     axes[0].set_title(f"errors, drawn {number(times)} times as long")
     return figure

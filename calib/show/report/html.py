@@ -23,13 +23,13 @@ def write_page(
     notes: tuple[str, ...],
 ) -> None:
     """Write a report: its answers, sections of figures, the first without a title, facts, notes."""
-    parts = []
+    divisions = []
     for heading, content in sections.items():
-        title_of_part = f"<h2>{escape(heading)}</h2>\n" if heading else ""
-        place = "figures" if heading else "figures first"
+        title_of_section = f"<h2>{escape(heading)}</h2>\n" if heading else ""
+        kind = "figures" if heading else "figures first"
         if content:
-            parts.append(
-                f'{title_of_part}<div class="{place}">{content}</div>\n'
+            divisions.append(
+                f'{title_of_section}<div class="{kind}">{content}</div>\n'
             )
     page = fill_template(
         __package__,
@@ -37,7 +37,7 @@ def write_page(
         title=escape(title),
         verdict=text_of(verdict),
         answers=_list(answers),
-        sections="".join(parts),
+        sections="".join(divisions),
         facts=_list(facts),
         notes="".join(paragraph(f"Note: {note}") for note in notes),
     )

@@ -21,7 +21,7 @@ def lattices(study: Study) -> Figure | None:
     errors = node_errors(model)
     unit = model.about.unit
     scale = ErrorScale.of(np.concatenate(errors), unit, extent(model))
-    shares = [scale.share(part) for part in errors]
+    shares = [scale.share(som) for som in errors]
     return _lattices(model.association, shares, "expected error", scale)
 
 
@@ -34,7 +34,7 @@ def u_matrices(study: Study) -> Figure | None:
 
 def figures_of_maps(maps: Map | Association) -> dict[str, Figure]:
     """Return the figures of a map, or of two with their links, by name."""
-    gaps = [part.spacings for part in _parts(maps).values()]
+    gaps = [som.spacings for som in _parts(maps).values()]
     shares = [gap / gap.max() for gap in gaps]
     drawn = {
         "lattices": _lattices(
@@ -62,18 +62,18 @@ def _lattices(
     """Lattices in the colour of their nodes' shares (nodes,) of a scale."""
     figure, axes = panels([3.3] * len(shares))
     parts = _parts(maps).items()
-    for ax, (name, part), share in zip(axes, parts, shares, strict=True):
-        points = _two_coordinates(ax, part, name)
-        lines = draw_lattice(ax, points, drawn_edges(part), share, 1.0)
+    for ax, (name, som), share in zip(axes, parts, shares, strict=True):
+        points = _two_coordinates(ax, som, name)
+        lines = draw_lattice(ax, points, drawn_edges(som), share, 1.0)
     colour_bar(figure, lines, axes, label, scale)
     return figure
 
 
-def _two_coordinates(ax: Axes, part: Map, name: str) -> Array:
+def _two_coordinates(ax: Axes, som: Map, name: str) -> Array:
     """The first two coordinates (nodes, 2) of a map's nodes; of a line the second is 0."""
     ax.set(title=name, xlabel="first coordinate [range]")
     ax.set_ylabel("second [range]")
-    return np.column_stack([part.units, np.zeros(part.size)])[:, :2]
+    return np.column_stack([som.units, np.zeros(som.size)])[:, :2]
 
 
 def _links(maps: Association) -> Figure:
@@ -90,17 +90,17 @@ def _u_matrices(maps: Map | Association) -> Figure:
     """U-matrices over the lattices, or over the first two coordinates of a graph."""
     parts = _parts(maps)
     figure, axes = panels([3.1] * len(parts))
-    for ax, (name, part) in zip(axes, parts.items(), strict=True):
-        shape = part.lattice.shape
+    for ax, (name, som) in zip(axes, parts.items(), strict=True):
+        shape = som.lattice.shape
         if len(shape) == 1:
             # a graph: its nodes have no place but where they stand
-            x, y = _two_coordinates(ax, part, name).T
-            shown = ax.scatter(x, y, 4, part.spacings, linewidths=0.0)
+            x, y = _two_coordinates(ax, som, name).T
+            shown = ax.scatter(x, y, 4, som.spacings, linewidths=0.0)
             colour_bar(
                 figure, shown, [ax], "distance to the neighbours [range]"
             )
             continue
-        grid = part.spacings.reshape(*shape[:2], -1).mean(axis=-1).T
+        grid = som.spacings.reshape(*shape[:2], -1).mean(axis=-1).T
         image = ax.imshow(grid, interpolation="nearest")
         ax.set(
             title=name,

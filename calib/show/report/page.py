@@ -136,7 +136,9 @@ def report(
         return _report_rig(model, path)
     require("model", model, Model)
     studies = studies_of(model, log)
-    study = next((one for one in studies if one.log is not None), studies[0])
+    judged = next(
+        (study for study in studies if study.log is not None), studies[0]
+    )
     verdict = words.verdict(studies)
     sections = dict.fromkeys(HEADINGS, "")
     rig = rig_of_model(model)
@@ -148,20 +150,20 @@ def report(
     if linear or model.predictor.models.degree >= 0:
         sections["The maps"] = _table(model)
         entries = ARM
-    for k, one in enumerate(studies):
+    for k, study in enumerate(studies):
         if progress is not None:
             progress(k / len(studies), "figures", float("nan"))
-        sensor = one.model.about.sensor
+        sensor = study.model.about.sensor
         label = f"{sensor}: " if len(studies) > 1 else ""
-        _add(sections, entries, one, label)
+        _add(sections, entries, study, label)
     write_page(
         path,
         title=model.about.robot or "An arm, learned from a log",
         verdict=verdict,
         answers={
-            "What is off": words.largest_cause(study),
-            "Still true?": words.still_true(study),
-            "Next": words.next_step(study),
+            "What is off": words.largest_cause(judged),
+            "Still true?": words.still_true(judged),
+            "Next": words.next_step(judged),
         },
         sections=sections,
         facts=facts(model.about, model.size_in_words),

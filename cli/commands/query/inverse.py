@@ -61,25 +61,25 @@ def inverse(
     unit: opt.PositionUnit = None,
     degrees: opt.Degrees = False,
 ) -> Outcome:
-    from ...inverse import Search, answer_one, answer_table, turn_of
+    from ...inverse import Search, answer_one, answer_table, orientation_of
     from ...query import Files, Query
 
-    posed = quaternion is not None or rpy is not None
+    is_pose = quaternion is not None or rpy is not None
     for is_wrong, why in (
         (
             all_branches and readout,
             "--all is of the default readout alone: no --readout",
         ),
         (
-            input_ and (posed or keep or on),
+            input_ and (is_pose or keep or on),
             "--input has a column for each number: expected no other target",
         ),
         (
-            keep and (posed or near is None),
+            keep and (is_pose or near is None),
             "--keep-orientation: expected --near beside it alone",
         ),
         (
-            free and not (posed or input_),
+            free and not (is_pose or input_),
             "--free: expected --quaternion or --rpy beside it",
         ),
         (
@@ -92,8 +92,8 @@ def inverse(
     files = Files(input_, columns, output, target)
     query = Query.of(model, files, unit, degrees, "base" if on else frame)
     anchor = query.within_range("--near", near)
-    turn = turn_of(quaternion, rpy, degrees)
-    search = Search(readout, all_branches, keep, free, anchor, turn)
+    orientation = orientation_of(quaternion, rpy, degrees)
+    search = Search(readout, all_branches, keep, free, anchor, orientation)
     if input_ is not None:
         return answer_table(query, search)
     height = None if on is None else on.low

@@ -1,0 +1,97 @@
+"""Compiling: questions that compiled C answers, and when a model's C is compiled for them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..common.arrays import Array
+from ..errors import CalibError, OptionError
+from ..kernel.compiled import Library, compile_source
+from .header import Header
+from .parts import Parts
+from .prediction import Prediction
+
+COMPILER = 7e5  # [us], processor time of the compiler
+
+ROWS_TO_COMPARE = 20
+"""Joint values at which compiled C has to say what NumPy says, to a share of the extent."""
+ALIKE = 1e-8
+
+
+@dataclass(frozen=True)
+class Query:
+    """A question that compiled C answers row by row."""
+
+    name: str  # of its function, see `Library`
+    # processor time of a row by NumPy, for each squared joint [us], see benchmarks/inverse.py
+    cost: float
+
+
+@dataclass(frozen=True)
+class Reading(Query):
+    """What is asked at joint values."""
+
+    of: Callable[[Prediction], Array]  # the same in NumPy
+
+
+FORWARD = Reading("forward", 0.03, lambda prediction: prediction.value)
+JACOBIAN = Reading("jacobian", 0.03, lambda prediction: prediction.slope)
+BOUND = Reading("bounds", 0.8, lambda prediction: prediction.bound)
+TRUE_BOUND = Reading(
+    "model_bounds", 0.8, lambda prediction: prediction.true_bound
+)
+POSE = Reading("pose", 0.03, lambda prediction: prediction.pose)
+
+INVERSE = Query("inverse", 1.7)
+INVERSE_LONG = Query("inverse_long", 1.7)  # until the starts are tried
+INVERSE_ALL = Query("inverse_all", 1.7)
+POSES = Query("poses", 40.0)
+POSES_ALL = Query("poses_all", 100.0)
+
+
+def kernel_of(model: Parts) -> tuple[Library | None, str]:
+    """A model's compiled kernel, or None, and a sentence on what queries are answered by."""
+    try:
+        header = Header.of(model)
+        dof = len(header.limit)
+        compiled = compile_source(header.text()[0], dof, header.arm.outputs)
+        _check_answers(model, compiled)
+    except CalibError as error:
+        return None, f"queries are answered by the batch in NumPy: {error}"
+    return compiled, "queries are answered by compiled C"
+
+
+def _check_answers(model: Parts, kernel: Library) -> None:
+    """Refuse C that knows less than NumPy, such as a body's parameter that only one of them has."""
+    step = max(model.motor.size // ROWS_TO_COMPARE, 1)
+    q = model.motor.weights[::step]
+    x, valid = kernel.rows("forward", q)
+    expected = model.predictor.value(model.motor.scale.to_unit(q))
+    away = np.abs(x - expected)[valid == 1]
+    if (away > ALIKE * model.sensory.scale.span).any():
+        raise OptionError("the compiled C does not say the same")
+
+
+def kernel_for(model: Parts, query: Query, rows: int) -> Library | None:
+    """The compiled C for rows of a query, made where that pays; None where NumPy answers.
+
+    Why it cannot be made is said once, as a warning.
+    """
+    cost = rows * len(model.about.lower) ** 2 * query.cost
+    compiles = model.body is not None and "uncompiled" not in model.cache
+    if model.kernel is None and compiles and cost >= COMPILER:
+        kernel, reason = kernel_of(model)
+        object.__setattr__(model, "kernel", kernel)
+        if kernel is None:
+            model.cache["uncompiled"] = reason
+            warnings.warn(
+                f"{reason}; large batches take longer",
+                RuntimeWarning,
+                stacklevel=4,
+            )
+    kernel = model.kernel
+    return kernel if kernel is not None and kernel.has(query.name) else None
