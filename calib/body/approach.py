@@ -72,7 +72,8 @@ def _least_squares(features: Array, residual: Array) -> tuple[Array, Array]:
     flat = features.reshape(-1, k)
     gram = flat.T @ flat
     if not n or np.linalg.cond(gram) > 1e12:
-        return np.zeros(k), np.full(k, np.inf)
+        errors = np.full(k, np.inf)
+        return np.zeros(k), errors
     inverse = np.linalg.inv(gram)
     solution = inverse @ flat.T @ residual.ravel()
     misfit = residual - features @ solution

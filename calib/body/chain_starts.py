@@ -29,7 +29,7 @@ def chains(structure: SpatialStructure, rows: Rows) -> list[Start]:
     noise = 0.0
     if rows.noise is not None:
         noise = float(np.max(rows.noise))
-    least = max(START.exact, noise / structure.extent)
+    least = max(START.exact_share, noise / structure.extent)
     begins = _beginnings(structure, rows.z)
     ends: list[Start] = []
     for _ in range(START.rounds):
@@ -38,9 +38,9 @@ def chains(structure: SpatialStructure, rows: Rows) -> list[Start]:
         ends.sort(key=lambda end: end.cost)
         if ends[0].noise <= least:
             break
-        if _agreeing(ends, START.near) > 1:
+        if _agreeing(ends, START.nats_of_best_two) > 1:
             break
-    return [_with_fitted_chain(end) for end in ends[: START.alike]]
+    return [_with_fitted_chain(end) for end in ends[: START.agreeing_ends]]
 
 
 def _beginnings(
@@ -69,7 +69,7 @@ def _ends(
         ends.append(end)
         if end.noise <= least:
             break
-        if _agreeing(ends, START.same) >= START.alike:
+        if _agreeing(ends, START.nats_of_agreeing_ends) >= START.agreeing_ends:
             break
     for count, steps in START.further_steps:
         ends.sort(key=lambda end: end.cost)
@@ -86,7 +86,7 @@ def _after_steps(start: Start, rows: Rows, steps: int) -> Start:
 
 def _agreeing(ends: list[Start], near: float) -> int:
     """Return how many ends explain the rows as well as the best of these, but for some nats."""
-    costs = [end.cost for end in ends if end.noise <= START.explained]
+    costs = [end.cost for end in ends if end.noise <= START.explained_share]
     best = min(costs, default=0.0)
     return sum(cost < best + near for cost in costs)
 

@@ -68,10 +68,10 @@ def _refuse_misfit(
     positions = rows.z[:, :3]
     lengths = row_lengths(positions - np.median(positions, axis=0))
     size = float(lengths.max())
-    most_share = START.other_arm
+    most_share = START.share_of_other_arm
     what = "positions"
     if structure.camera:
-        most_share = START.no_camera
+        most_share = START.share_of_no_camera
         what = "pixels"
     if error > most_share * size:
         raise LogError(

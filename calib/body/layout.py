@@ -30,6 +30,9 @@ Members = tuple[tuple[str, tuple[str, ...]], ...]
 class Layout:
     """A chain and its sensors by their parameters; see `Structure`.
 
+    It sees as one of its `sensors` and of `others`, by number its `place`: its `measurement`.  The
+    `viewpoint` is that sensor, or the first one, and `view`, `unit`, `metre`, `extent` are its.
+
     ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters, ``c`` joints of the chain.  Joint
     values are in rad or m as they are logged; positions in the structure's own unit.
     """
@@ -70,10 +73,9 @@ class Layout:
     @property
     def viewpoint(self) -> Sensor:
         """The sensor that it sees as, or beside which it measures something else."""
-        place = self.place
-        if place >= len(self.sensors):
-            place = 0
-        return self.sensors[place]
+        if self.place < len(self.sensors):
+            return self.sensors[self.place]
+        return self.sensors[0]
 
     @property
     def measurement(self) -> Measurement:

@@ -24,6 +24,11 @@ class Factor:
         scaled *= self.scale
         self._root = positive_root(scaled)
 
+    @property
+    def root(self) -> Array:
+        """Lower triangular root (k, k) of the matrix."""
+        return self._root / self.scale[:, None]
+
     def solve(self, b: Array) -> Array:
         """Solution (k,) or (k, r) of ``matrix x = b``."""
         from scipy.linalg import cho_solve
@@ -43,14 +48,15 @@ class Factor:
 
     def inverse(self) -> Array:
         """Inverse (k, k)."""
-        white = self.whiten(np.eye(len(self.scale)))
+        size = len(self.scale)
+        white = self.whiten(np.eye(size))
         return white.T @ white
 
     def log_determinant(self) -> float:
         """Logarithm of the matrix's determinant."""
-        root = np.log(np.diag(self._root))
-        scale = np.log(self.scale)
-        return 2 * float(root.sum() - scale.sum())
+        diagonal = np.diag(self._root) / self.scale
+        logarithms = np.log(diagonal)
+        return 2 * float(logarithms.sum())
 
 
 def positive_root(matrix: Array) -> Array:

@@ -36,8 +36,9 @@ class PlanarMotion:
     def joints(self) -> TipMotion:
         """How the tip moves with the value of each joint, (dof, 2, n)."""
         # a joint turns all that comes after it about its own place
-        from_tip = self.terms[::-1].cumsum(axis=0)
-        beyond = from_tip[::-1]
+        from_tip = self.terms[::-1]
+        sums = from_tip.cumsum(axis=0)
+        beyond = sums[::-1]
         swung = 1j * beyond
         moved = np.where(self.turning, swung, self.direction)
         return _pairs(moved), None
@@ -70,7 +71,8 @@ class PlanarLoads:
     def slopes(self, q: Array, gravity: Array) -> Array:  # noqa: ARG002
         """Derivatives (2 p, dof, n) of those by the joint values."""
         n, dof = q.shape
-        before = np.arange(dof) <= self.pairs[:, 1:]
+        joints = np.arange(dof)
+        before = joints <= self.pairs[:, 1:]
         turns = before * self.turns
         directions = self._directions(q)[:, None]
         moved = 1j * turns[:, :, None] * directions

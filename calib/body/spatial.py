@@ -212,22 +212,22 @@ class SpatialStructure(Structure):
         # [kg m], on the first joint
         largest = float(chain.masses @ row_lengths(arms))
         largest = max(largest, 1e-12)
-        masses = Loads.of_masses(chain).scaled(1.0 / largest)
-        return {"elastic": masses, "payload": units}
+        masses = Loads.of_masses(chain)
+        shares = masses.scaled(1.0 / largest)
+        return {"elastic": shares, "payload": units}
 
     @property
-    def _level_axes(self) -> tuple[int, int]:
+    def _level_axes(self) -> list[int]:
         """The root frame's axes that are the least along the drawing's gravity."""
         sizes = np.abs(self.gravity)
         order = np.argsort(sizes, kind="stable")
-        first, second = sorted(order[:2].tolist())
-        return first, second
+        return sorted(order[:2].tolist())
 
     @cached_property
     def tilts(self) -> Mapping[str, Array]:
         """The ways (2, 3) in which the block of gravity's two angles moves its direction."""
         down = self._drawn_gravity
-        across = np.eye(3)[list(self._level_axes)]
+        across = np.eye(3)[self._level_axes]
         return {"gravity": across - np.outer(across @ down, down)}
 
     @property

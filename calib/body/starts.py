@@ -46,7 +46,7 @@ def best_start(
         runs.sort(key=lambda run: run.cost)
         runs = runs[: START.runs]
     # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
-    most = runs[0].cost + START.tied
+    most = runs[0].cost + START.tied_nats
     tied = [run for run in runs if not run.cost > most]
     return min(tied, key=lambda run: run.structure.reversals)
 

@@ -135,11 +135,14 @@ class Structure(Layout):
         joints = len(self.chain_names)
         bends = np.zeros((joints, len(q)))
         for block, elastic in constants.elastic.items():
-            bending = self.loads[block]
-            loads = loads_at(bending, q[:, : self.dof], gravity)
+            loads = self._loads(block, q, gravity)
             angles = elastic[:, None] * loads
-            np.add.at(bends, bending.joints, angles)
+            np.add.at(bends, self.loads[block].joints, angles)
         return bends
+
+    def _loads(self, block: str, q: Array, gravity: Array) -> Array:
+        """Loads (e, n) of a block of elasticity at rows (n, dof + a)."""
+        return loads_at(self.loads[block], q[:, : self.dof], gravity)
 
     def move(self, values: Array, beta: Array) -> Motion:
         """Where the chain is at the true values (c, n) of its joints."""
@@ -240,9 +243,9 @@ class Structure(Layout):
     ) -> Array:
         """How outputs (e, m, n) move with the elasticity under each load of a block."""
         gravity = constants_at(self, beta).gravity
-        bending = self.loads[block]
-        loads = loads_at(bending, q[:, : self.dof], gravity)
-        return chain_slope[bending.joints] * loads[:, None]
+        loads = self._loads(block, q, gravity)
+        bent_slope = chain_slope[self.loads[block].joints]
+        return bent_slope * loads[:, None]
 
     def _by_gravity(self, q: Array, beta: Array, chain_slope: Array) -> Array:
         """How outputs (t, m, n) move as gravity tilts."""
