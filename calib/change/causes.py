@@ -50,8 +50,8 @@ class Cause:
     # ``"mirror"``, ``"sign:JOINT"``, ``"lost:JOINT"``, ``"backlash:JOINT"``, ``"noise"``,
     # ``"noise:JOINT"`` or ``"unknown"``
     cause: str
-    group: str  # group of parameters: ``"view.rotation"``, ``"offset"``, ``"length"``,
-    words: str  # the same in words
+    group: str  # of parameters, such as ``"view.rotation"`` or ``"offset"``
+    words: str  # the change in words
     # size of the change, None where no number tells it
     value: float | None = None
     interval: tuple[float, float] | None = None  # 95 % interval of the value
