@@ -201,7 +201,7 @@ def main() -> None:
         for name, parts in blocks.items():
             rows = []
             for side, network in itertools.product(sides, NETWORKS):
-                found = [measure(c, train_on(c, g, network, side, told.seed)) for c, g in parts]
+                found = [measure(c, train_on(g, network, side, told.seed)) for c, g in parts]
                 means = {k: float(np.mean([f[k] for f in found])) for k in found[0]}
                 rows.append({"nodes": f"{side}x{side}", "network": network, **means})
             table(name, rows)

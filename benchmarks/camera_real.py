@@ -23,10 +23,10 @@ from camera import BOARD, DESK, LYING, NAMES, on_board, postures, stops
 from rendering import Camera, Desk, Sticker, board, write_video
 
 from calib.errors import CalibError
-from calib.recording.lens import Lens
 from calib.recording.motion_tables import JointTable
 from calib.recording.setting import Setup
 from calib.recording.tag_logs import log_pictures, log_video
+from calib.samples.lens import Lens
 from calib.samples.samples import Samples
 
 

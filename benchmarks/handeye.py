@@ -25,7 +25,7 @@ import calib
 from calib.arm.rotations import logarithm
 from calib.body.sensor_pose import hand_pose
 from calib.recording.board_pictures import hand_poses
-from calib.recording.lens import Lens
+from calib.samples.lens import Lens
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 

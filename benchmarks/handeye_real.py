@@ -16,14 +16,14 @@ import cv2
 import numpy as np
 
 import calib
+from calib.arm.rigid import inverse, rigid
 from calib.arm.rotations import matrix_of
 from calib.common.scale import METRES
 from calib.recording.board_pictures import BoardPictures, find_board
 from calib.recording.bundle import project
-from calib.recording.lens import Lens
 from calib.recording.motion_tables import FlangeTable, read_flange_poses
 from calib.recording.readings import pose_readings
-from calib.recording.rigid import inverse, rigid
+from calib.samples.lens import Lens
 
 FOLDS = 5
 SOLVERS = ("TSAI", "PARK", "HORAUD", "DANIILIDIS")

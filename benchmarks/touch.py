@@ -26,7 +26,7 @@ from calib.body.spatial import structure_of
 from calib.body.touch import rows_of_touches
 from calib.samples.samples import Samples
 from calib.training.options import TrainingOptions
-from calib.training.touched import fit_sockets
+from calib.training.socket_fit import fit_sockets
 
 ARMS = {"panda_1": "panda", "kuka_14": "iiwa14", "dinova_1": "gen3lite"}
 MM = 1e3

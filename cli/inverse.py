@@ -17,8 +17,8 @@ from calib.errors import QueryError
 from calib.model.answers import Answer
 from calib.model.poses import solve_poses
 from calib.model.space import Space
+from calib.samples.batch import Batch
 from calib.samples.roles import QUATERNION, from_angles
-from calib.samples.tables import Batch
 
 from .output import NO, Outcome, note
 from .parsing import BadOption

@@ -16,7 +16,8 @@ from calib.common.arrays import Array, Mask
 from calib.common.rows import finite_rows
 from calib.common.scale import METRES
 from calib.common.wording import error_size, for_people, listing
-from calib.samples.tables import Batch, read_batch, write_table
+from calib.samples.batch import Batch, read_batch
+from calib.samples.tables import write_table
 from calib.use import standing
 
 from .output import NO, Outcome, TextTable, note, say, with_decimals

@@ -22,11 +22,11 @@ from rendering import Desk, board, tag  # noqa: E402
 
 import calib  # noqa: E402
 from calib.recording.board import parse_board  # noqa: E402
-from calib.recording.lens import Lens  # noqa: E402
 from calib.recording.motion_tables import read_joints  # noqa: E402
 from calib.recording.pictures import list_pictures, read_picture, take_photo  # noqa: E402
 from calib.recording.setting import Setup, write_overlay  # noqa: E402
 from calib.recording.tag_logs import log_pictures  # noqa: E402
+from calib.samples.lens import Lens  # noqa: E402
 
 
 def render(folder: Path, count: int = 60) -> Desk:

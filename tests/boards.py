@@ -9,7 +9,7 @@ from calib.arm.rotations import exponential, logarithm
 from calib.body.spatial import structure_of
 from calib.recording.board import parse_board
 from calib.recording.board_pictures import BoardPictures
-from calib.recording.lens import Lens
+from calib.samples.lens import Lens
 
 BOARD = np.array([[0.024 * i, 0.024 * j, 0.0] for j in range(1, 5) for i in range(1, 7)])
 """Inner corners of a board of 7x5 squares of 24 mm [m]."""

@@ -161,7 +161,7 @@ class Arm:
     @property
     def _tip_axes(self) -> Array:
         """Directions (3, 3) of a tip's offset, at zero, in the root link's frame."""
-        return np.asarray(self.chain.rotation.T)
+        return self.chain.rotation.T
 
     @property
     def dof(self) -> int:
@@ -189,9 +189,7 @@ class Arm:
                     name, chosen, self.limits[k], self.units_of_joints[k]
                 )
             travel[k] = chosen
-            lower[k], upper[k] = (
-                one_turn(chosen) if self.revolute[k] else chosen
-            )
+            lower[k], upper[k] = learned_range(chosen, self.revolute[k])
             if self.revolute[k]:
                 turning[name] = chosen
         notes = (*self.notes, *notes_of_turns(turning))
@@ -225,7 +223,7 @@ class Arm:
         out = np.concatenate(
             [compute(rows[start : start + _CACHED]) for start in starts]
         )
-        return np.asarray(out[0] if single else out)
+        return out[0] if single else out
 
     def _index(self, joint: str, what: str) -> int:
         if joint not in self.joint_names:
@@ -310,11 +308,14 @@ def clip_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
     return max(lower, limits[0]), min(upper, limits[1])
 
 
-def one_turn(chosen: Range) -> Range:
-    """Cut a turning joint's range to one turn, centred as near to 0 as it allows."""
-    lower, upper = chosen
-    if upper - lower <= TURN:
-        return chosen
+def learned_range(travel: Range, revolute: bool) -> Range:
+    """Return what is learned of a joint's travel: of a turning joint at most one turn.
+
+    It is centred as near to 0 as the travel allows.
+    """
+    lower, upper = travel
+    if not revolute or upper - lower <= TURN:
+        return travel
     # the turn around 0 where the range holds it, else the end that is nearest to 0
     centre = min(max(0.0, lower + TURN / 2), upper - TURN / 2)
     return centre - TURN / 2, centre + TURN / 2

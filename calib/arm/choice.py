@@ -11,9 +11,9 @@ from ..errors import OptionError, RobotError
 from .finding import (
     FINDING,
     TIP_NAMES,
-    Chain,
-    find_chains,
+    JointChoice,
     find_tip,
+    furthest_choices,
     planar_part,
     plane_normal,
 )
@@ -27,7 +27,7 @@ def check_lock(urdf: Urdf, lock: Collection[str]) -> None:
         _movable(urdf, name, "lock")
 
 
-def choose_chain(
+def choose_joints(
     urdf: Urdf,
     posture: Posture,
     joints: Sequence[str] | None,
@@ -36,8 +36,8 @@ def choose_chain(
     ranges: Collection[str],
     planar: bool,
     columns: Collection[str] | None,
-) -> tuple[Chain, list[str]]:
-    """Return the chain of an arm, and notes on what was chosen for the user.
+) -> tuple[JointChoice, list[str]]:
+    """Return the joints of an arm, and notes on what was chosen for the user.
 
     joints, tip : as the user names them; None where calib chooses
     lock : values [rad or m] of joints that do not move
@@ -54,17 +54,17 @@ def choose_chain(
     ]
     notes: list[str] = []
     if joints is None:
-        usable = [j for j in free if j.name in ranges or not j.stuck]
-        chain, notes = _furthest_chain(
-            urdf, posture, usable, link, planar, columns
+        with_room = [j for j in free if j.name in ranges or not j.stuck]
+        choice, notes = _furthest_arm(
+            urdf, posture, with_room, link, planar, columns
         )
     else:
         if isinstance(joints, str):
             joints = re.split(r"\s*,\s*", joints.strip())
-        chain = _chain_by_names(urdf, posture, joints, link, free)
-    if link is None and not chain.tip.lower().endswith(TIP_NAMES):
-        notes.append(f"tip {quoted(chain.tip)} was chosen (`tip` changes it)")
-    return chain, notes
+        choice = _named_joints(urdf, posture, joints, link, free)
+    if link is None and not choice.tip.lower().endswith(TIP_NAMES):
+        notes.append(f"tip {quoted(choice.tip)} was chosen (`tip` changes it)")
+    return choice, notes
 
 
 def check_limits(joints: Sequence[Joint]) -> None:
@@ -83,51 +83,58 @@ def check_limits(joints: Sequence[Joint]) -> None:
         )
 
 
-def _furthest_chain(
+def _furthest_arm(
     urdf: Urdf,
     posture: Posture,
-    usable: Sequence[Joint],
+    free: Sequence[Joint],
     tip: str | None,
     planar: bool,
     columns: Collection[str] | None,
-) -> tuple[Chain, list[str]]:
-    """Return the arm for users who named no joints, and notes."""
-    free = [j for j in usable if columns is None or j.name in columns]
-    chains = find_chains(urdf, posture, free, tip)
-    if not chains:
-        raise _no_arm(urdf, free, tip, columns)
-    parts = [planar_part(chain, posture) for chain in chains]
-    flat = planar or plane_normal(chains[0].joints, posture) is not None
-    if flat:
-        arms = [
-            part or chain for part, chain in zip(parts, chains, strict=True)
-        ]
-    else:
-        arms = [
-            replace(chain, joints=chain.joints[-FINDING.most_joints :])
-            for chain in chains
-        ]
-    best = arms[0]
+) -> tuple[JointChoice, list[str]]:
+    """Return the arm for users who named no joints, and notes.
+
+    free : joints that move on their own and have room to
+    """
+    measured = [j for j in free if columns is None or j.name in columns]
+    choices = furthest_choices(urdf, posture, measured, tip)
+    if not choices:
+        raise _no_arm(urdf, measured, tip, columns)
+    in_space = plane_normal(choices[0].joints, posture) is None
+    arms = [
+        _within_most_joints(choice, posture, planar or not in_space)
+        for choice in choices
+    ]
+    arm = arms[0]
     others = "; ".join(map(str, arms[1:]))
     # a log was measured on one of them only; in simulation the first serves
     if others and columns is not None:
         raise RobotError(
-            f"the robot has {len(arms)} arms of one reach, choose one: {best}; {others}"
+            f"the robot has {len(arms)} arms of one reach, choose one: {arm}; {others}"
         )
     notes: list[str] = []
     if others:
-        notes.append(f"chosen by reach: {best} (others: {others})")
-    if parts[0] and not flat:
+        notes.append(f"chosen by reach: {arm} (others: {others})")
+    planar_arm = planar_part(choices[0], posture)
+    if planar_arm and in_space and not planar:
         notes.append(
-            f"the arm moves in space; `planar=True` takes its planar part: {parts[0]}"
+            f"the arm moves in space; `planar=True` takes its planar part: {planar_arm}"
         )
-    path = urdf.path(best.tip)
-    idle = [j.name for j in usable if j in path and j not in free]
-    if idle:
+    path = urdf.path(arm.tip)
+    unmeasured = [j.name for j in free if j in path and j not in measured]
+    if unmeasured:
         notes.append(
-            f"locked because the log has no columns for them: {listing(idle)}"
+            f"locked because the log has no columns for them: {listing(unmeasured)}"
         )
-    return best, notes
+    return arm, notes
+
+
+def _within_most_joints(
+    choice: JointChoice, posture: Posture, planar: bool
+) -> JointChoice:
+    """Return the joints of a choice that are learned: in a plane its planar part, if it has one."""
+    if planar:
+        return planar_part(choice, posture) or choice
+    return replace(choice, joints=choice.joints[-FINDING.most_joints :])
 
 
 def _no_arm(
@@ -151,14 +158,14 @@ def _no_arm(
     )
 
 
-def _chain_by_names(
+def _named_joints(
     urdf: Urdf,
     posture: Posture,
     names: Sequence[str],
     tip: str | None,
     free: Sequence[Joint],
-) -> Chain:
-    """Return the chain of the joints that a user names, or refuse them.
+) -> JointChoice:
+    """Return the joints that a user names, or refuse them.
 
     free : joints that move on their own
     """
@@ -169,9 +176,9 @@ def _chain_by_names(
     path = urdf.path(tip or "")
     moving = [joint for joint in free if joint in path]
     active = [joint for joint in joints if joint in moving]
-    chains = find_chains(urdf, posture, active, tip)
-    if chains and sorted(j.name for j in chains[0].joints) == sorted(names):
-        return chains[0]
+    choices = furthest_choices(urdf, posture, active, tip)
+    if choices and sorted(j.name for j in choices[0].joints) == sorted(names):
+        return choices[0]
     raise OptionError(
         f"`joints` are {listing(map(quoted, names))}: expected two or more of those that move "
         f"the tip {quoted(tip or '')} on their own, each once: "

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from .mjcf import read_mjcf
 from .robot_text import MJCF, parse_xml
 from .urdf import Urdf, read_urdf_tree
 
 
+@lru_cache(maxsize=4)
 def parse_robot(text: str, name: str = "robot") -> Urdf:
     """Check the text of a URDF or an MJCF and return its links and joints.
 

@@ -54,7 +54,7 @@ TIP_NAMES = (
 
 
 @dataclass(frozen=True)
-class Chain:
+class JointChoice:
     """Some joints on the way to a tip, base to tip, and how far they reach [m]."""
 
     joints: tuple[Joint, ...]
@@ -65,27 +65,28 @@ class Chain:
         return f"`joints={[joint.name for joint in self.joints]}` `tip={self.tip!r}`"
 
 
-def find_chains(
+def furthest_choices(
     urdf: Urdf, posture: Posture, free: Sequence[Joint], tip: str | None
-) -> list[Chain]:
-    """Chains of at least two free joints that reach furthest, several where they reach alike.
+) -> list[JointChoice]:
+    """Choices of at least two free joints that reach furthest, several where they reach alike.
 
     tip : the link at their end; None for any
     """
     tips = [tip] if tip else []
     if tip is None:
         tips = sorted({_arm_tip(urdf, posture, joint) for joint in free})
-    chains: list[Chain] = []
+    choices: list[JointChoice] = []
     for end in tips:
-        path = tuple(joint for joint in urdf.path(end) if joint in free)
-        if len(path) > 1:
-            chains.append(Chain(path, end, _reach(path, end, posture)))
-    chains.sort(key=lambda chain: (-round(chain.reach, 6), str(chain)))
-    alike: dict[tuple[Joint, ...], Chain] = {}
-    for chain in chains:
-        far = chain.reach >= (1 - FINDING.alike) * chains[0].reach
-        if far and len(chain.joints) == len(chains[0].joints):
-            alike.setdefault(chain.joints, chain)
+        joints = tuple(joint for joint in urdf.path(end) if joint in free)
+        if len(joints) > 1:
+            reach = _reach(joints, end, posture)
+            choices.append(JointChoice(joints, end, reach))
+    choices.sort(key=lambda choice: (-round(choice.reach, 6), str(choice)))
+    alike: dict[tuple[Joint, ...], JointChoice] = {}
+    for choice in choices:
+        far = choice.reach >= (1 - FINDING.alike) * choices[0].reach
+        if far and len(choice.joints) == len(choices[0].joints):
+            alike.setdefault(choice.joints, choice)
     return list(alike.values())
 
 
@@ -115,81 +116,86 @@ def find_tip(urdf: Urdf, link: str) -> str:
     return link
 
 
-def plane_normal(
-    joints: Sequence[Joint], posture: Posture, *, planar: bool = False
-) -> Array | None:
+def plane_normal(joints: Sequence[Joint], posture: Posture) -> Array | None:
     """Unit normal (3,) of the plane in which all joints move, None of an arm in space.
 
-    Raises RobotError if they all slide along one line, or a `planar` arm is required and they do
-    not move in one plane.
+    Raises RobotError if they all slide along one line.
     """
-    axes = [posture.axis(joint) for joint in joints]
-    planes = list(_planes(joints, posture))
-    if not planes:
-        raise RobotError(
-            f"joints {listing(joint.name for joint in joints)} all slide along {vector(axes[0])}: "
-            "they move the tip along a line, not over a plane"
-        )
-    # the direction that most joints share; the first of them where several tie
-    normal, within = max(planes, key=lambda plane: len(plane[1]))
-    for joint, axis in zip(joints, axes, strict=True):
-        if joint not in within:
-            if not planar:
-                return None
-            way = "parallel to" if joint.revolute else "perpendicular to"
-            raise RobotError(
-                f"the arm is not planar: joint {quoted(joint.name)} has the axis {vector(axis)} "
-                f"in the root frame, expected one {way} the others' normal {vector(normal)}",
-                hint="choose other `joints`, or leave out `planar`",
-                parameter="joints",
-            )
+    normal, within = _common_plane(joints, posture)
+    if len(within) < len(joints):
+        return None
     # antiparallel axes are one direction; beside the mean of all each joint's tilt is small
-    turning = [
-        axis for joint, axis in zip(joints, axes, strict=True) if joint.revolute
-    ]
-    aligned = [axis * np.sign(axis @ normal) for axis in turning] or [normal]
+    axes = [posture.axis(joint) for joint in joints if joint.revolute]
+    aligned = [axis * np.sign(axis @ normal) for axis in axes] or [normal]
     return np.asarray(np.mean(aligned, axis=0))
 
 
-def planar_part(chain: Chain, posture: Posture) -> Chain | None:
-    """The joints of a chain that move its tip within one plane; None where fewer than two do.
+def check_planar(joints: Sequence[Joint], posture: Posture) -> None:
+    """Refuse joints that do not all move in one plane."""
+    normal, within = _common_plane(joints, posture)
+    for joint in joints:
+        if joint not in within:
+            axis = vector(posture.axis(joint))
+            expected = "parallel" if joint.revolute else "perpendicular"
+            raise RobotError(
+                f"the arm is not planar: joint {quoted(joint.name)} has the axis {axis} in the "
+                f"root frame, expected one {expected} to the others' normal {vector(normal)}",
+                hint="choose other `joints`, or leave out `planar`",
+                parameter="joints",
+            )
+
+
+def _common_plane(
+    joints: Sequence[Joint], posture: Posture
+) -> tuple[Array, list[Joint]]:
+    """Return the unit normal (3,) that most joints share, and the joints that move in its plane.
+
+    Raises RobotError if they all slide along one line.
+    """
+    planes = list(_planes(joints, posture))
+    if not planes:
+        axis = vector(posture.axis(joints[0]))
+        raise RobotError(
+            f"joints {listing(joint.name for joint in joints)} all slide along {axis}: they move "
+            "the tip along a line, not over a plane"
+        )
+    # the first of them where several tie
+    return max(planes, key=lambda plane: len(plane[1]))
+
+
+def planar_part(choice: JointChoice, posture: Posture) -> JointChoice | None:
+    """The joints of a choice that move its tip within one plane; None where fewer than two do.
 
     Of several planes the one with the most joints, of as many the one with the furthest reach.
     """
-    parts: list[Chain] = []
-    for normal, members in _planes(chain.joints, posture):
-        joints = members
+    planar: list[JointChoice] = []
+    for normal, joints in _planes(choice.joints, posture):
         # without the joint of the shortest link, until all are long enough and few enough
         while len(joints) > 1:
-            links = _links(joints, chain.tip, posture)
+            links = _links(joints, choice.tip, posture)
             flat = links - np.outer(links @ normal, normal)
             lengths = np.linalg.norm(flat, axis=1)
             lengths += [_slide_length(joint) for joint in joints]
             reach = float(lengths.sum())
             shortest = int(np.argmin(lengths))
             least = max(FINDING.least_share * reach, FINDING.least_lever)
-            if (
-                lengths[shortest] >= least
-                and len(joints) <= FINDING.most_in_plane
-            ):
-                parts.append(Chain(tuple(joints), chain.tip, reach))
+            few = len(joints) <= FINDING.most_in_plane
+            if few and lengths[shortest] >= least:
+                planar.append(JointChoice(tuple(joints), choice.tip, reach))
                 break
             joints = joints[:shortest] + joints[shortest + 1 :]
     return max(
-        parts,
-        key=lambda part: (len(part.joints), round(part.reach, 6)),
+        planar,
+        key=lambda choice: (len(choice.joints), round(choice.reach, 6)),
         default=None,
     )
 
 
 def check_tip(last: Joint, tip: str, posture: Posture) -> None:
     """Refuse a tip on the axis of the last turning joint: that joint would not move it."""
-    arm = posture.place(tip) - posture.place(last.child)
-    if (
-        last.revolute
-        and np.linalg.norm(np.cross(posture.axis(last), arm))
-        < FINDING.least_lever
-    ):
+    to_tip = posture.place(tip) - posture.place(last.child)
+    lever = np.linalg.norm(np.cross(posture.axis(last), to_tip))
+    if last.revolute and lever < FINDING.least_lever:
         raise RobotError(
             f"joint {quoted(last.name)} does not move the tip {quoted(tip)}, which lies on its "
             "axis: leave the joint out, choose another tip, or add a tip link on a fixed joint to "
@@ -226,8 +232,7 @@ def _arm_tip(urdf: Urdf, posture: Posture, joint: Joint) -> str:
     path = [other for other in urdf.path(tip) if other.movable]
     for k, other in enumerate(path[1:], start=1):
         end = find_tip(urdf, other.parent)
-        branches = end != tip and other not in urdf.path(end)
-        if branches:
+        if end != tip and other not in urdf.path(end):
             before = _reach(path[:k], other.parent, posture)
             beyond = _reach(path[k:], tip, posture)
             if beyond < FINDING.hand * before:

@@ -91,36 +91,36 @@ class Loads:
         For a weight in kg and gravity in m/s2 a load is ``gravity . lever`` [N m, N of a slide].
         """
         motion = self.chain.motion(q)
-        return self._swept(motion, self._places(motion), self.joints)
+        return self._pull(motion, self._point_positions(motion), self.joints)
 
     def slopes(self, q: Array, gravity: Array) -> Array:
         """Derivatives (e, dof, n) of the loads under gravity (3,) by the joint values (n, dof)."""
         motion = self.chain.motion(q)
-        places = self._places(motion)
+        positions = self._point_positions(motion)
         across = cross(gravity[:, None], motion.axes) * self.chain.still.turning
         by_joint = np.empty((len(self.joints), self.chain.joints, len(q)))
         for k in range(self.chain.joints):
             # a joint before the load's turns the whole lever, one beyond it the points that follow
             first = np.minimum(self.joints, k)
             last = np.maximum(self.joints, k)
-            moved = self._swept(motion, places, last)
+            moved = self._pull(motion, positions, last)
             by_joint[:, k] = (across[first] * moved).sum(axis=1)
         slopes = np.einsum("ekn,kd->edn", by_joint, self.chain.coupling)
         return np.asarray(slopes)
 
-    def _places(self, motion: Motion) -> Array:
-        """Places (p, 3, n) [m] of the points."""
+    def _point_positions(self, motion: Motion) -> Array:
+        """Positions (p, 3, n) [m] of the points."""
         arms = self.points - self.chain.points[self.links]
         frames = motion.frames[1:][self.links]
         return motion.places[self.links] + turned(frames, arms[..., None])
 
-    def _swept(
-        self, motion: Motion, places: Array, joints: NDArray[np.intp]
+    def _pull(
+        self, motion: Motion, positions: Array, joints: NDArray[np.intp]
     ) -> Array:
         """How joints (e,) move each load's weighted sum of points beyond them, (e, 3, n)."""
         weights = self.weights * (self.links >= joints[:, None])
         total = weights.sum(axis=1)[:, None, None]
-        moments = np.tensordot(weights, places, axes=1)
+        moments = np.tensordot(weights, positions, axes=1)
         moments -= total * motion.places[joints]
         axes = motion.axes[joints]
         turning = self.chain.still.turning[joints]

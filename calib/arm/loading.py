@@ -17,13 +17,13 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.wording import listing, one_line, quoted
 from ..errors import OptionError, RobotError
-from .arm import PlanarArm, SpatialArm
-from .choice import check_limits, check_lock, choose_chain
+from .arm import PlanarArm, SpatialArm, learned_range, notes_of_turns
+from .choice import check_limits, check_lock, choose_joints
 from .description import parse_robot
-from .finding import FINDING, Chain, check_tip, plane_normal
+from .finding import FINDING, JointChoice, check_planar, check_tip, plane_normal
 from .gravity import standard
 from .plane import plane_of
-from .posture import Posture, chain_of, posture_of
+from .posture import Posture, chain_of, posture_of, with_masses
 from .robot_text import read_urdf
 from .robots import resolve_robot
 from .urdf import Mimic, Range, Urdf
@@ -122,66 +122,58 @@ def arm_from_urdf(
     lock = dict(lock or {})
     check_lock(urdf, lock)
     ranges = dict(ranges or {})
-    posture = posture_of(urdf, lock)
-    chain, notes = choose_chain(
-        urdf,
-        posture,
-        joints,
-        tip,
-        lock,
-        ranges,
-        planar,
-        columns,
+    neutral = posture_of(urdf, lock)
+    choice, notes = choose_joints(
+        urdf, neutral, joints, tip, lock, ranges, planar, columns
     )
-    active = chain.joints
+    active = choice.joints
     names = [joint.name for joint in active]
-    moving = _moving_joints(urdf, chain, lock)
+    moving = _moving_joints(urdf, choice, lock)
     at_zero = posture_of(urdf, {**lock, **dict.fromkeys(moving, 0.0)})
-    normal = _normal(chain, moving, at_zero, planar)
+    normal = _normal(choice, moving, at_zero, planar)
+    chain = chain_of(urdf, moving, names, choice.tip, at_zero)
     make: Callable[..., PlanarArm | SpatialArm] = SpatialArm
-    if normal is not None:
-        plane = plane_of(normal, at_zero.place(chain.tip))
+    if normal is None:
+        chain = with_masses(chain, urdf, at_zero, moving)
+    else:
+        plane = plane_of(normal, at_zero.place(choice.tip))
         make = partial(PlanarArm, plane=plane)
     without_range = [joint for joint in active if joint.name not in ranges]
     check_limits(without_range)
-    locked, locked_notes = _locked_joints(urdf, chain, moving, lock)
+    locked, locked_notes = _locked_joints(urdf, choice, moving, lock)
+    notes += locked_notes
+    notes += notes_of_turns(
+        {joint.name: joint.travel for joint in without_range if joint.revolute}
+    )
     travel = tuple(joint.travel for joint in active)
+    learned = [learned_range(joint.travel, joint.revolute) for joint in active]
     arm = make(
         name=urdf.name,
         joint_names=tuple(names),
-        # set by `with_range`
-        lower=np.zeros(len(active)),
-        upper=np.zeros(len(active)),
+        lower=np.array([lower for lower, _ in learned]),
+        upper=np.array([upper for _, upper in learned]),
         revolute=tuple(joint.revolute for joint in active),
-        tip=chain.tip,
+        tip=choice.tip,
         locked=locked,
         urdf=text,
-        notes=tuple(map(one_line, (*urdf.notes, *notes, *locked_notes))),
+        notes=tuple(map(one_line, (*urdf.notes, *notes))),
         limits=travel,
         travel=travel,
-        chain=chain_of(
-            urdf,
-            moving,
-            names,
-            chain.tip,
-            at_zero,
-            with_masses=normal is None,
-        ),
+        chain=chain,
     )
-    whole = {joint.name: joint.travel for joint in without_range}
-    return arm.with_range({**ranges, **whole})
+    return arm.with_range(ranges)
 
 
 def _moving_joints(
-    urdf: Urdf, chain: Chain, lock: Collection[str]
+    urdf: Urdf, choice: JointChoice, lock: Collection[str]
 ) -> dict[str, Mimic]:
     """Return the joints that move the tip, base to tip, each with the active joint it follows.
 
     An active joint follows itself.
     """
-    names = [joint.name for joint in chain.joints]
+    names = [joint.name for joint in choice.joints]
     moving: dict[str, Mimic] = {}
-    for joint in urdf.path(chain.tip):
+    for joint in urdf.path(choice.tip):
         mimic = urdf.mimic_of(joint, lock)
         if joint.movable and mimic.leader in names:
             moving[joint.name] = mimic
@@ -189,7 +181,7 @@ def _moving_joints(
 
 
 def _normal(
-    chain: Chain,
+    choice: JointChoice,
     moving: Mapping[str, Mimic],
     posture: Posture,
     planar: bool,
@@ -198,8 +190,10 @@ def _normal(
 
     An arm with mimic joints on the way to its tip is one in space.
     """
-    names = [joint.name for joint in chain.joints]
-    normal = plane_normal(chain.joints, posture, planar=planar)
+    names = [joint.name for joint in choice.joints]
+    if planar:
+        check_planar(choice.joints, posture)
+    normal = plane_normal(choice.joints, posture)
     mimics = [name for name in moving if name not in names]
     if mimics and planar:
         raise RobotError(
@@ -207,7 +201,7 @@ def _normal(
             "the way to the tip: expected no such joint in a planar arm; choose others"
         )
     if normal is not None and not mimics:
-        check_tip(chain.joints[-1], chain.tip, posture)
+        check_tip(choice.joints[-1], choice.tip, posture)
         return normal
     if len(names) > FINDING.most_joints:
         raise OptionError(
@@ -220,7 +214,7 @@ def _normal(
 
 def _locked_joints(
     urdf: Urdf,
-    chain: Chain,
+    choice: JointChoice,
     moving: Collection[str],
     lock: Mapping[str, float],
 ) -> tuple[dict[str, float], list[str]]:
@@ -228,7 +222,7 @@ def _locked_joints(
     values = urdf.values(lock)
     locked = {
         joint.name: values[joint.name]
-        for joint in urdf.path(chain.tip)
+        for joint in urdf.path(choice.tip)
         if joint.movable and joint.name not in moving
     }
     neutral = [

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..common.arrays import Array
+from .rigid import rigid
 from .rotations import exponential
 from .spatial_chain import SpatialChain
 from .urdf import Joint, Mimic, Urdf
@@ -25,7 +26,7 @@ class Posture:
 
     def axis(self, joint: Joint) -> Array:
         """Unit axis (3,) of a joint."""
-        return np.asarray(self.frames[joint.child][:3, :3] @ _direction(joint))
+        return self.frames[joint.child][:3, :3] @ _direction(joint)
 
 
 def posture_of(urdf: Urdf, chosen: Mapping[str, float]) -> Posture:
@@ -49,13 +50,10 @@ def posture_of(urdf: Urdf, chosen: Mapping[str, float]) -> Posture:
 
 def _motion(joint: Joint, value: float) -> Array:
     """Transform (4, 4) by which a joint at a value [rad or m] moves its child link."""
-    frame = np.eye(4)
     moved = value * _direction(joint)
     if joint.revolute:
-        frame[:3, :3] = exponential(moved)
-    else:
-        frame[:3, 3] = moved
-    return frame
+        return rigid(exponential(moved), np.zeros(3))
+    return rigid(np.eye(3), moved)
 
 
 def _direction(joint: Joint) -> Array:
@@ -70,14 +68,11 @@ def chain_of(
     active: Sequence[str],
     tip: str,
     posture: Posture,
-    *,
-    with_masses: bool,
 ) -> SpatialChain:
     """Return the chain of the joints that move a tip, with all other transforms folded into it.
 
     moving : the active joint that each of them follows, base to tip; an active one itself
     posture : with the moving joints at zero
-    with_masses : whether the masses beyond each joint are part of it
     """
     joints = [joint for joint in urdf.path(tip) if joint.name in moving]
     coupling = np.zeros((len(joints), len(active)))
@@ -91,34 +86,32 @@ def chain_of(
         tuple(joint.revolute for joint in joints),
         coupling,
         np.array([mimic.offset for mimic in moving.values()]),
-        *(_masses(urdf, posture, joints) if with_masses else ()),
     )
 
 
-def _masses(
-    urdf: Urdf, posture: Posture, joints: Sequence[Joint]
-) -> tuple[Array, Array]:
-    """Masses (m,) [kg] beyond each joint of a chain, up to the next, and their centres (m, 3) [m].
+def with_masses(
+    chain: SpatialChain, urdf: Urdf, posture: Posture, moving: Collection[str]
+) -> SpatialChain:
+    """Return a chain with the masses beyond each joint, up to the next, and their centres.
 
     Links beside the chain (fingers, covers) hang on the last chain joint below them and do not
-    move of their own. Both are empty where the robot states no mass for any, or one is unknown.
+    move of their own. It stays without where the robot states no mass for any, or one is unknown.
+
+    posture, moving : as in `chain_of`
     """
-    order = {joint.name: k for k, joint in enumerate(joints)}
-    masses = np.zeros(len(joints))
-    moments = np.zeros((len(joints), 3))
+    order = list(moving)
+    masses = np.zeros(chain.joints)
+    moments = np.zeros((chain.joints, 3))
     for link, (mass, centre) in urdf.masses.items():
-        if below := [
-            order[joint.name]
-            for joint in urdf.path(link)
-            if joint.name in order
-        ]:
-            masses[below[-1]] += mass
-            moments[below[-1]] += (
-                mass * (posture.frames[link] @ [*centre, 1.0])[:3]
-            )
+        path = [joint.name for joint in urdf.path(link)]
+        carriers = [order.index(name) for name in path if name in moving]
+        if carriers:
+            place = posture.frames[link] @ [*centre, 1.0]
+            masses[carriers[-1]] += mass
+            moments[carriers[-1]] += mass * place[:3]
     if not masses.sum() > 0:
-        return np.zeros(0), np.zeros((0, 3))
-    centres = np.array([posture.place(joint.child) for joint in joints])
+        return chain
+    centres = chain.points.copy()
     heavy = masses > 0
     centres[heavy] = moments[heavy] / masses[heavy, None]
-    return masses, centres
+    return replace(chain, masses=masses, centres=centres)

@@ -18,6 +18,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.wording import listing, quoted, suggestion
 from ..errors import RobotError
+from .rigid import rigid
 from .robot_text import LIMITS, Attributes, Vector
 from .rotations import exponential
 
@@ -251,8 +252,7 @@ def _read_joint(
         )
     # about the fixed x, y and z axes, in this order
     x, y, z = exponential(np.diag(rpy))
-    origin = np.eye(4)
-    origin[:3] = np.column_stack([z @ y @ x, xyz])
+    origin = rigid(z @ y @ x, xyz)
     axis: Vector = (1.0, 0.0, 0.0)
     if kind != "fixed":
         direction = _part(node, "axis", where)

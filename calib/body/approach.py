@@ -28,8 +28,7 @@ class Approach:
 
     def effective(self, q: Array, direction: Array) -> Array:
         """Where joints (n, dof) stand that came from a direction, 1, -1 or 0 (unknown)."""
-        values: Array = q - self.play * direction
-        return values
+        return q - self.play * direction
 
     def has_direction(self, direction: Array) -> Mask:
         """Whether the direction (n, dof) of all joints with play is known, (n,)."""
@@ -73,7 +72,8 @@ def _least_squares(features: Array, residual: Array) -> tuple[Array, Array]:
     flat = features.reshape(-1, k)
     gram = flat.T @ flat
     if not n or np.linalg.cond(gram) > 1e12:
-        return np.zeros(k), np.full(k, np.inf)
+        errors = np.full(k, np.inf)
+        return np.zeros(k), errors
     inverse = np.linalg.inv(gram)
     solution = inverse @ flat.T @ residual.ravel()
     misfit = residual - features @ solution

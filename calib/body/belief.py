@@ -9,12 +9,14 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 import numpy as np
 
 from ..common.arrays import TRIANGLE, Array, Shape
+from ..common.rows import row_lengths
 from .covariance import as_kept, radius_95, root_of, spread_of
 from .parameters import Gaussian, Indices
 from .sensor_pose import SensorPose
 from .settings import PRIOR_SHARE, SHARED
 from .structure import OfStructure, Structure
 from .views import is_camera
+from .words import words_of
 
 _Belief = TypeVar("_Belief", "Body", "Second")
 
@@ -105,8 +107,9 @@ class Body(OfStructure):
         noise : whether the sensor's noise is part of the distance
         """
         q = np.asarray(q, dtype=float)
-        parts = np.split(q, range(_CHUNK, len(q), _CHUNK))
-        bounds = [self._bound(part, noise) for part in parts]
+        limits = range(_CHUNK, len(q), _CHUNK)
+        chunks = np.split(q, limits)
+        bounds = [self._bound(chunk, noise) for chunk in chunks]
         return np.concatenate(bounds)
 
     def remaining_variance(self, *, noise: bool) -> Array:
@@ -121,8 +124,7 @@ class Body(OfStructure):
             variance = np.maximum(variance - self.repeat**2, 0.0)
             if self.simulated:
                 variance = np.zeros_like(variance)
-        total: Array = self.residual[self._position] ** 2 + variance
-        return total
+        return self.residual[self._position] ** 2 + variance
 
     def spread(self, q: Array) -> Array:
         """Covariance (n, m, m) of the predictions from the parameters alone, without kappa."""
@@ -136,19 +138,19 @@ class Body(OfStructure):
         return slice(self.structure.blocks[0])
 
     def _bound(self, q: Array, noise: bool) -> Array:
-        part = self._position
+        positions = self._position
         structure = self.structure
         second = self.second
         remaining = np.diag(self.remaining_variance(noise=noise))
-        here, slope = structure.linearise(q, self.beta, self.active)
-        spread = SHARED**2 * spread_of(slope[:, part], self.root)
+        predicted, slope = structure.linearise(q, self.beta, self.active)
+        spread = SHARED**2 * spread_of(slope[:, positions], self.root)
         bound = self.kappa * radius_95(spread + remaining)
         if second is not None:
-            there, slope = structure.linearise(q, second.beta, second.active)
-            away = structure.residual(here, there)[:, part]
-            apart = np.linalg.norm(away, axis=1)
-            spread = spread_of(slope[:, part], second.root)
-            bound_of_second = apart + radius_95(spread + remaining)
+            other, slope = structure.linearise(q, second.beta, second.active)
+            difference = structure.residual(predicted, other)
+            distance = row_lengths(difference[:, positions])
+            spread = spread_of(slope[:, positions], second.root)
+            bound_of_second = distance + radius_95(spread + remaining)
             bound = np.maximum(bound, bound_of_second)
         return bound
 
@@ -169,7 +171,7 @@ class Body(OfStructure):
     def deviations(self) -> Array:
         """Posterior sd (d,) of each parameter, zero where nothing was fitted."""
         sd = np.zeros(self.structure.size)
-        sd[self.active] = np.linalg.norm(self.root, axis=1)
+        sd[self.active] = row_lengths(self.root)
         return sd
 
     @property
@@ -215,8 +217,6 @@ class Body(OfStructure):
         lower, upper : (dof,) [rad or m], range within which loads bend the joints; by default
             a turn
         """
-        from .words import words_of  # modules of every kind of arm
-
         structure = self.structure
         sd = self.deviations_by_rows
         lines = [*words_of(structure, self.beta, sd, lower, upper)]
@@ -260,4 +260,7 @@ def knows_orientation(body: Body | None) -> bool:
     if body is None:
         return False
     turns = body.structure.groups.get("tool.rotation")
-    return turns is not None and bool(np.isin(turns, body.active).all())
+    if turns is None:
+        return False
+    is_fitted = np.isin(turns, body.active)
+    return bool(is_fitted.all())

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.rows import median_length
+from ..common.rows import median_length, row_lengths
 from .belief import Body, Second
 from .covariance import as_kept, root_of
-from .fit import Fit
+from .fit import Fit, Start
 from .gate import Member, pass_gate
 from .held_out import leave_blocks_out
 from .layout import with_all_sensors
@@ -27,7 +27,6 @@ from .settings import (
     POSE_FLOOR,
     SIMULATED_FLOOR,
 )
-from .start import Start
 from .starts import best_start, with_other_sensors
 from .structure import Structure
 
@@ -67,7 +66,7 @@ class BodyFit:
             residual=body.residual[:3],
             second=second,
         )
-        turned = np.linalg.norm(self.held_out[:, 3:], axis=1)
+        turned = row_lengths(self.held_out[:, 3:])
         held_out = self.held_out[:, :3]
         return replace(self, body=positions, held_out=held_out, turned=turned)
 
@@ -158,11 +157,11 @@ def _gate_rows(
 
 def _least_noise(structure: Structure, rows: Rows) -> Array:
     """Return the least noise (m,) [unit, rad] that rows are taken to have."""
-    seen = structure.as_seen_by(rows.sensor)
-    share = LOG_FLOOR if seen.outputs <= 3 else POSE_FLOOR
+    as_seen = structure.as_seen_by(rows.sensor)
+    share = LOG_FLOOR if as_seen.outputs <= 3 else POSE_FLOOR
     if structure.simulated:
         share = SIMULATED_FLOOR
-    return share * seen.extents
+    return share * as_seen.extents
 
 
 def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
@@ -184,28 +183,28 @@ def _with_bound(
     root : (k, k), of its covariance
     sensor : number of the sensor
     """
-    part = final.parts[sensor]
-    structure = part.structure
+    readings = final.readings[sensor]
+    structure = readings.structure
     held_out = leave_blocks_out(final, sensor=sensor)
     body = Body(
         structure=structure,
         beta=final.beta,
         active=final.active,
         root=root,
-        noise=part.noise,
+        noise=readings.noise,
         kappa=max(1.0, held_out.ratio),
         tau=held_out.tau,
         residual=np.zeros(structure.outputs),
         nu=final.nu,
         autocorrelation=final.autocorrelation,
         scales=member.fit.scales,
-        rows=len(part.z),
+        rows=len(readings.z),
         simulated=structure.simulated,
         member=member.name,
         second=second,
     )
     # where the other blocks determine nothing, they predict their mean
-    unknown = part.z - part.z.mean(axis=0)
+    unknown = readings.z - readings.z.mean(axis=0)
     residual = held_out.residual
     errors = np.where(np.isfinite(residual), residual, unknown)
     return BodyFit(body, errors, held_out.widening)
@@ -225,8 +224,7 @@ def _second_fits(
         return none
     blocks = {*chain}
     if len(rows[0]) >= FIT.guarded_rows:
-        groups = structure.groups
-        blocks |= {block for block in _GUARDED if len(groups.get(block, ()))}
+        blocks |= {*_GUARDED} & structure.groups.keys()
     if "curve" in member.free or member.against_curves < FIT.no_curves:
         blocks.add("curve")
     elif blocks <= {*member.free}:
@@ -239,7 +237,8 @@ def _second_fits(
         share = float(np.clip(ratio, FIT.least_share, 1.0))
     root = as_kept(share * root_of(wide.covariance))
     return [
-        Second(wide.beta, wide.active, root, part.noise) for part in wide.parts
+        Second(wide.beta, wide.active, root, readings.noise)
+        for readings in wide.readings
     ]
 
 
@@ -267,5 +266,6 @@ def _wide_prior(member: Member, blocks: set[str]) -> Prior:
         elif not np.isin(hyper.indices, first.active).any():
             hypers.append(hyper)
     for hyper in hypers:
-        sd[hyper.indices] = hyper.scale * np.sqrt(hyper.shape)
+        relative = np.sqrt(hyper.shape)
+        sd[hyper.indices] = hyper.scale * relative
     return Prior(prior.mean, sd, tuple(hypers))

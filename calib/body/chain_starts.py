@@ -13,10 +13,11 @@ from itertools import islice
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import row_lengths
+from .fit import Start
 from .rows import Rows
 from .settings import START
 from .spatial import SpatialStructure
-from .start import Start
 
 
 def chains(structure: SpatialStructure, rows: Rows) -> list[Start]:
@@ -28,7 +29,7 @@ def chains(structure: SpatialStructure, rows: Rows) -> list[Start]:
     noise = 0.0
     if rows.noise is not None:
         noise = float(np.max(rows.noise))
-    least = max(START.exact, noise / structure.extent)
+    least = max(START.exact_share, noise / structure.extent)
     begins = _beginnings(structure, rows.z)
     ends: list[Start] = []
     for _ in range(START.rounds):
@@ -37,9 +38,9 @@ def chains(structure: SpatialStructure, rows: Rows) -> list[Start]:
         ends.sort(key=lambda end: end.cost)
         if ends[0].noise <= least:
             break
-        if _agreeing(ends, START.near) > 1:
+        if _agreeing(ends, START.nats_of_best_two) > 1:
             break
-    return [_with_fitted_chain(end) for end in ends[: START.alike]]
+    return [_with_fitted_chain(end) for end in ends[: START.agreeing_ends]]
 
 
 def _beginnings(
@@ -68,23 +69,25 @@ def _ends(
         ends.append(end)
         if end.noise <= least:
             break
-        if _agreeing(ends, START.same) >= START.alike:
+        if _agreeing(ends, START.nats_of_agreeing_ends) >= START.agreeing_ends:
             break
     for count, steps in START.further_steps:
         ends.sort(key=lambda end: end.cost)
-        ends = [_after_steps(end, rows, steps) for end in ends[:count]]
+        best = ends[:count]
+        ends = [_after_steps(end, rows, steps) for end in best]
     return ends
 
 
 def _after_steps(start: Start, rows: Rows, steps: int) -> Start:
     """Return a start after damped steps of the chain, which may be anywhere."""
     prior = start.structure.prior(("placement", "tool"))
-    return start.run(rows.q, rows.z, prior, steps)
+    return start.run(rows, prior, steps)
 
 
 def _agreeing(ends: list[Start], near: float) -> int:
     """Return how many ends explain the rows as well as the best of these, but for some nats."""
-    costs = [end.cost for end in ends if end.noise <= START.explained]
+    share = START.explained_share
+    costs = [end.cost for end in ends if end.noise <= share]
     best = min(costs, default=0.0)
     return sum(cost < best + near for cost in costs)
 
@@ -94,18 +97,18 @@ def _with_fitted_chain(end: Start) -> Start:
     structure = end.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - chains are in space
     zero = np.zeros((structure.chain.joints, 1))
-    still = structure.move(zero, end.beta)
-    axes = still.axes[..., 0]
-    lengths = np.linalg.norm(axes, axis=1, keepdims=True)
+    motion = structure.move(zero, end.beta)
+    axes = motion.axes[..., 0]
+    lengths = row_lengths(axes)[:, None]
     chain = replace(
         structure.chain,
         axes=axes / lengths,
-        points=still.origins[..., 0],
-        tip=still.position[..., 0],
-        rotation=still.rotation[..., 0],
+        points=motion.origins[..., 0],
+        tip=motion.position[..., 0],
+        rotation=motion.rotation[..., 0],
     )
-    there = replace(structure, chain=chain)
-    return replace(end, structure=there, beta=there.neutral())
+    fitted = replace(structure, chain=chain)
+    return replace(end, structure=fitted, beta=fitted.neutral())
 
 
 def _random_chain(
@@ -114,7 +117,7 @@ def _random_chain(
     """Draw a chain: axes of any direction, links as long as the workspace suggests."""
     dof = structure.dof
     axes = rng.normal(size=(dof, 3))
-    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    axes /= row_lengths(axes)[:, None]
     extent = structure.extent / structure.metre
     link = extent / np.sqrt(3 * dof)
     steps = link * rng.normal(size=(dof, 3))
@@ -122,6 +125,7 @@ def _random_chain(
     middle = z[:, :3].mean(axis=0)
     middle /= structure.metre
     points += middle - points.mean(axis=0)
-    tip = points[-1] + link * rng.normal(size=3)
+    last = link * rng.normal(size=3)
+    tip = points[-1] + last
     chain = replace(structure.chain, axes=axes, points=points, tip=tip)
     return replace(structure, chain=chain)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from .normal import positive_root
+from .normal import Factor
 
 NORMAL_95 = 1.6448536269514722  # one-sided quantile of 95 %
 
@@ -45,9 +45,8 @@ def spread_of(derivative: Array, root: Array) -> Array:
     n, p, k = derivative.shape
     flat = derivative.reshape(n * p, k)
     roots = flat @ root
-    roots = roots.reshape(n, p, root.shape[1])
-    spread: Array = roots @ np.swapaxes(roots, 1, 2)
-    return spread
+    roots = roots.reshape(n, p, -1)
+    return roots @ np.swapaxes(roots, 1, 2)
 
 
 def autocorrelation_time(r: Array) -> float:
@@ -72,11 +71,8 @@ def autocorrelation_time(r: Array) -> float:
 
 def root_of(covariance: Array) -> Array:
     """Root (k, k) of a positive semidefinite matrix, a lower triangle."""
-    variances = np.diag(covariance)
-    deviations = np.sqrt(np.maximum(variances, 0.0))
-    safe = np.where(deviations > 0, deviations, 1.0)
-    correlation = covariance / safe[:, None] / safe
-    root: Array = deviations[:, None] * positive_root(correlation)
+    root = Factor(covariance).root
+    root[np.diag(covariance) <= 0] = 0.0
     return root
 
 
@@ -90,7 +86,8 @@ def pack(root: Array) -> _Packed:
     else:
         triangle = np.linalg.qr(root.T, mode="r")
         upper[: len(triangle)] = triangle
-    return upper[np.triu_indices(k)].astype(np.float32)
+    packed = upper[np.triu_indices(k)]
+    return packed.astype(np.float32)
 
 
 def unpack(packed: _Packed, size: int) -> Array:

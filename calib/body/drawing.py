@@ -1,22 +1,17 @@
 """The drawing of a planar arm: lengths, directions and frame of a chain of parallel axes.
 
-With complex positions in the plane, and psi_i the sum of the turning joints' signed angles up to
-joint i, the tip is linear in the links::
-
-    tip = shift + sum over turning joints of t_i exp(j mirror psi_i)
-                + sum over slides of q_i t_i exp(j mirror psi_i)
+Links are complex numbers, directions in the plane; see `planar.PlanarMotion`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.arm import Arm, PlanarArm
-from ..common.arrays import Array
+from ..common.rows import row_lengths
 from ..errors import OptionError
 
 Complex = NDArray[np.complex128]
@@ -57,55 +52,38 @@ class PlanarDrawing:
         tip = complex(plane.project(chain.tip) @ number)
         turns = np.sign(chain.axes @ plane.normal).astype(int)
         slides: Complex = chain.axes @ plane.basis[:2].T @ number
-        vectors = slides / np.linalg.norm(chain.axes, axis=1)
+        vectors = slides / row_lengths(chain.axes)
         end = tip
         for joint in reversed(np.flatnonzero(turning)):
             vectors[joint] = end - origins[joint]
             end = complex(origins[joint])
         mirror = int(turns[turning][0]) if turning.any() else 1
         signs = np.where(turning, turns * mirror, 1)
-        return drawing_of(
-            vectors, end, tuple(signs.tolist()), mirror, arm.revolute
+        from_front = vectors if mirror > 0 else vectors.conj()
+        lengths = np.where(turning, np.abs(vectors), 0.0)
+        return PlanarDrawing(
+            lengths=tuple(lengths.tolist()),
+            offsets=tuple(offsets_of(from_front, arm.revolute)),
+            rotation=float(np.angle(vectors[0])),
+            shift=(end.real, end.imag),
+            mirror=mirror,
+            signs=tuple(signs.tolist()),
         )
 
 
-def waves(
-    q: Array, signs: Sequence[int], mirror: int, revolute: tuple[bool, ...]
-) -> Complex:
-    """What the links (dof,) are multiplied by at joint values (n, dof), (n, dof)."""
-    turning = np.asarray(revolute)
-    signed = q * np.asarray(signs, dtype=float)
-    turns = np.exp(
-        1j * mirror * np.cumsum(np.where(turning, signed, 0.0), axis=1)
-    )
-    return np.where(turning, turns, signed * turns)
-
-
-def drawing_of(
-    vectors: Complex,
-    shift: complex,
-    signs: tuple[int, ...],
-    mirror: int,
-    revolute: tuple[bool, ...],
-) -> PlanarDrawing:
-    """The drawing of links (dof,) at zero."""
-    sizes = np.abs(vectors)
-    angles = np.angle(vectors)
+def offsets_of(links: Complex, revolute: tuple[bool, ...]) -> list[float]:
+    """Angles (dof,) [rad] of links against the last one that turns; 0 of one without a length."""
+    sizes = np.abs(links)
+    angles = np.angle(links)
+    angles -= angles[0]
     offsets: list[float] = []
     before = 0.0
     for angle, size, turns in zip(angles, sizes, revolute, strict=True):
-        along = before  # of a link without a length
+        along = before
         if size > 1e-9 * sizes.max():
-            along = mirror * (float(angle) - float(angles[0]))
-        turn = (along - before + np.pi) % (2 * np.pi)
-        offsets.append(turn - np.pi)
+            along = float(angle)
+        turn = along - before + np.pi
+        offsets.append(turn % (2 * np.pi) - np.pi)
         if turns:
             before = along
-    return PlanarDrawing(
-        lengths=tuple(np.where(revolute, sizes, 0.0).tolist()),
-        offsets=tuple(offsets),
-        rotation=float(angles[0]),
-        shift=(shift.real, shift.imag),
-        mirror=mirror,
-        signs=signs,
-    )
+    return offsets

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..common.arrays import Array, Mask
 from .covariance import autocorrelation_time
-from .normal import Factor, with_prior
+from .normal import Factor
 from .parameters import Hyper, Indices, Prior
-from .rows import Part, Rows
-from .settings import FIT
+from .rows import Readings, Rows
+from .settings import FIT, SIMULATED_FLOOR, STUDENT
 from .structure import Structure
 
 
@@ -29,13 +29,13 @@ class Fit:
     ----------
     beta, active : (d,) and (k,)
         All parameters, and the indices of those that are fitted.
-    sd, prior_precision : (k,) and (k, k) or None
-        Prior sds, with the scales that the evidence chose; or the prior's precision instead.
-    parts : list of Part
+    sd : (k,)
+        Prior sds, with the scales that the evidence chose.
+    readings : list of Readings
         Residuals, weights and noise of each sensor.
     """
 
-    # of a search that has ended: what each block of rows adds to information and gradient
+    # what each block of rows adds to information and gradient
     grams: Array  # (b, k, k)
     moments: Array  # (b, k)
     precision: Array  # (k, k), weighted information and prior
@@ -58,11 +58,12 @@ class Fit:
         self.nu = nu
         self.active = prior.active
         self.mean = prior.mean
-        self.prior_precision = prior.precision
+        self._precision = prior.precision
         self.sd = prior.sd[self.active].copy()
         self.beta = np.where(prior.sd > 0, beta, prior.mean)
+        count = len(self.active)
         place = np.full(len(prior.sd), -1)
-        place[self.active] = np.arange(len(self.active))
+        place[self.active] = np.arange(count)
         self.hypers: list[Hyper] = []  # their indices are places in `active`
         for hyper in prior.hypers:
             index = place[hyper.indices]
@@ -70,20 +71,27 @@ class Fit:
                 self.hypers.append(hyper._replace(indices=index))
         self.scales = {hyper.name: float(hyper.scale) for hyper in self.hypers}
         blocks = min(FIT.blocks, len(rows[0]))
-        self.parts = [
-            Part(structure, some, self.beta, nu, blocks) for some in rows
+        self.readings = [
+            Readings(structure, some, self.beta, nu, blocks) for some in rows
         ]
 
     @property
     def noise(self) -> Array:
         """Noise sd (m,) of each output."""
-        return self.parts[0].noise
+        return self.readings[0].noise
+
+    @property
+    def prior_precision(self) -> Array:
+        """Precision (k, k) of the prior, with the scales that the evidence chose."""
+        if self._precision is not None:
+            return self._precision
+        return np.diag(self.sd**-2.0)
 
     def beginning(self, rows: Sequence[Rows], prior: Prior) -> Fit:
         """A fit of rows of the same sensors under another prior, from what was found on."""
         noisy = [
-            replace(some, noise=part.noise)
-            for some, part in zip(rows, self.parts, strict=True)
+            replace(some, noise=readings.noise)
+            for some, readings in zip(rows, self.readings, strict=True)
         ]
         return Fit(self.structure, noisy, self.beta, prior, nu=self.nu)
 
@@ -98,19 +106,20 @@ class Fit:
         p = self.structure.blocks[0]
         share = 1.0 / self.autocorrelation
         if np.isfinite(self.nu):
-            share *= (self.nu + p) / (self.nu + p + 2)
+            freedom = self.nu + p
+            share *= freedom / (freedom + 2)
         return share
 
     @property
     def covariance(self) -> Array:
         """Posterior covariance (k, k)."""
-        return self.softer(self.grams.sum(axis=0)).inverse()
+        gram = self.grams.sum(axis=0)
+        return self.softer(gram).inverse()
 
     def softer(self, gram: Array) -> Factor:
         """Factor of the precision that is left of rows of information `gram` (k, k), and prior."""
         information = self.information_share * gram
-        precision = with_prior(information, self.sd, self.prior_precision)
-        return Factor(precision)
+        return Factor(information + self.prior_precision)
 
     def without(self, blocks: slice) -> tuple[Array, Array]:
         """The information (k, k) of all rows but those of some blocks, and the step (k,) to it."""
@@ -120,8 +129,7 @@ class Fit:
         # is, has a prior that is lost in the rounding of a difference
         gram = np.tensordot(others, self.grams, axes=1)
         gradient = others @ self.moments - self._pull(self.beta)
-        precision = with_prior(gram.copy(), self.sd, self.prior_precision)
-        return gram, Factor(precision).solve(gradient)
+        return gram, Factor(gram + self.prior_precision).solve(gradient)
 
     # The search.
 
@@ -149,24 +157,23 @@ class Fit:
                 break
             if damping > 0 and gain <= 0.05:
                 break
-        self._linearise(by_blocks=True)
+        self._linearise()
         self.autocorrelation = 1.0
         if np.isfinite(self.nu):
             # rows that err together count once for the time that they do
             self.autocorrelation = max(
-                autocorrelation_time(part.residual) for part in self.parts
+                autocorrelation_time(readings.residual)
+                for readings in self.readings
             )
         self.evidence = self._log_evidence()
         return self
 
     def _log_evidence(self) -> float:
         """Laplace approximation of the logarithm of the evidence."""
-        if self.prior_precision is None:
-            prior_volume = 2 * float(np.log(self.sd).sum())
-        else:
-            prior_volume = -Factor(self.prior_precision).log_determinant()
-        volume = prior_volume + Factor(self.precision).log_determinant()
-        return -self._energy(self.beta) - 0.5 * volume
+        prior = Factor(self.prior_precision)
+        posterior = Factor(self.precision)
+        shrinkage = posterior.log_determinant() - prior.log_determinant()
+        return -self._energy(self.beta) - 0.5 * shrinkage
 
     def settle(self, steps: int) -> tuple[Array, float, float]:
         """Damped steps from anywhere, until one gains next to nothing.
@@ -178,18 +185,19 @@ class Fit:
         linear = np.isin(self.active, self.structure.linear)
         damping = 1e-3
         for _ in range(steps):
-            for part in self.parts:
-                part.learn_noise()
+            for readings in self.readings:
+                readings.learn_noise()
             self._linearise()
             dampings = damping * 8.0 ** np.arange(8)
             gain, _, damping = self.descend(dampings, linear)
             if gain < 1e-3:
                 break
             damping = max(damping / 10, 1e-12)
-        for part in self.parts:
-            part.learn_noise()
-        share = float((self.noise / self.structure.extents).max())
-        return self.beta, self._energy(self.beta), share
+        for readings in self.readings:
+            readings.learn_noise()
+        shares = self.noise / self.structure.extents
+        cost = self._energy(self.beta)
+        return self.beta, cost, float(shares.max())
 
     def descend(
         self, dampings: Iterable[float], linear: Mask | None = None
@@ -219,13 +227,15 @@ class Fit:
                     beta = self._after_step(beta, step)
             except np.linalg.LinAlgError:
                 continue
-            residuals = [part.residual_at(beta) for part in self.parts]
+            residuals = self._residuals(beta)
             gain = before - self._energy(beta, residuals)
             is_even = gain >= -1e-9 * abs(before)
             if gain > 0 or (damping == 0 and is_even):
                 self.beta = beta
-                for part, residual in zip(self.parts, residuals, strict=True):
-                    part.residual = residual
+                for readings, residual in zip(
+                    self.readings, residuals, strict=True
+                ):
+                    readings.residual = residual
                 return gain, delta, damping
         return 0.0, delta, damping
 
@@ -238,96 +248,112 @@ class Fit:
 
     def _linear_step(self, beta: Array, linear: Mask) -> Array:
         """The step (k,) from parameters (d,) to the best of those that outputs are linear in."""
-        residuals = [part.residual_at(beta) for part in self.parts]
-        grams, moments = self._information(
-            beta, residuals, self.active[linear], 1
-        )
-        precision = with_prior(grams[0], self.sd[linear], None)
-        gradient = moments[0] - self._pull(beta)[linear]
+        residuals = self._residuals(beta)
+        indices = self.active[linear]
+        grams, moments = self._information(beta, residuals, indices)
+        prior = self.prior_precision[np.ix_(linear, linear)]
+        factor = Factor(grams.sum(axis=0) + prior)
+        gradient = moments.sum(axis=0) - self._pull(beta)[linear]
         step = np.zeros(len(linear))
-        step[linear] = Factor(precision).solve(gradient)
+        step[linear] = factor.solve(gradient)
         return step
 
-    def _linearise(self, *, by_blocks: bool = False) -> None:
-        """Set the precision and the gradient; what each block of rows adds may stay apart."""
-        blocks = len(self.parts[0].edges) - 1 if by_blocks else 1
-        residuals = [part.residual for part in self.parts]
+    def _residuals(self, beta: Array) -> list[Array]:
+        """Residuals (n, m) of each sensor at parameters (d,)."""
+        return [readings.residual_at(beta) for readings in self.readings]
+
+    def _linearise(self) -> None:
+        """Set what each block of rows tells, the precision and the gradient."""
+        residuals = [readings.residual for readings in self.readings]
         self.grams, self.moments = self._information(
-            self.beta, residuals, self.active, blocks
+            self.beta, residuals, self.active
         )
         gram = self.grams.sum(axis=0)
-        self.precision = with_prior(gram, self.sd, self.prior_precision)
+        self.precision = gram + self.prior_precision
         moment = self.moments.sum(axis=0)
         self.gradient = moment - self._pull(self.beta)
 
     def _information(
-        self,
-        beta: Array,
-        residuals: list[Array],
-        indices: Indices,
-        blocks: int,
+        self, beta: Array, residuals: list[Array], indices: Indices
     ) -> tuple[Array, Array]:
         """What blocks of rows tell of some parameters: information (b, k, k), moments (b, k)."""
         size = len(indices)
+        blocks = len(self.readings[0].edges) - 1
         grams = np.zeros((blocks, size, size))
         moments = np.zeros((blocks, size))
-        for part, residual in zip(self.parts, residuals, strict=True):
-            root = part.weigh()
+        for readings, residual in zip(self.readings, residuals, strict=True):
+            root = readings.root_weights()
             misfit = root * residual
-            derivatives = part.by_blocks(beta, indices)
-            for k, (rows, slope) in enumerate(derivatives):
+            derivatives = readings.by_blocks(beta, indices)
+            for block, (rows, slope) in enumerate(derivatives):
                 weighted = slope * root[rows, :, None]
                 flat = weighted.reshape(-1, size)
-                block = k % blocks
                 grams[block] += flat.T @ flat
                 moments[block] += flat.T @ misfit[rows].ravel()
         return grams, moments
 
     def _learn(self, covariance: Array) -> None:
         """One step of EM: scales and noise; `covariance` (k, k) is that of the posterior."""
-        away = (self.beta - self.mean)[self.active]
+        deviation = (self.beta - self.mean)[self.active]
         variance = np.diag(covariance)
-        if self.prior_precision is None:
-            prior_share = float((variance / self.sd**2).sum())
-        else:
-            prior_share = float((covariance * self.prior_precision).sum())
-        determined = len(away) - prior_share  # numbers that the rows determine
+        prior_share = float((covariance * self.prior_precision).sum())
+        # numbers that the rows determine
+        determined = len(deviation) - prior_share
         for hyper in self.hypers:
             index = hyper.indices
             # MacKay's (1992) fixed point: that of EM, in a third of the steps
             shares = variance[index] / self.sd[index] ** 2
-            count = len(index) - float(shares.sum()) + hyper.pseudo
+            count = len(index) - float(shares.sum())
+            count += hyper.pseudo
             if count <= 0.0:  # the rows tell nothing of it
                 continue
-            squares = away[index] ** 2 / hyper.shape
-            total = float(squares.sum()) + hyper.pseudo * hyper.scale**2
-            least, most = hyper.scale * np.array(hyper.within)
+            squares = deviation[index] ** 2 / hyper.shape
+            total = float(squares.sum())
+            total += hyper.pseudo * hyper.scale**2
+            within = np.array(hyper.within)
+            smallest, largest = hyper.scale * within
             scale = np.sqrt(total / count)
-            scale = float(np.clip(scale, least, most))
+            scale = float(np.clip(scale, smallest, largest))
             self.scales[hyper.name] = scale
             self.sd[index] = scale * np.sqrt(hyper.shape)
-        share = determined / sum(part.z.size for part in self.parts)
-        for part in self.parts:
-            part.learn_noise(share)
+        numbers = sum(readings.z.size for readings in self.readings)
+        share = determined / numbers
+        for readings in self.readings:
+            readings.learn_noise(share)
 
     def _pull(self, beta: Array) -> Array:
         """Gradient (k,) of the prior's energy."""
-        away = (beta - self.mean)[self.active]
-        if self.prior_precision is not None:
-            return self.prior_precision @ away
-        gradient: Array = away / self.sd**2
-        return gradient
+        return self.prior_precision @ (beta - self.mean)[self.active]
 
     def _energy(
         self, beta: Array, residuals: list[Array] | None = None
     ) -> float:
         """Negative log posterior of parameters and residuals, up to a constant, or infinite."""
         if residuals is None:
-            residuals = [part.residual for part in self.parts]
+            residuals = [readings.residual for readings in self.readings]
         with np.errstate(all="ignore"):
             energy = 0.0
-            for part, residual in zip(self.parts, residuals, strict=True):
-                energy += part.energy(residual)
-            away = (beta - self.mean)[self.active]
-            energy += 0.5 * float(away @ self._pull(beta))
+            for readings, residual in zip(
+                self.readings, residuals, strict=True
+            ):
+                energy += readings.energy(residual)
+            deviation = (beta - self.mean)[self.active]
+            energy += 0.5 * float(deviation @ self._pull(beta))
         return energy if np.isfinite(energy) else np.inf
+
+
+@dataclass(frozen=True)
+class Start:
+    """Parameters that damped steps carry on from."""
+
+    structure: Structure  # with its signs and mirror
+    beta: Array  # (d,)
+    cost: float = 0.0  # negative log posterior at the start's own noise
+    noise: float = 0.0  # share of the extents that the residuals have
+
+    def run(self, rows: Rows, prior: Prior, steps: int) -> Start:
+        """Return the start carried on by damped steps, with Student noise."""
+        floor = SIMULATED_FLOOR * self.structure.extents
+        rows = replace(rows, floor=floor)
+        fit = Fit(self.structure, [rows], self.beta, prior, nu=STUDENT)
+        return Start(self.structure, *fit.settle(steps))

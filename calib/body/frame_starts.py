@@ -12,90 +12,83 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm, nearest_rotation, similarity
 from ..common.arrays import Array
-from ..common.rows import median_length, spread_rows
+from ..common.rows import median_length, row_lengths
 from ..errors import LogError
+from .fit import Start
 from .parameters import Prior
+from .rows import Rows
 from .sensors import PLACE
 from .settings import START
 from .spatial import SpatialStructure
-from .start import Start
 
 
-def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> Array:
-    """Return parameters (d,) of an arm whose sensor and tool are found anew.
+def best_frame(structure: SpatialStructure, rows: Rows, arm: Array) -> Start:
+    """Return an arm whose sensor and tool are found anew.
 
     arm : (d,), the arm's parameters, which stay
     """
-    return _best_place(structure, q, z, arm).beta
+    groups = [group for group in structure.frame_groups if group != "lens"]
+    sd = structure.prior(groups).sd
+    some = rows.spread(START.guessed_rows)
+    runs: list[Start] = []
+    for guess in _guesses(structure, rows, arm):
+        prior = Prior(guess, sd)
+        start = Start(structure, guess)
+        runs.append(start.run(some, prior, START.guess_steps))
+    best = min(runs, key=lambda run: run.cost)
+    prior = Prior(best.beta, sd)
+    return best.run(rows, prior, START.steps)
 
 
-def frame_of_drawing(structure: SpatialStructure, q: Array, z: Array) -> Array:
+def frame_of_drawing(structure: SpatialStructure, rows: Rows) -> Array:
     """Return parameters (d,) of the nominal arm in the sensor frame that fits rows best.
 
     Raises LogError where even these leave most of what the rows spread.
     """
-    start = _best_place(structure, q, z, structure.neutral())
+    start = best_frame(structure, rows, structure.neutral())
     if structure.camera:
         # a camera's pose and its focal length help each other
         free = [*structure.frame_groups, "offset"]
         sd = structure.prior(free).sd
         sd[structure.groups["offset"]] *= 20.0
         prior = Prior(start.beta, sd)
-        start = start.run(q, z, prior, 60)
+        start = start.run(rows, prior, 60)
     if not structure.viewpoint.view_kind.has_scale:
-        _refuse_misfit(structure, q, z, start.beta)
+        _refuse_misfit(structure, rows, start.beta)
     return start.beta
 
 
-def _best_place(
-    structure: SpatialStructure, q: Array, z: Array, arm: Array
-) -> Start:
-    """Return the best guess of where the sensor stands, carried on over all rows."""
-    groups = [group for group in structure.frame_groups if group != "lens"]
-    sd = structure.prior(groups).sd
-    some = spread_rows(len(q), START.guessed_rows)
-    runs: list[Start] = []
-    for guess in _guesses(structure, q, z, arm):
-        start = Start(structure, guess)
-        prior = Prior(guess, sd)
-        run = start.run(q[some], z[some], prior, START.guess_steps)
-        runs.append(run)
-    best = min(runs, key=lambda run: run.cost)
-    prior = Prior(best.beta, sd)
-    return best.run(q, z, prior, START.steps)
-
-
 def _refuse_misfit(
-    structure: SpatialStructure, q: Array, z: Array, beta: Array
+    structure: SpatialStructure, rows: Rows, beta: Array
 ) -> None:
     """Refuse rows that the nominal arm does not explain; the log's reader says why."""
-    misfit = structure.residual(z, structure.predict(q, beta))
-    off = median_length(misfit[:, :3])
-    positions = z[:, :3]
-    away = positions - np.median(positions, axis=0)
-    lengths = np.linalg.norm(away, axis=1)
+    predicted = structure.predict(rows.q, beta)
+    misfit = structure.residual(rows.z, predicted)
+    error = median_length(misfit[:, :3])
+    positions = rows.z[:, :3]
+    lengths = row_lengths(positions - np.median(positions, axis=0))
     size = float(lengths.max())
-    most = START.other_arm
+    most_share = START.share_of_other_arm
     what = "positions"
     if structure.camera:
-        most = START.no_camera
+        most_share = START.share_of_no_camera
         what = "pixels"
-    if off > most * size:
+    if error > most_share * size:
         raise LogError(
-            f"the robot does not explain the {what}: half of the rows are more than {off:.3g} off, "
-            f"of {size:.3g} that they spread; check the order of the joints, their unit and that "
-            f"of the {what}, mirrored axes, times, and whether it is this robot"
+            f"the robot does not explain the {what}: half of the rows are more than {error:.3g} "
+            f"off, of {size:.3g} that they spread; check the order of the joints, their unit and "
+            f"that of the {what}, mirrored axes, times, and whether it is this robot"
         )
-    turned = median_length(misfit[:, 3:])
-    if turned > START.other_turns:
+    turn = median_length(misfit[:, 3:])
+    if turn > START.other_turns:
         raise LogError(
-            f"the orientations do not turn as the joints do: {np.degrees(turned):.0f} deg are left "
+            f"the orientations do not turn as the joints do: {np.degrees(turn):.0f} deg are left "
             "(median); check their order and unit, or leave them out"
         )
 
 
 def _guesses(
-    structure: SpatialStructure, q: Array, z: Array, arm: Array
+    structure: SpatialStructure, rows: Rows, arm: Array
 ) -> Iterator[Array]:
     """Yield rough parameters (d,) from which the sensor's place is fitted."""
     beta = arm.copy()
@@ -103,13 +96,13 @@ def _guesses(
     for group in (*PLACE, "tool", "tool.rotation"):
         indices = structure.groups[group]
         beta[indices] = neutral[indices]
-    points, rotations = structure.pose(q, beta)
+    points, rotations = structure.pose(rows.q, beta)
     if structure.camera:
-        yield from _cameras(structure, points, z, beta)
+        yield from _cameras(structure, points, rows.z, beta)
     elif structure.view.startswith("base"):
-        yield _with_hand(structure, beta, rotations, z)
+        yield _with_tool_turn(structure, beta, rotations, rows.z)
     else:
-        yield from _trackers(structure, points, rotations, z, beta)
+        yield from _trackers(structure, points, rotations, rows.z, beta)
 
 
 def _trackers(
@@ -123,38 +116,46 @@ def _trackers(
 
     points, rotations : (n, 3) [m] and (n, 3, 3), the arm's tip in its root frame
     """
-    seen = z[:, :3]
-    aside = START.tool * structure.chain.reach
+    readings = z[:, :3]
+    side = START.tool * structure.chain.reach
     # from the tip alone 2 of 96 mountings of long tools were not found
-    sides = [0.0, aside, -aside]
+    sides = [0.0, side, -side]
     tools = np.outer(sides, [1.0, 0.0, 0.0])
-    turns = [similarity(points + rotations @ tool, seen)[0] for tool in tools]
+    turns: list[Array] = []
+    for tool in tools:
+        turn, _, _ = similarity(points + rotations @ tool, readings)
+        turns.append(turn)
     if structure.outputs == 6:
         # without it 2 of 48 mountings of long tools were not found
-        turns.append(_turn_of_poses(rotations, exponential(z[:, 3:])))
+        orientations = exponential(z[:, 3:])
+        turns.append(_turn_of_poses(rotations, orientations))
         tools = np.vstack([tools, np.zeros(3)])
     for tool, turn in zip(tools, turns, strict=True):
         tip = points + rotations @ tool
         scale = structure.known_scale
         if scale is None:
-            _, _, scale = similarity(tip, seen)
-        shift = seen.mean(axis=0) - scale * turn @ tip.mean(axis=0)
+            _, _, scale = similarity(tip, readings)
+        middle = tip.mean(axis=0)
+        shift = readings.mean(axis=0) - scale * turn @ middle
         guess = structure.placed(arm, turn, shift, scale)
         guess[structure.groups["tool"]] = tool
-        yield _with_hand(structure, guess, turn @ rotations, z)
+        yield _with_tool_turn(structure, guess, turn @ rotations, z)
 
 
-def _with_hand(
-    structure: SpatialStructure, guess: Array, turned: Array, z: Array
+def _with_tool_turn(
+    structure: SpatialStructure, guess: Array, flange: Array, z: Array
 ) -> Array:
-    """Return parameters (d,) with the turn of the tool, of orientations (n, 3, 3) without it."""
+    """Return parameters (d,) with the turn of the tool.
+
+    flange : (n, 3, 3), orientations without it, in the sensor's frame
+    """
     out = guess.copy()
     if structure.outputs == 6:
         # A' X' Z of every row, averaged and made a rotation again
-        back = np.swapaxes(turned, 1, 2)
+        back = np.swapaxes(flange, 1, 2)
         turns = back @ exponential(z[:, 3:])
-        hand = nearest_rotation(turns.sum(axis=0))
-        out[structure.groups["tool.rotation"]] = logarithm(hand)
+        mean = nearest_rotation(turns.sum(axis=0))
+        out[structure.groups["tool.rotation"]] = logarithm(mean)
     return out
 
 
@@ -183,9 +184,9 @@ def _cameras(
     principal = np.asarray(camera.lens[1:3])
     middle = points.mean(axis=0)
     centred = points - middle
-    seen = z.mean(axis=0)
+    mean_pixel = z.mean(axis=0)
     # points in a plane tell nothing across it
-    affine, *_ = np.linalg.lstsq(centred, z - seen, rcond=1e-3)
+    affine, *_ = np.linalg.lstsq(centred, z - mean_pixel, rcond=1e-3)
     # the rotation nearest to the affine camera's two rows; its third axis looks ahead
     u, s, vt = np.linalg.svd(affine.T, full_matrices=False)
     right, down = u @ vt
@@ -198,7 +199,7 @@ def _cameras(
         focal = factor * camera.lens[0]
         pixels_a_metre = max(float(s.mean()), 1e-9)
         depth = focal / pixels_a_metre
-        centre = np.append((seen - principal) / focal, 1.0) * depth
+        centre = np.append((mean_pixel - principal) / focal, 1.0) * depth
         shift = centre - turn @ middle
         guess = structure.placed(arm, turn, shift, structure.metre)
         guess[structure.groups["lens"][0]] = focal

@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array
-from .fit import Fit
+from .fit import Fit, Start
 from .held_out import block_scores
 from .rows import Rows
 from .settings import FIT, NATS, STUDENT
-from .start import Start
 
 
 @dataclass(frozen=True)
@@ -105,11 +104,12 @@ def _wins(richer: Member, simpler: Member) -> bool:
     are too noisy to tell alone; the evidence alone trusts the noise model too much.  Correlated
     residuals count once for their autocorrelation time.
     """
-    gains = simpler.scores - richer.scores
-    gains = gains[np.isfinite(gains)]
     has_new = np.isfinite(richer.scores)
-    if has_new.sum() < np.isfinite(simpler.scores).sum():
+    has_old = np.isfinite(simpler.scores)
+    if has_new.sum() < has_old.sum():
         return False
+    gains = simpler.scores - richer.scores
+    gains = gains[has_new & has_old]
     if not len(gains):
         return bool(has_new.any())
     gain = gains.mean()
@@ -119,13 +119,14 @@ def _wins(richer: Member, simpler: Member) -> bool:
         return False
     error = np.inf
     if len(gains) > 1:
-        error = gains.std(ddof=1) / np.sqrt(len(gains))
+        deviation = gains.std(ddof=1)
+        error = deviation / np.sqrt(len(gains))
     return bool(gain > error or evidence > NATS)
 
 
 def _is_exact(fit: Fit) -> bool:
     """Whether a fit's noise is next to the least that rows have."""
-    least = 1.5 * fit.parts[0].floor
+    least = 1.5 * fit.readings[0].floor
     return bool((fit.noise <= least).all())
 
 

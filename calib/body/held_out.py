@@ -17,7 +17,7 @@ from ..common.rows import row_lengths
 from .covariance import radius_95
 from .fit import Fit
 from .normal import Factor
-from .rows import Part, edges_of
+from .rows import Readings, edges_of
 from .settings import FIT
 
 _PARTITIONS = (2, 5, 10)
@@ -76,17 +76,17 @@ def leave_blocks_out(fit: Fit, *, sensor: int = 0) -> HeldOut:
 
     A block of rows is left out together with that of the other sensors.
     """
-    part = fit.parts[sensor]
-    slopes = list(part.by_blocks(fit.beta, fit.active))
-    in_sample = _prediction(fit, part, slopes, 0)
-    by_others = [_prediction(fit, part, slopes, n) for n in _PARTITIONS]
+    readings = fit.readings[sensor]
+    slopes = list(readings.by_blocks(fit.beta, fit.active))
+    in_sample = _prediction(fit, readings, slopes, 0)
+    by_others = [_prediction(fit, readings, slopes, n) for n in _PARTITIONS]
     finest = by_others[-1]
     wider = finest.radius / in_sample.radius
     return HeldOut(
         residual=finest.residual,
         # the fit's own residuals may contradict what it states there
-        ratio=_largest_ratio(part, [in_sample, *by_others]),
-        tau=_tau(part, finest.residual),
+        ratio=_largest_ratio(readings, [in_sample, *by_others]),
+        tau=_tau(readings, finest.residual),
         widening=np.where(wider > 1.0, wider, 1.0),
     )
 
@@ -96,9 +96,9 @@ def block_scores(fit: Fit) -> Array:
 
     Up to a constant; NaN where the others leave the body open.
     """
-    part = fit.parts[0]
-    slopes = list(part.by_blocks(fit.beta, fit.active))
-    prediction = _prediction(fit, part, slopes, FIT.blocks)
+    readings = fit.readings[0]
+    slopes = list(readings.by_blocks(fit.beta, fit.active))
+    prediction = _prediction(fit, readings, slopes, FIT.blocks)
     density = prediction.negative_log_density()
     means = np.full(len(slopes), np.nan)
     for k, (rows, _) in enumerate(slopes):
@@ -109,17 +109,19 @@ def block_scores(fit: Fit) -> Array:
 
 
 def _prediction(
-    fit: Fit, part: Part, slopes: Sequence[BlockSlope], count: int
+    fit: Fit, readings: Readings, slopes: Sequence[BlockSlope], count: int
 ) -> Prediction:
     """Predict the rows of each of `count` groups of blocks from the others; of none from all."""
-    positions = part.outputs[0]
-    noise = np.diag(part.noise[positions] ** 2)
-    work = len(part.z) * len(fit.active)
+    positions = readings.outputs[0]
+    noise = np.diag(readings.noise[positions] ** 2)
+    work = len(readings.z) * len(fit.active)
     every = max(1, round(work / FIT.spread_work))
-    residual = np.full_like(part.residual, np.nan)
-    spread = np.full((len(residual), *noise.shape), np.nan)
+    residual = np.full_like(readings.residual, np.nan)
+    shape = (len(residual), *noise.shape)
+    spread = np.full(shape, np.nan)
     groups = max(min(count, len(slopes)), 1)
-    for first, last in pairwise(edges_of(len(slopes), groups).tolist()):
+    limits = edges_of(len(slopes), groups)
+    for first, last in pairwise(limits.tolist()):
         left_out = slice(first, last) if count else slice(0)
         try:
             gram, step = fit.without(left_out)
@@ -127,9 +129,9 @@ def _prediction(
         except np.linalg.LinAlgError:  # the others leave parameters open
             continue
         for rows, slope in slopes[first:last]:
-            residual[rows] = part.residual[rows] - slope @ step
-            some = slope[::every, positions]
-            predicted = _predicted_covariance(precision, some)
+            residual[rows] = readings.residual[rows] - slope @ step
+            position_slope = slope[::every, positions]
+            predicted = _predicted_covariance(precision, position_slope)
             spread[rows][::every] = predicted + noise
     return Prediction(residual, spread)
 
@@ -138,25 +140,29 @@ def _predicted_covariance(precision: Factor, slope: Array) -> Array:
     """Covariance (n, p, p) of predictions that move with parameters by (n, p, k)."""
     n, p, k = slope.shape
     flat = slope.reshape(n * p, k)
-    white = precision.whiten(flat.T).reshape(k, n, p)
+    white = precision.whiten(flat.T)
+    white = white.reshape(k, n, p)
     covariance: Array = np.einsum("kni,knj->nij", white, white)
     return covariance
 
 
-def _largest_ratio(part: Part, predictions: Sequence[Prediction]) -> float:
+def _largest_ratio(
+    readings: Readings, predictions: Sequence[Prediction]
+) -> float:
     """The largest 95 % quantile of error over radius among predictions, the finest the last.
 
     Or, if that is more, the mean of the single blocks' quantiles and one standard deviation
     beyond it, since the place that is asked next may be one of the worse. `unknown_kappa` where
     there are too few rows; outliers of the fit do not count.
     """
-    outlier = part.weight[:, 0] <= FIT.outlier
+    outlier = readings.weight[:, 0] <= FIT.outlier
     ratios: list[Array] = []
     for prediction in predictions:
         ratio = prediction.error / prediction.radius
         ratios.append(np.where(outlier, np.nan, ratio))
     quantiles = _quantiles(ratios)
-    of_blocks = _quantiles(np.split(ratios[-1], part.edges[1:-1]))
+    blocks = np.split(ratios[-1], readings.edges[1:-1])
+    of_blocks = _quantiles(blocks)
     if len(of_blocks) > 1:
         beyond = np.mean(of_blocks) + np.std(of_blocks)
         quantiles.append(float(beyond))
@@ -173,12 +179,12 @@ def _quantiles(samples: Sequence[Array]) -> list[float]:
     return quantiles
 
 
-def _tau(part: Part, residual: Array) -> Array:
+def _tau(readings: Readings, residual: Array) -> Array:
     """Residual sd (m,) of the body itself: held-out residuals (n, m) beyond the noise."""
-    tau = np.empty(len(part.noise))
-    for columns in part.outputs:
+    tau = np.empty(len(readings.noise))
+    for columns in readings.outputs:
         p = columns.stop - columns.start
-        variance = part.noise[columns.start] ** 2
+        variance = readings.noise[columns.start] ** 2
         lengths = row_lengths(residual[:, columns])
         lengths = lengths[np.isfinite(lengths)]
         square = variance
@@ -186,5 +192,6 @@ def _tau(part: Part, residual: Array) -> Array:
             limited = np.minimum(lengths, 4 * np.median(lengths))
             square = (limited**2).mean()
         beyond = square / p - 1.3 * variance
-        tau[columns] = np.sqrt(max(beyond, 0.05**2 * variance))
+        least = 0.05**2 * variance
+        tau[columns] = np.sqrt(max(beyond, least))
     return tau

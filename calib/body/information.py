@@ -19,8 +19,9 @@ def matern(q: Array, other: Array, lengths: Array) -> Array:
     """Matern 5/2 correlation (n, k) of joints (n, dof) and (k, dof)."""
     scaled = q / lengths
     others = other / lengths
-    away = scaled[:, None] - others
-    d = np.sqrt(5.0) * np.linalg.norm(away, axis=2)
+    differences = scaled[:, None] - others
+    distance = np.linalg.norm(differences, axis=2)
+    d = np.sqrt(5.0) * distance
     rising = 1 + d + d * d / 3
     correlation: Array = rising * np.exp(-d)
     return correlation
@@ -29,10 +30,10 @@ def matern(q: Array, other: Array, lengths: Array) -> Array:
 def lengths_of(body: Body, q: Array) -> Array:
     """Correlation lengths (dof,) [rad or m] of the residual of a log with joints (n, dof)."""
     structure = body.structure
-    turning = np.asarray(structure.revolute)
-    span = np.maximum(np.ptp(q, axis=0), 1e-9)
+    span = np.ptp(q, axis=0)
+    span = np.maximum(span, 1e-9)
     smooth = _SMOOTH * np.sqrt(structure.dof / 2)
-    lengths: Array = np.where(turning, smooth, 0.3 * span)
+    lengths: Array = np.where(structure.is_revolute, smooth, 0.3 * span)
     return lengths
 
 
@@ -47,7 +48,8 @@ def most_telling(body: Body, q: Array, n: int) -> Index:
     structure = body.structure
     p = structure.blocks[0]
     # what no parameter explains counts as noise
-    noise = np.hypot(body.noise, body.tau)[:p]
+    noise = np.hypot(body.noise, body.tau)
+    noise = noise[:p]
     _, slope = structure.linearise(q, body.beta, body.active)
     positions = slope[:, :p]
     directions = positions @ body.root
@@ -85,10 +87,10 @@ def _gains(directions: Array) -> Array:
 
 def _after_reading(directions: Array, reading: Array) -> Array:
     """Directions (k, p, r) after a reading of directions (p, r), whose unknowns it narrows."""
-    ways, sizes, _ = np.linalg.svd(reading.T, full_matrices=False)
+    axes, sizes, _ = np.linalg.svd(reading.T, full_matrices=False)
     # of sd one before, along each way
     sd = 1 / np.sqrt(1 + sizes**2)
-    along_ways = directions @ ways
-    explained = (1 - sd) * along_ways @ ways.T
+    along_axes = directions @ axes
+    explained = (1 - sd) * along_axes @ axes.T
     remaining: Array = directions - explained
     return remaining

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.choices import check_choice
 from ..errors import OptionError
 from .curves import HARMONICS
@@ -29,6 +29,9 @@ Members = tuple[tuple[str, tuple[str, ...]], ...]
 
 class Layout:
     """A chain and its sensors by their parameters; see `Structure`.
+
+    It sees as one of its `sensors` and of `others`, by number its `place`: its `measurement`.  The
+    `viewpoint` is that sensor, or the first one, and `view`, `unit`, `metre`, `extent` are its.
 
     ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters, ``c`` joints of the chain.  Joint
     values are in rad or m as they are logged; positions in the structure's own unit.
@@ -51,10 +54,14 @@ class Layout:
     # whether the geometry is as drawn, and only joints' zeros are not
     zeros_alone: bool
     sensors: tuple[Sensor, ...]  # all that see the arm
-    others: tuple[
-        Measurement, ...
-    ]  # what else is measured of it: touches, corners
-    place: int  # which of both it sees as
+    # what else is measured of it: touches
+    others: tuple[Measurement, ...]
+    place: int  # number, in both together, of that which it sees as
+
+    @property
+    def is_revolute(self) -> Mask:
+        """Which joints (dof,) turn."""
+        return np.array(self.revolute, dtype=bool)
 
     @property
     def dof(self) -> int:
@@ -66,10 +73,9 @@ class Layout:
     @property
     def viewpoint(self) -> Sensor:
         """The sensor that it sees as, or beside which it measures something else."""
-        place = self.place
-        if place >= len(self.sensors):
-            place = 0
-        return self.sensors[place]
+        if self.place < len(self.sensors):
+            return self.sensors[self.place]
+        return self.sensors[0]
 
     @property
     def measurement(self) -> Measurement:
@@ -131,21 +137,22 @@ class Layout:
     def frame_groups(self) -> tuple[str, ...]:
         """Blocks that every member of the gate fits: those of its sensor, and of all others."""
         groups: list[str] = []
-        for place, sensor in enumerate(self.sensors):
+        for number, sensor in enumerate(self.sensors):
             blocks = [*sensor.groups]
-            if place and sensor.marked:
+            if number and sensor.marked:
                 blocks.append("marker")
-            if sensor is self.viewpoint:
-                groups += blocks
-            else:
-                groups += [
-                    f"{sensor.name}.{block}"
-                    for block in blocks
-                    if not block.startswith("tool")
-                ]
+            if sensor is not self.viewpoint:
+                blocks = [b for b in blocks if not b.startswith("tool")]
+            groups += [self._group_of(sensor, block) for block in blocks]
         for other in self.others:
             groups += other.free
         return tuple(groups)
+
+    def _group_of(self, sensor: Sensor, block: str) -> str:
+        """Name of a sensor's block: of one that it does not see as, after the sensor's name."""
+        if sensor is self.viewpoint:
+            return block
+        return f"{sensor.name}.{block}"
 
     def with_fields(self, **fields: Any) -> Self:
         """Return the structure with other values of its fields."""
@@ -229,14 +236,10 @@ class Layout:
         """The blocks of the sensors, the geometry and the joints."""
         arm = self.arm_size
         blocks: list[Block] = []
-        for place, sensor in enumerate(self.sensors):
-            for block in sensor.parameters_with_name(arm, further=place > 0):
-                if sensor is self.viewpoint:
-                    blocks.append(block)
-                else:
-                    blocks.append(
-                        replace(block, name=f"{sensor.name}.{block.name}")
-                    )
+        for number, sensor in enumerate(self.sensors):
+            for block in sensor.parameters_with_name(arm, further=number > 0):
+                name = self._group_of(sensor, block.name)
+                blocks.append(replace(block, name=name))
         for other in self.others:
             blocks += other.parameters(arm)
         return (*blocks, *self.geometry())
@@ -305,11 +308,11 @@ class Layout:
             indices = self.groups[block.name]
             sd[indices] = block.sd
             for hyper in block.scales:
-                some = indices[hyper.indices]
-                shape = np.broadcast_to(hyper.shape, some.shape)
-                sd[some] = hyper.scale * np.sqrt(shape)
-                if len(some):
-                    hypers.append(hyper._replace(indices=some, shape=shape))
+                group = indices[hyper.indices]
+                shape = np.broadcast_to(hyper.shape, group.shape)
+                sd[group] = hyper.scale * np.sqrt(shape)
+                if len(group):
+                    hypers.append(hyper._replace(indices=group, shape=shape))
         return Prior(self.neutral(), sd, tuple(hypers))
 
     def curves(

@@ -24,36 +24,39 @@ class Factor:
         scaled *= self.scale
         self._root = positive_root(scaled)
 
+    @property
+    def root(self) -> Array:
+        """Lower triangular root (k, k) of the matrix."""
+        return self._root / self.scale[:, None]
+
     def solve(self, b: Array) -> Array:
         """Solution (k,) or (k, r) of ``matrix x = b``."""
         from scipy.linalg import cho_solve
 
         scaled = (self.scale * b.T).T
         inner = cho_solve((self._root, True), scaled, check_finite=False)
-        solution: Array = (self.scale * inner.T).T
-        return solution
+        return (self.scale * inner.T).T
 
     def whiten(self, b: Array) -> Array:
         """``L^-1 b`` (k, r): columns whose scalar products are ``b' matrix^-1 b``."""
         from scipy.linalg import solve_triangular
 
         scaled = b * self.scale[:, None]
-        white: Array = solve_triangular(
+        return solve_triangular(
             self._root, scaled, lower=True, check_finite=False
         )
-        return white
 
     def inverse(self) -> Array:
         """Inverse (k, k)."""
-        white = self.whiten(np.eye(len(self.scale)))
-        inverse: Array = white.T @ white
-        return inverse
+        size = len(self.scale)
+        white = self.whiten(np.eye(size))
+        return white.T @ white
 
     def log_determinant(self) -> float:
         """Logarithm of the matrix's determinant."""
-        root = np.log(np.diag(self._root))
-        scale = np.log(self.scale)
-        return 2 * float(root.sum() - scale.sum())
+        diagonal = np.diag(self._root) / self.scale
+        logarithms = np.log(diagonal)
+        return 2 * float(logarithms.sum())
 
 
 def positive_root(matrix: Array) -> Array:
@@ -68,12 +71,3 @@ def positive_root(matrix: Array) -> Array:
         if np.isfinite(np.diag(root)).all():  # a NaN spreads there
             return np.asarray(root)
     raise np.linalg.LinAlgError("the matrix is not positive")
-
-
-def with_prior(gram: Array, sd: Array, precision: Array | None) -> Array:
-    """Add a prior's precision to an information (k, k), in place: `precision`, else of sds (k,)."""
-    if precision is not None:
-        gram += precision
-    else:
-        gram.flat[:: len(gram) + 1] += sd**-2.0
-    return gram

@@ -26,7 +26,7 @@ class PlanarMotion:
 
     direction: Complex  # (dof, n), of each link or slide
     terms: Complex  # (dof, n), the links
-    turning: Array  # (dof, 1), whether each joint turns
+    turning: Mask  # (dof, 1), whether each joint turns
 
     @property
     def position(self) -> Array:
@@ -36,9 +36,11 @@ class PlanarMotion:
     def joints(self) -> TipMotion:
         """How the tip moves with the value of each joint, (dof, 2, n)."""
         # a joint turns all that comes after it about its own place
-        from_tip = self.terms[::-1].cumsum(axis=0)
-        beyond = from_tip[::-1]
-        moved = np.where(self.turning, 1j * beyond, self.direction)
+        from_tip = self.terms[::-1]
+        sums = from_tip.cumsum(axis=0)
+        beyond = sums[::-1]
+        swung = 1j * beyond
+        moved = np.where(self.turning, swung, self.direction)
         return _pairs(moved), None
 
 
@@ -52,7 +54,8 @@ class PlanarLoads:
     def pairs(self) -> Indices:
         """Joints that bend, and the links (by their joints) that bend them, (p, 2)."""
         turning = self.turns != 0
-        return np.argwhere(np.triu(np.outer(turning, turning)))
+        both = np.outer(turning, turning)
+        return np.argwhere(np.triu(both))
 
     @property
     def joints(self) -> Indices:
@@ -68,7 +71,8 @@ class PlanarLoads:
     def slopes(self, q: Array, gravity: Array) -> Array:  # noqa: ARG002
         """Derivatives (2 p, dof, n) of those by the joint values."""
         n, dof = q.shape
-        before = np.arange(dof) <= self.pairs[:, 1:]
+        joints = np.arange(dof)
+        before = joints <= self.pairs[:, 1:]
         turns = before * self.turns
         directions = self._directions(q)[:, None]
         moved = 1j * turns[:, :, None] * directions
@@ -135,8 +139,8 @@ class PlanarStructure(Structure):
     def reversals(self) -> int:
         """How many joints turn against their drawing, and whether the sensor sees a mirror."""
         drawn = self.nominal.signs if self.nominal else self.signs
-        turned = np.not_equal(drawn, self.signs)
-        return int(turned.sum()) + (self.mirror < 0)
+        is_reversed = np.not_equal(drawn, self.signs)
+        return int(is_reversed.sum()) + (self.mirror < 0)
 
     @cached_property
     def loads(self) -> Mapping[str, PlanarLoads]:
@@ -145,25 +149,30 @@ class PlanarStructure(Structure):
         return {"elastic": PlanarLoads(turns)}
 
     @property
-    def _link(self) -> tuple[float, str]:
-        """What a link's length may be where no drawing says, and the unit of lengths."""
+    def _unit_of_lengths(self) -> str:
+        """Metres, or the first length where neither drawing nor view knows metres."""
         first = self.sensors[0]
-        length = 0.5 * first.extent / first.metre
-        scaled = first.view_kind.has_scale
-        if scaled:
-            length = 1.0
-        unit = "1"
-        if self.nominal is not None or (first.unit in METRES and not scaled):
-            unit = "m"
-        return length, unit
+        if self.nominal is not None:
+            return "m"
+        if first.unit in METRES and not first.view_kind.has_scale:
+            return "m"
+        return "1"
+
+    @property
+    def _link_size(self) -> float:
+        """What a link's length may be where no drawing says."""
+        first = self.sensors[0]
+        if first.view_kind.has_scale:
+            return 1.0
+        return 0.5 * first.extent / first.metre
 
     @property
     def arm_size(self) -> ArmSize:
         """What the prior of a sensor rests on."""
-        link, unit = self._link
+        unit = self._unit_of_lengths
         drawing = self.nominal
         if drawing is None:
-            return ArmSize(2.0 * link, unit)
+            return ArmSize(2.0 * self._link_size, unit)
         reach = max(sum(drawing.lengths), 1e-12)
         return ArmSize(reach, unit, drawing.rotation, drawing.shift)
 
@@ -206,7 +215,7 @@ class PlanarStructure(Structure):
     def _joints_of_drawing(self, drawing: PlanarDrawing) -> tuple[Block, ...]:
         """Lengths, offsets and gains near those of a drawing."""
         names = self.joint_names
-        _, unit = self._link
+        unit = self._unit_of_lengths
         size = Hyper("length", SHIFT, PRIOR.wider)
         zero = Hyper("offset", TURN, PRIOR.servos, indices=self._has_offset)
         gain = Hyper("gain", PRIOR.gain, PRIOR.wider)
@@ -221,11 +230,10 @@ class PlanarStructure(Structure):
     def _unknown_joints(self) -> tuple[Block, ...]:
         """Lengths, offsets and gains of which no drawing tells."""
         names = self.joint_names
-        turning = np.asarray(self.revolute, dtype=float)
-        size, unit = self._link
-        length = size * turning
+        unit = self._unit_of_lengths
+        length = np.where(self.is_revolute, self._link_size, 0.0)
         sd = 2.0 * length
-        if self.sensors[0].view_kind.has_scale and turning.all():
+        if self.sensors[0].view_kind.has_scale and all(self.revolute):
             sd[0] = 0.0  # the view's scale is the first length
         anywhere = np.where(self._has_offset, 10.0, 0.0)
         gain = 2.0 * PRIOR.gain
@@ -251,21 +259,21 @@ class PlanarStructure(Structure):
         offsets = beta[self.groups["offset"]]
         return np.where(self.revolute, offsets, 0.0)
 
-    def links(self, beta: Array) -> tuple[Array, Array, Array]:
+    def links(self, beta: Array) -> tuple[Array, Array, Mask]:
         """The links' lengths (dof, 1), the slides' directions [rad], and which joints turn."""
-        turning = np.asarray(self.revolute)[:, None]
+        turning = self.is_revolute[:, None]
         length = beta[self.groups["length"], None]
         offset = beta[self.groups["offset"], None]
-        way = np.where(turning, 0.0, offset)
-        return length, way, turning
+        slide_angle = np.where(turning, 0.0, offset)
+        return length, slide_angle, turning
 
     def move(self, values: Array, beta: Array) -> PlanarMotion:  # type: ignore[override]
         """Where the chain is at the true values (dof, n) of its joints."""
-        length, way, turning = constants_at(self, beta).links
+        length, slide_angle, turning = constants_at(self, beta).links
         if not all(self.revolute):
             length = length + np.where(turning, 0.0, values)
             values = np.where(turning, values, 0.0)
-        angles = values.cumsum(axis=0) + way
+        angles = values.cumsum(axis=0) + slide_angle
         direction = np.exp(1j * angles)
         return PlanarMotion(direction, direction * length, turning)
 
@@ -273,7 +281,7 @@ class PlanarStructure(Structure):
         """How the tip moves with each part of the geometry."""
         yield self.groups["length"], lambda: (_pairs(motion.direction), None)
         # turning a slide's direction turns no other link
-        slides = np.flatnonzero(np.logical_not(self.revolute))
+        slides = np.flatnonzero(~self.is_revolute)
         offsets = self.groups["offset"][slides]
         yield offsets, lambda: (_pairs(1j * motion.terms[slides]), None)
 
@@ -317,17 +325,19 @@ def planar_structure(
     """The structure that the rows and options ask for, signs and mirror still open."""
     if view == "auto":
         view = "rigid" if unit in METRES else "homography"
-    centre = z.mean(axis=0)
+    x, y = z.mean(axis=0).tolist()
     variance = z.var(axis=0).sum()
     extent = float(np.sqrt(variance))
     size = float(np.abs(z).max())
-    signs = (1,) * len(joint_names) if nominal is None else nominal.signs
+    signs = (1,) * len(joint_names)
+    if nominal is not None:
+        signs = nominal.signs
     sensor = InPlane(
         view=view,
         unit=unit,
         metre=METRES.get(unit, 1.0),
         extent=max(extent, 1e-9 * (1e-3 + size)),
-        centre=(float(centre[0]), float(centre[1])),
+        centre=(x, y),
     )
     return PlanarStructure(
         joint_names=tuple(joint_names),

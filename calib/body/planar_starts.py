@@ -14,130 +14,120 @@ import numpy as np
 
 from ..arm.rotations import similarity
 from ..common.arrays import Array
-from .drawing import Complex, PlanarDrawing, drawing_of, waves
+from .drawing import Complex, PlanarDrawing, offsets_of
+from .fit import Start
 from .planar import PlanarStructure
+from .rows import Rows
 from .settings import FIT, START
-from .start import Start
 
 
-def planar_starts(
-    structure: PlanarStructure, q: Array, z: Array
-) -> list[Start]:
-    """Starts of positions z (n, 2) [unit] at joint values q (n, dof), the best fits first."""
+def planar_starts(structure: PlanarStructure, rows: Rows) -> list[Start]:
+    """Starts of rows of positions (n, 2) [unit], the best fits first."""
     drawing = structure.nominal
     if drawing is None:
-        starts = [*_free_starts(structure, q, z)]
+        starts = [*_free_starts(structure, rows)]
     else:
-        starts = [*_starts_of_drawing(structure, drawing, q, z)]
-    starts.sort(key=lambda start: _miss(start, q, z))
+        starts = [*_starts_of_drawing(structure, drawing, rows)]
+    starts.sort(key=lambda start: _miss(start, rows))
     if drawing is not None and not structure.viewpoint.view_kind.has_scale:
         # lengths tell whether the joints turn as drawn; a camera says nothing of the servos
         signs = drawing.signs
         as_drawn = [s for s in starts if s.structure.directions == signs]
-        miss = _miss(as_drawn[0], q, z)
+        miss = _miss(as_drawn[0], rows)
         if miss <= FIT.doubted * structure.extent:
             return as_drawn
     return starts[: START.turned_ways]
 
 
-def _miss(start: Start, q: Array, z: Array) -> float:
+def _miss(start: Start, rows: Rows) -> float:
     """Error [unit] of a start, rms."""
-    miss = z - start.structure.predict(q, start.beta)
-    total = np.linalg.norm(miss)
-    return float(total / np.sqrt(len(z)))
+    predicted = start.structure.predict(rows.q, start.beta)
+    total = np.linalg.norm(rows.z - predicted)
+    return float(total / np.sqrt(len(rows)))
 
 
-def _free_starts(
-    structure: PlanarStructure, q: Array, z: Array
-) -> Iterator[Start]:
-    """Chains of all signs and both sides that they are seen from."""
-    for signs in product((1, -1), repeat=structure.dof):
-        if _differs(signs, structure.revolute):
-            turned = structure.with_fields(signs=signs)
-            for mirror in (1, -1):
-                side = turned.with_sensor(mirror=mirror)
-                beta = _linear(side, q, z)
-                yield Start(side, beta)
-
-
-def _differs(signs: tuple[int, ...], revolute: tuple[bool, ...]) -> bool:
-    """Whether signs make a chain of their own.
+def _free_starts(structure: PlanarStructure, rows: Rows) -> Iterator[Start]:
+    """Chains of all signs and both sides that they are seen from.
 
     A first turning joint that turns the other way is a mirror; a slide that is reversed is another
     offset: both are +1.
     """
-    first = revolute.index(True) if any(revolute) else 0
-    for joint, sign in enumerate(signs):
-        is_free = revolute[joint] and joint != first
-        if sign < 0 and not is_free:
-            return False
-    return True
+    revolute = structure.revolute
+    choices = [(1, -1) if turns else (1,) for turns in revolute]
+    if any(revolute):
+        choices[revolute.index(True)] = (1,)
+    for signs in product(*choices):
+        turned = structure.with_fields(signs=signs)
+        for mirror in (1, -1):
+            side = turned.with_sensor(mirror=mirror)
+            yield Start(side, _linear_fit(side, rows))
 
 
 def _starts_of_drawing(
-    structure: PlanarStructure, drawing: PlanarDrawing, q: Array, z: Array
+    structure: PlanarStructure, drawing: PlanarDrawing, rows: Rows
 ) -> Iterator[Start]:
     """The drawing with all signs of its joints, in front of the sensor."""
     for turns in product((1, -1), repeat=structure.dof):
         signs = np.multiply(turns, drawing.signs)
         turned = structure.with_fields(signs=tuple(signs.tolist()))
         turned = turned.with_sensor(mirror=drawing.mirror)
-        arm = turned.neutral()
-        side, beta = side_and_frame(turned, q, z, arm)
+        side, beta = side_and_frame(turned, rows, turned.neutral())
         yield Start(side, beta)
 
 
 def side_and_frame(
-    structure: PlanarStructure, q: Array, z: Array, arm: Array
+    structure: PlanarStructure, rows: Rows, arm: Array
 ) -> tuple[PlanarStructure, Array]:
     """The side and the frame from which a sensor sees an arm.
 
-    q, z : (n, dof) and (n, 2), joint values and what the sensor saw of them
     arm : (d,), the arm's parameters, which stay
     Returns the structure with its mirror, and parameters (d,) with the sensor's frame.
     """
     if structure.view == "base":
         return structure, arm
-    motion, _ = structure.motion_and_sight(q, arm)
-    points = motion.position.T
-    scale = structure.known_scale
-    turn, shift, scale = similarity(points, z, mirrored=True, scale=scale)
+    motion, _ = structure.motion_and_sight(rows.q, arm)
+    turn, shift, scale = similarity(
+        motion.position.T,
+        rows.z,
+        mirrored=True,
+        scale=structure.known_scale,
+    )
     beta = structure.placed(arm, turn, shift, scale)
     side = 1 if np.linalg.det(turn) > 0 else -1
     return structure.with_sensor(mirror=side), beta
 
 
-def _linear(structure: PlanarStructure, q: Array, z: Array) -> Array:
-    """Parameters (d,) of the chain that fits positions z (n, 2) best.
+def _linear_fit(structure: PlanarStructure, rows: Rows) -> Array:
+    """Parameters (d,) of the chain that fits rows of positions (n, 2) best.
 
-    As complex numbers positions are the sum of links, each turned by the joints before it (its
-    wave, see `waves`), and of the base's shift::
+    As complex numbers positions are the sum of links, each turned by the joints before it as one
+    of unit length, and of the base's shift; seen from behind they are conjugate::
 
-        x + i y = sum_k link_k wave_k(q) + shift
+        x + i y = sum_k link_k unit_k(q) + shift
     """
-    signs = structure.signs
-    mirror = structure.mirror
+    groups = structure.groups
     revolute = structure.revolute
-    tip: Complex = z @ np.array([1, 1j])
-    columns = waves(q, signs, mirror, revolute)
-    ones = np.ones(len(q))
-    columns = np.column_stack([columns, ones])
-    solution = _shared_solution(columns, tip)
-    links = solution[:-1]
-    shift = complex(solution[-1])
-    drawing = drawing_of(links, shift, signs, mirror, revolute)
+    mirror = structure.mirror
+    beta = structure.neutral()
+    beta[groups["length"]] = revolute
+    values = structure.joint_values(rows.q, beta)
+    motion = structure.move(values, beta)
+    ones = np.ones(len(rows))
+    columns = np.vstack([motion.terms, ones])
+    number = np.array([1, 1j * mirror])
+    tip: Complex = rows.z @ number
+    *links, shift = _shared_solution(columns.T, tip)
     # of a slide how far it moves the tip
     sizes = np.abs(links) / structure.metre
-    groups = structure.groups
-    beta = structure.neutral()
     if structure.viewpoint.view_kind.has_scale:
         unit = _unit_length(structure, sizes)
         beta[groups["view.scale"]] = np.log(unit)
         sizes = sizes / unit
     beta[groups["length"]] = np.where(revolute, sizes, 0.0)
-    beta[groups["offset"]] = drawing.offsets
-    beta[groups["view.rotation"]] = drawing.rotation
-    beta[groups["view.shift"]] = drawing.shift
+    beta[groups["offset"]] = offsets_of(np.array(links), revolute)
+    angle = np.angle(links[0])
+    beta[groups["view.rotation"]] = mirror * angle
+    beta[groups["view.shift"]] = (shift.real, mirror * shift.imag)
     return beta
 
 
@@ -147,15 +137,16 @@ def _shared_solution(columns: Complex, tip: Complex) -> Complex:
     A joint that hardly moves makes columns alike.
     """
     size = np.linalg.norm(columns, axis=0) + 1e-300
+    unit_columns = columns / size
     alike = START.one_column
-    fit, *_ = np.linalg.lstsq(columns / size, tip, rcond=alike)
+    fit, *_ = np.linalg.lstsq(unit_columns, tip, rcond=alike)
     solution: Complex = fit / size
     return solution
 
 
 def _unit_length(structure: PlanarStructure, sizes: Array) -> float:
     """Unit of a camera's lengths (dof,) [px]: the first, or metres where joints slide."""
-    slides = ~np.asarray(structure.revolute)
+    slides = ~structure.is_revolute
     unit = float(sizes[0])
     if slides.any():
         logarithms = np.log(sizes[slides] + 1e-300)

@@ -49,15 +49,15 @@ def _of_small_motions(
     revolute: Sequence[bool],
 ) -> Iterator[str]:
     """Yield a sentence for each joint that moved through a small part (dof,) of its range."""
-    for name, turns, moved, most in zip(
+    for name, is_revolute, motion, range_of_joint in zip(
         joint_names, revolute, span, ranges, strict=True
     ):
-        if moved < _STILL:
+        if motion < _STILL:
             yield f"{name} never moves: the rows cannot tell its length, offset or sign"
-        elif turns and moved < _LITTLE:
-            yield f"{name} moves by {np.degrees(moved):.2g} deg only"
-        elif moved < 0.1 * most < np.inf:
-            yield f"{name} moves through {100 * moved / most:.2g} % of its range only"
+        elif is_revolute and motion < _LITTLE:
+            yield f"{name} moves by {np.degrees(motion):.2g} deg only"
+        elif motion < 0.1 * range_of_joint < np.inf:
+            yield f"{name} moves through {100 * motion / range_of_joint:.2g} % of its range only"
 
 
 def _tied_joints(
@@ -74,13 +74,13 @@ def _tied_joints(
     moving = np.flatnonzero(span >= least)
     unit = np.where(turning, 1.0, span)
     values = q[:, moving]
-    away = values - values.mean(axis=0)
-    away /= unit[moving]
-    covariance = away.T @ away / len(q)
+    deviations = values - values.mean(axis=0)
+    deviations /= unit[moving]
+    covariance = deviations.T @ deviations / len(q)
     variance, axes = np.linalg.eigh(covariance)
     # of a motion that is spread evenly over so much
-    little = variance < _LITTLE**2 / 12
-    parts = np.abs(axes[:, little])
+    is_small = variance < _LITTLE**2 / 12
+    shares = np.abs(axes[:, is_small])
     tied = np.zeros(len(span), dtype=bool)
-    tied[moving] = parts.max(axis=1, initial=0.0) > least_part
-    return tied, int(tied.sum() - little.sum())
+    tied[moving] = shares.max(axis=1, initial=0.0) > least_part
+    return tied, int(tied.sum() - is_small.sum())

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import spread_rows
 from .parameters import Indices
 from .settings import FIT
 from .structure import S, Structure
@@ -32,7 +33,13 @@ class Rows:
 
     def take(self, rows: Indices | slice) -> Rows:
         """Some of the rows."""
-        return replace(self, q=self.q[rows], z=self.z[rows])
+        q = self.q[rows]
+        z = self.z[rows]
+        return replace(self, q=q, z=z)
+
+    def spread(self, count: int) -> Rows:
+        """At most `count` of the rows, spread over all."""
+        return self.take(spread_rows(len(self), count))
 
 
 def with_measurements(structure: S, rows: Sequence[Rows]) -> S:
@@ -47,10 +54,11 @@ def with_measurements(structure: S, rows: Sequence[Rows]) -> S:
 
 def edges_of(count: int, blocks: int) -> Indices:
     """Limits (b + 1,) of contiguous blocks of rows."""
-    return np.linspace(0, count, blocks + 1).round().astype(int)
+    edges = np.linspace(0, count, blocks + 1)
+    return edges.round().astype(int)
 
 
-class Part:
+class Readings:
     """Rows of one sensor within a fit: residuals, noise, and weights under Student noise.
 
     nu : degrees of freedom of the noise; infinite for Gaussian
@@ -58,7 +66,6 @@ class Part:
     """
 
     residual: Array  # (n, m), at the fit's parameters
-    weight: Array  # (n, m)
     noise: Array  # (m,)
 
     def __init__(
@@ -73,8 +80,11 @@ class Part:
         self.q = rows.q
         self.z = rows.z
         self.nu = nu
-        ends = np.cumsum((0, *self.structure.blocks)).tolist()
-        self.outputs = [slice(first, last) for first, last in pairwise(ends)]
+        self.outputs: list[slice] = []
+        first = 0
+        for size in self.structure.blocks:
+            self.outputs.append(slice(first, first + size))
+            first += size
         self.edges = edges_of(len(rows), blocks)
         stated = self.structure.measurement.noise
         self.stated = stated is not None
@@ -137,22 +147,26 @@ class Part:
             noise[columns] = np.sqrt(variance)
         self.noise = noise
 
-    def weigh(self) -> Array:
-        """Set the weights, one for each row and block of outputs; their roots over the noise."""
-        self.weight = np.ones_like(self.residual)
+    @property
+    def weight(self) -> Array:
+        """Weights (n, m), the same of a row's block of outputs."""
+        weight = np.empty_like(self.residual)
         for columns, p, squares in self._squares(self.residual):
-            away = squares / self.noise[columns.start] ** 2
-            weights = self._weights(away, p)
-            self.weight[:, columns] = weights[:, None]
-        roots: Array = np.sqrt(self.weight) / self.noise
-        return roots
+            ratios = squares / self.noise[columns.start] ** 2
+            weights = self._weights(ratios, p)
+            weight[:, columns] = weights[:, None]
+        return weight
+
+    def root_weights(self) -> Array:
+        """Roots (n, m) of the weights, over the noise."""
+        roots: Array = np.sqrt(self.weight)
+        return roots / self.noise
 
     def _weights(self, away: Array, p: int) -> Array:
         """Weights (n,) of p residuals each, whose squared lengths over the noise's are `away`."""
         if np.isinf(self.nu):
             return np.ones_like(away)
-        weights: Array = (self.nu + p) / (self.nu + away)
-        return weights
+        return (self.nu + p) / (self.nu + away)
 
     def energy(self, residual: Array) -> float:
         """Negative log likelihood of residuals (n, m), up to a constant."""
@@ -160,10 +174,10 @@ class Part:
         for columns, p, squares in self._squares(residual):
             noise = float(self.noise[columns.start])
             total += len(squares) * p * np.log(noise)
-            away = squares / noise**2
+            ratios = squares / noise**2
             if np.isfinite(self.nu):
-                away = (self.nu + p) * np.log1p(away / self.nu)
-            total += 0.5 * float(away.sum())
+                ratios = (self.nu + p) * np.log1p(ratios / self.nu)
+            total += 0.5 * float(ratios.sum())
         return total
 
     def _squares(self, residual: Array) -> Iterator[tuple[slice, int, Array]]:

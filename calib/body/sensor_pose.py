@@ -15,6 +15,7 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm, quaternion_of
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from ..common.wording import with_interval
 from .parameters import Gaussian, Indices
 from .sensors import PLACE
@@ -50,8 +51,8 @@ class PoseFunction:
             ahead, turned = self.value(beta)
             slope[:3, k] = ahead - position
             slope[3:, k] = logarithm(turned @ axes.T)
-        sds = np.linalg.norm(slope @ root[self.indices], axis=1)
-        return np.asarray(sds / _STEP)
+        slope /= _STEP
+        return row_lengths(slope @ root[self.indices])
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,14 +101,15 @@ class SensorPose:
     def to_json(self) -> dict[str, Any]:
         """Position [m] and quaternion in the base frame with 95 % intervals, and the convention."""
         half = 1.96 * self.sd
-        interval = [self.position - half[:3], self.position + half[:3]]
+        low = self.position - half[:3]
+        high = self.position + half[:3]
         half_up_to_gauge = 1.96 * self.sd_up_to_gauge[:3]
         turn = [-np.pi, np.pi]
         about = {"joint": self.first, "offset": 0.0, "interval": turn}
         return {
             "frame": "base",
             "position": self.position.tolist(),
-            "interval": np.transpose(interval).tolist(),
+            "interval": np.column_stack([low, high]).tolist(),
             "quaternion": self.quaternion.tolist(),
             "turn_95": half[3:].tolist(),
             "position_95_up_to_gauge": half_up_to_gauge.tolist(),
@@ -145,7 +147,8 @@ def hand_pose(body: OfStructure) -> SensorPose:
     revolute = structure.revolute[-1]
     last = structure.chain_names.index(structure.joint_names[-1])
     zero = np.zeros((1, structure.dof))
-    (tip,), (frame,) = structure.pose(zero, structure.neutral())
+    neutral = structure.neutral()
+    (tip,), (frame,) = structure.pose(zero, neutral)
     axis = structure.chain.axes[last]
     axis_in_tip = frame.T @ axis
     origin = frame.T @ (structure.chain.points[last] - tip)
@@ -202,17 +205,18 @@ def without_gauge(
     motions = [turn, shift]
     if not size:
         motions.append(arm)
-    wanted = np.reshape(motions, (len(motions), -1)).T
+    count = len(motions)
+    wanted = np.reshape(motions, (count, -1)).T
     # of independent standard normals
     flat = slope.reshape(len(wanted), -1)
     columns = flat @ belief.root[of_arm]
-    ways, *_ = np.linalg.lstsq(columns, wanted, rcond=1e-9)
-    misfit = columns @ ways - wanted
+    combinations, *_ = np.linalg.lstsq(columns, wanted, rcond=1e-9)
+    misfit = columns @ combinations - wanted
     sizes = np.linalg.norm(wanted, axis=0)
-    alike = np.linalg.norm(misfit, axis=0) < _ALIKE * sizes
-    ways, _ = np.linalg.qr(ways[:, alike])
-    along_ways = (belief.root @ ways) @ ways.T
-    root: Array = belief.root - along_ways
+    is_gauge = np.linalg.norm(misfit, axis=0) < _ALIKE * sizes
+    combinations, _ = np.linalg.qr(combinations[:, is_gauge])
+    gauge = (belief.root @ combinations) @ combinations.T
+    root: Array = belief.root - gauge
     return root
 
 
@@ -228,7 +232,7 @@ def without_sensor(
     base = structure.with_sensor(
         view="base", unit="m", metre=1.0, extent=structure.chain.reach
     )
-    alone = beta.copy()
+    arm = beta.copy()
     sensor = sensor_of(structure)
-    alone[sensor] = structure.neutral()[sensor]
-    return base, alone
+    arm[sensor] = structure.neutral()[sensor]
+    return base, arm

@@ -93,12 +93,10 @@ class StartSettings:
     """Where a fit begins."""
 
     # [nats], that no evidence tells apart
-    tied: float = 1e-2
+    tied_nats: float = 1e-2
     rows: int = 400  # that the runs use at most
-    run_steps: tuple[int, int] = (
-        6,
-        40,
-    )  # damped steps of all runs, and of the best
+    # damped steps of all runs, and of the best
+    run_steps: tuple[int, int] = (6, 40)
     runs: int = 8  # that are carried on
     turned_ways: int = 16  # combinations of signs and mirrors that are refined
     guessed_rows: int = 60  # that guesses of a frame use
@@ -108,8 +106,8 @@ class StartSettings:
     tool: float = 0.1
     # median distance, as a share of what rows spread, of another arm; of pixels no camera
     # explains; and median turn [rad] of orientations that are of another arm
-    other_arm: float = 0.2
-    no_camera: float = 0.03
+    share_of_other_arm: float = 0.2
+    share_of_no_camera: float = 0.03
     other_turns: float = 0.3
     # orientations in the robot's root frame are those of the drawing's tip where they differ by
     # less [rad]: only then do they tell the last joint's offset
@@ -122,14 +120,14 @@ class StartSettings:
     # how many of the best ends are carried on, by how many steps: after 40 a UR5's short path was
     # explained 25 to 900 nats worse than by the true chain, now to 2
     further_steps: tuple[tuple[int, int], ...] = ((8, 100), (4, 300))
-    alike: int = 4  # of them that end alike are enough
+    agreeing_ends: int = 4  # of them that end alike are enough
     # [nats] by which they are alike, and the best two of those that were carried on
-    same: float = 0.5
-    near: float = 2.0
+    nats_of_agreeing_ends: float = 0.5
+    nats_of_best_two: float = 2.0
     # shares of the extents: residuals of a chain that is exact, and of one that explains the
     # rows.  A hobby arm's first four ends were points, alike at .29
-    exact: float = 10 * SIMULATED_FLOOR
-    explained: float = 0.05
+    exact_share: float = 10 * SIMULATED_FLOOR
+    explained_share: float = 0.05
     # share of the largest spread below which columns of a linear chain are one
     one_column: float = 3e-5
 

@@ -18,6 +18,7 @@ from ..arm.gravity import GRAVITY, Loads
 from ..arm.rotations import logarithm
 from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array, Mask
+from ..common.rows import row_lengths
 from .curves import curve_shape
 from .parameters import Block, Hyper, Indices
 from .sensors import InSpace
@@ -74,24 +75,29 @@ class SpatialStructure(Structure):
         return max(self.chain.reach, 1e-9)
 
     @property
+    def placements(self) -> Indices:
+        """Parameters (c, 2, 3) that shift and turn the joint origins."""
+        return self.groups["placement"].reshape(-1, 2, 3)
+
+    @property
     def shifts(self) -> Indices:
-        """Parameters (c, 3) that shift the joint origins."""
-        placements = self.groups["placement"].reshape(-1, 2, 3)
-        return placements[:, 0]
+        """Those (c, 3) that shift them."""
+        return self.placements[:, 0]
 
     @property
     def turns(self) -> Indices:
-        """Parameters (c, 3) that turn the joint origins."""
-        placements = self.groups["placement"].reshape(-1, 2, 3)
-        return placements[:, 1]
+        """Those (c, 3) that turn them."""
+        return self.placements[:, 1]
 
     @property
     def linear(self) -> Indices:
         """What shifts the tip: where the sensor stands, the tool, joint origins; not in pixels."""
         if self.outputs == 2:
             return super().linear
-        sensor = [self.groups[name] for name in ("view.shift", "tool")]
-        return np.concatenate([*sensor, self.shifts.ravel()])
+        shift = self.groups["view.shift"]
+        tool = self.groups["tool"]
+        origins = self.shifts.ravel()
+        return np.concatenate([shift, tool, origins])
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the tip, the joint origins and the joints."""
@@ -116,12 +122,10 @@ class SpatialStructure(Structure):
     @property
     def _has_motor_before(self) -> Mask:
         """Whether each joint from the second on (dof - 1,) turns, and the one before it, too."""
-        turning = np.asarray(self.revolute)
-        both: Mask = turning[1:] & turning[:-1]
-        return both
+        return self.is_revolute[1:] & self.is_revolute[:-1]
 
     @property
-    def _first(self) -> int:
+    def _first_free(self) -> int:
         """The first joint with an offset and an origin of its own.
 
         In a free frame the first turning joint's offset and a turn of the frame about its axis
@@ -138,7 +142,7 @@ class SpatialStructure(Structure):
         scales: tuple[Hyper, ...] = ()
         if self.informed:
             within = self.others[0].within if self.others else PRIOR.wider
-            free = np.arange(6 * self._first, len(sd))
+            free = np.arange(6 * self._first_free, len(sd))
             places = free.reshape(-1, 2, 3)
             shifts = places[:, 0].ravel()
             turns = places[:, 1].ravel()
@@ -157,8 +161,8 @@ class SpatialStructure(Structure):
 
     def _offset(self) -> Block:
         """The joints' zeros."""
-        turning = np.asarray(self.revolute)
-        free = np.arange(self.dof) >= self._first
+        turning = self.is_revolute
+        free = np.arange(self.dof) >= self._first_free
         angles = np.flatnonzero(free & turning)
         lengths = np.flatnonzero(free & ~turning)
         scales = (
@@ -182,7 +186,7 @@ class SpatialStructure(Structure):
                 labels.append((names[joint], name, "rad"))
             scale = Hyper(block, PRIOR.elastic, pseudo=1.0)
             yield Block(block, tuple(labels), scales=(scale,))
-        axes = ["xyz"[axis] for axis in self._across]
+        axes = ["xyz"[axis] for axis in self._level_axes]
         yield Block.of("gravity", "rad", axes, PRIOR.tilt)
 
     @property
@@ -199,34 +203,35 @@ class SpatialStructure(Structure):
         """
         if not self.informed:
             return {}
-        units = Loads.of_unit_weights(self.chain).scaled(1.0 / self._reach)
+        weights = Loads.of_unit_weights(self.chain)
+        units = weights.scaled(1.0 / self._reach)
         if not self.has_masses:
             return {"elastic": units}
         chain = self.chain
         arms = chain.centres - chain.points[0]
-        lengths = np.linalg.norm(arms, axis=1)
         # [kg m], on the first joint
-        largest = float(chain.masses @ lengths)
+        largest = float(chain.masses @ row_lengths(arms))
         largest = max(largest, 1e-12)
-        masses = Loads.of_masses(chain).scaled(1.0 / largest)
-        return {"elastic": masses, "payload": units}
+        masses = Loads.of_masses(chain)
+        shares = masses.scaled(1.0 / largest)
+        return {"elastic": shares, "payload": units}
 
     @property
-    def _across(self) -> tuple[int, int]:
+    def _level_axes(self) -> list[int]:
         """The root frame's axes that are the least along the drawing's gravity."""
-        least = np.argsort(np.abs(self.gravity), kind="stable")
-        first, second = np.sort(least[:2]).tolist()
-        return first, second
+        sizes = np.abs(self.gravity)
+        order = np.argsort(sizes, kind="stable")
+        return sorted(order[:2].tolist())
 
     @cached_property
     def tilts(self) -> Mapping[str, Array]:
         """The ways (2, 3) in which the block of gravity's two angles moves its direction."""
-        down = self._down
-        across = np.eye(3)[list(self._across)]
+        down = self._drawn_gravity
+        across = np.eye(3)[self._level_axes]
         return {"gravity": across - np.outer(across @ down, down)}
 
     @property
-    def _down(self) -> Array:
+    def _drawn_gravity(self) -> Array:
         """The drawing's direction (3,) of gravity."""
         gravity = np.asarray(self.gravity, dtype=float)
         size = float(np.linalg.norm(gravity))
@@ -235,8 +240,7 @@ class SpatialStructure(Structure):
     def gravity_at(self, beta: Array) -> Array:
         """Direction (3,) of gravity in the root frame."""
         angles = beta[self.groups["gravity"]]
-        direction: Array = self._down + angles @ self.tilts["gravity"]
-        return direction
+        return self._drawn_gravity + angles @ self.tilts["gravity"]
 
     def chain_values(self, values: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
@@ -269,11 +273,12 @@ class SpatialStructure(Structure):
 
     def moving(self, motion: Motion) -> Moving:
         """How the tip moves with each part of the geometry."""
-        still = np.zeros((3, *motion.position.shape))
+        no_motion = np.zeros((3, *motion.position.shape))
         groups = self.groups
         for tool in groups.keys() & {"tool", "marker"}:
             yield groups[tool], lambda: (_axes(motion.flange), None)
-        yield groups["tool.rotation"], lambda: (still, _axes(motion.rotation))
+        tool_turn = groups["tool.rotation"]
+        yield tool_turn, lambda: (no_motion, _axes(motion.rotation))
         frames = motion.frames[:-1]
         yield self.shifts, lambda: (_axes(frames), None)
         yield self.turns, motion.turns
@@ -287,7 +292,8 @@ class SpatialStructure(Structure):
                 step = delta[indices]
                 if step.any():
                     moved[indices] = compose(step, beta[indices])
-        turns = np.vstack([self.groups["tool.rotation"], self.turns])
+        tool = self.groups["tool.rotation"]
+        turns = np.vstack([tool, self.turns])
         step = delta[turns]
         if step.any():
             moved[turns] = compose(beta[turns], step)

@@ -12,17 +12,16 @@ from dataclasses import replace
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.rows import spread_rows
 from ..errors import LogError
 from .chain_starts import chains
-from .frame_starts import frame, frame_of_drawing
+from .fit import Start
+from .frame_starts import best_frame, frame_of_drawing
 from .planar import PlanarStructure
 from .planar_starts import planar_starts, side_and_frame
 from .rows import Rows
 from .sensors import PLACE
 from .settings import START
 from .spatial import SpatialStructure
-from .start import Start
 from .structure import Structure
 
 
@@ -39,14 +38,15 @@ def best_start(
     if len(runs) == 1:  # nothing to choose from: the gate goes on from here
         return runs[0]
     for steps in START.run_steps:
-        runs = [
-            run.run(some.q, some.z, run.structure.prior(free), steps)
-            for run in runs
-        ]
+        ends: list[Start] = []
+        for run in runs:
+            prior = run.structure.prior(free)
+            ends.append(run.run(some, prior, steps))
+        runs = ends
         runs.sort(key=lambda run: run.cost)
         runs = runs[: START.runs]
     # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
-    most = runs[0].cost + START.tied
+    most = runs[0].cost + START.tied_nats
     tied = [run for run in runs if not run.cost > most]
     return min(tied, key=lambda run: run.structure.reversals)
 
@@ -57,13 +57,13 @@ def candidates(structure: Structure, rows: Rows) -> list[Start]:
     The noise of `rows` is that of a simulation, where it says so.
     """
     if isinstance(structure, PlanarStructure):
-        return planar_starts(structure, rows.q, rows.z)
+        return planar_starts(structure, rows)
     assert isinstance(structure, SpatialStructure)  # noqa: S101
     _refuse_open(structure, rows.z)
     if not structure.informed:
-        some = rows.take(spread_rows(len(rows), START.chain_rows))
+        some = rows.spread(START.chain_rows)
         return chains(structure, some)
-    return [_start_of_drawing(structure, rows.q, rows.z)]
+    return [_start_of_drawing(structure, rows)]
 
 
 def _refuse_open(structure: SpatialStructure, z: Array) -> None:
@@ -78,16 +78,17 @@ def _refuse_open(structure: SpatialStructure, z: Array) -> None:
         )
     size = float(np.abs(z).max())
     size = max(size, 1e-12)
-    spread = float(np.ptp(z, axis=0).max())
+    spans = np.ptp(z, axis=0)
+    spread = float(spans.max())
     if spread <= 1e-9 * size:
         raise LogError(
             "the positions are the same in every row: the sensor saw no motion"
         )
 
 
-def _start_of_drawing(structure: SpatialStructure, q: Array, z: Array) -> Start:
+def _start_of_drawing(structure: SpatialStructure, rows: Rows) -> Start:
     """Return the drawing in front of its sensor."""
-    beta = frame_of_drawing(structure, q, z)
+    beta = frame_of_drawing(structure, rows)
     if structure.view == "base pose":
         turn = beta[structure.groups["tool.rotation"]]
         if np.linalg.norm(turn) > START.target:
@@ -99,27 +100,27 @@ def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
     """Return a start with the further sensors placed where its arm, and their rows, say."""
     structure = start.structure
     beta = start.beta
-    for further in rows[1:]:
-        if not isinstance(further.sensor, str):
+    for rows_of_sensor in rows[1:]:
+        if not isinstance(rows_of_sensor.sensor, str):
             continue
-        there = structure.as_seen_by(further.sensor)
-        some = further.take(spread_rows(len(further), START.rows))
-        if isinstance(there, PlanarStructure):
-            there, beta = side_and_frame(there, some.q, some.z, beta)
-        elif isinstance(there, SpatialStructure):
-            beta = _with_sensor(there, some, beta)
-        structure = there.as_seen_by(structure.viewpoint.name)
+        other = structure.as_seen_by(rows_of_sensor.sensor)
+        some = rows_of_sensor.spread(START.rows)
+        if isinstance(other, PlanarStructure):
+            other, beta = side_and_frame(other, some, beta)
+        elif isinstance(other, SpatialStructure):
+            beta = _with_sensor(other, some, beta)
+        structure = other.as_seen_by(structure.viewpoint.name)
     return replace(start, structure=structure, beta=beta)
 
 
 def _with_sensor(structure: SpatialStructure, rows: Rows, arm: Array) -> Array:
     """Return parameters (d,) of an arm with the sensor and its marker where rows say."""
     groups = structure.groups
-    alone = frame(structure, rows.q, rows.z, arm)
+    fitted = best_frame(structure, rows, arm).beta
     beta = arm.copy()
     for block in PLACE:
-        beta[groups[block]] = alone[groups[block]]
+        beta[groups[block]] = fitted[groups[block]]
     tool = groups["tool"]
     marker = groups["marker"]
-    beta[marker] = alone[marker] + alone[tool] - arm[tool]
+    beta[marker] = fitted[marker] + fitted[tool] - arm[tool]
     return beta

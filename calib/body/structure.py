@@ -132,13 +132,17 @@ class Structure(Layout):
         constants = constants_at(self, beta)
         if gravity is None:
             gravity = constants.gravity
-        bends = np.zeros((len(self.chain_names), len(q)))
+        joints = len(self.chain_names)
+        bends = np.zeros((joints, len(q)))
         for block, elastic in constants.elastic.items():
-            bending = self.loads[block]
-            loads = loads_at(bending, q[:, : self.dof], gravity)
+            loads = self._loads(block, q, gravity)
             angles = elastic[:, None] * loads
-            np.add.at(bends, bending.joints, angles)
+            np.add.at(bends, self.loads[block].joints, angles)
         return bends
+
+    def _loads(self, block: str, q: Array, gravity: Array) -> Array:
+        """Loads (e, n) of a block of elasticity at rows (n, dof + a)."""
+        return loads_at(self.loads[block], q[:, : self.dof], gravity)
 
     def move(self, values: Array, beta: Array) -> Motion:
         """Where the chain is at the true values (c, n) of its joints."""
@@ -174,8 +178,9 @@ class Structure(Layout):
         """
         out = np.asarray(z - predicted)
         if len(self.blocks) == 2:
+            observed = z[:, 3:]
             back = -predicted[:, 3:]
-            out[:, 3:] = compose(z[:, 3:], back)
+            out[:, 3:] = compose(observed, back)
         return out
 
     def retract(self, beta: Array, delta: Array) -> Array:
@@ -199,7 +204,8 @@ class Structure(Layout):
             places = column[indices.ravel()]
             is_active = places >= 0
             if is_active.any():
-                columns = derivative().reshape(len(places), outputs, n)
+                columns = derivative()
+                columns = columns.reshape(len(places), outputs, n)
                 columns = columns[is_active]
                 places = places[is_active]
                 slope[:, :, places] = columns.transpose(2, 1, 0)
@@ -211,7 +217,8 @@ class Structure(Layout):
         """Parameters, and how outputs (..., m, n) move with them."""
         groups = self.groups
         for name in self.sensor_blocks:
-            yield groups[name], partial(self._by_sensor, name, q, motion, beta)
+            by_sensor = partial(self._by_sensor, name, q, motion, beta)
+            yield groups[name], by_sensor
         chain_slope = sight.push(*motion.joints())
         for block in self.loads:
             by_loads = partial(self._by_loads, block, q, beta, chain_slope)
@@ -238,16 +245,15 @@ class Structure(Layout):
     ) -> Array:
         """How outputs (e, m, n) move with the elasticity under each load of a block."""
         gravity = constants_at(self, beta).gravity
-        bending = self.loads[block]
-        loads = loads_at(bending, q[:, : self.dof], gravity)
-        by_elasticity: Array = chain_slope[bending.joints] * loads[:, None]
-        return by_elasticity
+        loads = self._loads(block, q, gravity)
+        bent_slope = chain_slope[self.loads[block].joints]
+        return bent_slope * loads[:, None]
 
     def _by_gravity(self, q: Array, beta: Array, chain_slope: Array) -> Array:
         """How outputs (t, m, n) move as gravity tilts."""
         moved: list[Array] = []
-        for way in self.tilts["gravity"]:
-            bends = self.bends(q, beta, way)
+        for tilt in self.tilts["gravity"]:
+            bends = self.bends(q, beta, tilt)
             by_joints = chain_slope * bends[:, None]
             moved.append(by_joints.sum(axis=0))
         return np.array(moved)
@@ -293,7 +299,8 @@ class Structure(Layout):
         bent = constants.bent
         if bent:
             rates = np.repeat(rates, len(q), axis=1)
-            rates[bent] += curve_slope(joints.T[bent], constants.curves)
+            logged = joints.T[bent]
+            rates[bent] += curve_slope(logged, constants.curves)
         joint_slope = self.joint_slope(chain_slope)
         moved = joint_slope * rates[:, None]
         coupling = constants.coupling

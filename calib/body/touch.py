@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.rotations import similarity
 from ..arm.spatial_chain import Motion
@@ -80,7 +79,10 @@ class Facts(Measurement):
     ) -> Sight:
         """See how far the sockets are off."""
         places = blocks["point"].reshape(-1, 3)
-        misfits = [fact.misfit(places) / fact.tolerance for fact in self.facts]
+        misfits: list[Array] = []
+        for fact in self.facts:
+            misfit = fact.misfit(places)
+            misfits.append(misfit / fact.tolerance)
         misfit = np.concatenate(misfits)
         rows = also[:, 0].astype(int)
         values = misfit[rows, None]
@@ -88,7 +90,7 @@ class Facts(Measurement):
 
 
 def rows_of_touches(
-    q: Array, point: NDArray[np.intp], known: Sequence[Known], x: Array
+    q: Array, point: Indices, known: Sequence[Known], x: Array
 ) -> list[Rows]:
     """Return touches, positions, and what is known of sockets, each a measurement.
 
@@ -97,8 +99,10 @@ def rows_of_touches(
     touched = point >= 0
     measured = ~touched
     # origins are not far off where nothing tells how large the arm is
-    sized = measured.any() or any(fact.value is not None for fact in known)
-    most = 5.0 if sized else 1.0
+    has_distance = any(fact.value is not None for fact in known)
+    most = 1.0
+    if measured.any() or has_distance:
+        most = 5.0
     sockets = int(point.max()) + 1
     touch = Touch(sockets, within=(FINER[0], most))
     number = point[touched].astype(float)
@@ -126,7 +130,7 @@ def _rows_of_facts(known: Sequence[Known], dof: int) -> Rows:
 def fit_touches(
     structure: SpatialStructure,
     q: Array,
-    point: NDArray[np.intp],
+    point: Indices,
     known: Sequence[Known] = (),
     *,
     lower: Array,
@@ -151,7 +155,8 @@ def fit_touches(
     measured = ~touched
     tip, _ = structure.pose(q, structure.neutral())
     variance = tip.var(axis=0).sum()
-    workspace = structure.with_sensor(extent=float(np.sqrt(variance)))
+    extent = float(np.sqrt(variance))
+    workspace = structure.with_sensor(extent=extent)
     rows = rows_of_touches(q, point, known, x)
     with_sockets = with_measurements(workspace, rows)
     begin = _beginning(with_sockets, tip, point, x)
@@ -166,7 +171,9 @@ def fit_touches(
         noise = np.maximum(body.noise, of_sensor.body.noise)
         body = replace(body, noise=noise)
     else:
-        postures = _postures(lower, upper, seed)
+        rng = np.random.default_rng(seed)
+        size = (_POSTURES, len(lower))
+        postures = rng.uniform(lower, upper, size)
         body = without_whole_motion(body, postures)
     # of a block that has most touches of a socket the others do not tell where that is
     no_widening = np.ones(len(q))
@@ -176,28 +183,24 @@ def fit_touches(
     return fitted, _socket_places(joint_fit.body)
 
 
-def _postures(lower: Array, upper: Array, seed: int) -> Array:
-    """Joint values (n, dof) all over a range."""
-    rng = np.random.default_rng(seed)
-    shares = rng.random((_POSTURES, len(lower)))
-    return lower + shares * (upper - lower)
-
-
 def _socket_places(body: Body) -> Array:
     """Where sockets are (p, 3) [m] in the sensor's frame, by a fit to their touches."""
     structure = body.structure
-    points = body.beta[structure.groups["point"]].reshape(-1, 3)
+    index = structure.groups["point"]
+    points = body.beta[index].reshape(-1, 3)
     sensor = structure.sensor(body.beta)
     return points @ sensor.rotation.T + sensor.shift
 
 
 def _beginning(
-    structure: SpatialStructure, tip: Array, point: NDArray[np.intp], x: Array
+    structure: SpatialStructure, tip: Array, point: Indices, x: Array
 ) -> Array:
     """Parameters (d,) to begin with: sockets and sensor where the drawing has the tip (n, 3)."""
     begin = structure.neutral()
-    for k, socket in enumerate(structure.groups["point"].reshape(-1, 3)):
-        begin[socket] = tip[point == k].mean(axis=0)
+    sockets = structure.groups["point"].reshape(-1, 3)
+    for k, socket in enumerate(sockets):
+        in_socket = tip[point == k]
+        begin[socket] = in_socket.mean(axis=0)
     measured = point < 0
     if measured.any():
         turn, shift, scale = similarity(
@@ -207,7 +210,7 @@ def _beginning(
     return begin
 
 
-def _about_means(residual: Array, point: NDArray[np.intp]) -> Array:
+def _about_means(residual: Array, point: Indices) -> Array:
     """Return held-out residuals, about their mean where a block has most touches of a socket.
 
     What the other blocks say of the arm does not tell where such a socket is.
@@ -234,8 +237,10 @@ def in_structure(body: Body, structure: SpatialStructure) -> Body:
     def moved(belief: Gaussian) -> tuple[Array, Array]:
         beta = structure.neutral()
         beta[places] = belief.beta[shared]
-        root = np.zeros((structure.size, belief.root.shape[1]))
-        root[places] = belief.full_root[shared]
+        shared_root = belief.full_root[shared]
+        unknowns = shared_root.shape[1]
+        root = np.zeros((structure.size, unknowns))
+        root[places] = shared_root
         return beta, root
 
     return replace(body.with_beliefs(moved), structure=structure)
@@ -249,13 +254,17 @@ def without_whole_motion(body: Body, q: Array) -> Body:
     """
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone
-    base: Indices = np.append(structure.shifts[0], structure.turns[0])
+    shift = structure.shifts[0]
+    turn = structure.turns[0]
+    base: Indices = np.append(shift, turn)
 
     def without(belief: Gaussian) -> tuple[Array, Array]:
         _, slope = structure.linearise(q, belief.beta)
         flat = slope.reshape(-1, structure.size)
         root = belief.full_root
-        whole, *_ = np.linalg.lstsq(flat[:, base], flat @ root, rcond=None)
+        by_base = flat[:, base]
+        by_unknowns = flat @ root
+        whole, *_ = np.linalg.lstsq(by_base, by_unknowns, rcond=None)
         root[base] -= whole
         return belief.beta, root
 

@@ -43,7 +43,7 @@ def words_of(
 
 def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
     """What each joint has of its own, `half` (d,) half widths of intervals."""
-    away = beta - structure.neutral()
+    deviation = beta - structure.neutral()
     kinds: dict[tuple[str, str, str], list[int]] = defaultdict(list)
     for index in np.flatnonzero(half).tolist():
         label = structure.labels[index]
@@ -52,13 +52,13 @@ def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
             kinds[label.joint, group, label.unit].append(index)
     words: dict[str, list[str]] = defaultdict(list)
     for (joint, group, unit), indices in kinds.items():
-        size = float(np.linalg.norm(away[indices]))
+        size = float(np.linalg.norm(deviation[indices]))
         square = (half[indices] ** 2).mean()
         width = float(np.sqrt(square))
         if group == "curve":
             text = f"joint curve {number(1e3 * size / np.sqrt(2))} mrad rms"
         elif group == "offset":
-            text = _interval(float(away[indices[0]]), width, unit, "+")
+            text = _interval(float(deviation[indices[0]]), width, unit, "+")
             if unit == "rad" and width >= np.pi:
                 text = "offset not told apart from the tool's turn"
         elif group == "placement":

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arm.rotations import logarithm, similarity
+from ..arm.rotations import similarity
 from ..body.belief import Body
 from ..body.parameters import Indices, Prior
 from ..body.planar import PlanarStructure
@@ -294,7 +294,9 @@ def _camera_anew(
     structure: SpatialStructure, old: Array, q: Array, z: Array
 ) -> Array:
     """Parameters (d,) of a camera that stands anywhere, its lens and the arm as they were."""
-    from ..body.frame_starts import frame  # brings SciPy's linear algebra
+    # brings SciPy's linear algebra
+    from ..body.frame_starts import best_frame
+    from ..body.rows import Rows
 
     lens = old[structure.groups["lens"]]
     fixed = structure.with_sensor(
@@ -303,7 +305,7 @@ def _camera_anew(
     )
     free = indices_of(structure, FRAME)
     beta = old.copy()
-    beta[free] = frame(fixed, q, z, old)[free]
+    beta[free] = best_frame(fixed, Rows(q, z), old).beta[free]
     return beta
 
 
@@ -315,11 +317,7 @@ def _start(
     scale = indices_of(structure, ("view.scale",))
     step[scale] = np.log(factor)
     rotation = structure.groups["view.rotation"]
-    if len(rotation) > 1:
-        step[rotation] = logarithm(best.turn)
-    else:
-        cosine, sine = best.turn[:, 0]
-        step[rotation] = np.arctan2(sine, cosine)
+    step[rotation] = structure.turn_parameters(best.turn)
     start = structure.retract(best.sense.beta, step)
     shift = structure.groups["view.shift"]
     residual = structure.residual(z, structure.predict(q, start))
@@ -336,12 +334,13 @@ def _frame_fit(
     groups: tuple[str, ...],
 ) -> Array:
     """Parameters (d,) with some groups fitted to the rows, from a start (d,)."""
-    from ..body.start import Start
+    from ..body.fit import Start
+    from ..body.rows import Rows
 
     free = indices_of(structure, groups)
     extent = float(structure.extents[0])
     sd = np.zeros(structure.size)
     sd[free] = 1e3 * max(1.0, extent)
     prior = Prior(start, sd)
-    fit = Start(structure, start).run(q, z, prior, 30)
+    fit = Start(structure, start).run(Rows(q, z), prior, 30)
     return fit.beta

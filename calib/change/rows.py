@@ -24,7 +24,7 @@ from ..samples.motion import OfRows
 from ..samples.other_readings import readings
 from ..samples.samples import Samples
 from ..training.preparation import sound_log
-from ..training.touch_positions import as_positions
+from ..training.socket_places import as_positions
 from .causes import changeable, sd_if_changed, sd_of_creep
 from .frame import Reference, offset_after
 

@@ -44,7 +44,7 @@ class ClosedForm:
         axes = chain.axes
         points = chain.points
         size = max(chain.reach, 1e-9)
-        meeting, gap = _meeting_point(axes[4:], points[4:])
+        meeting, gap = meeting_point(axes[4:], points[4:])
         exact = _EXACT * size
         if gap > exact or not _parallel(axes[1], axes[2]):
             return None
@@ -180,7 +180,7 @@ class ClosedForm:
         return upper, lower, last, tilt, spin
 
 
-def _meeting_point(axes: Array, points: Array) -> tuple[Array, float]:
+def meeting_point(axes: Array, points: Array) -> tuple[Array, float]:
     """The point (3,) nearest to two lines, and its distance from them.
 
     With projections P = I - a a' across lines of directions a through points p it solves

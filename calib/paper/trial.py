@@ -17,7 +17,12 @@ from ..samples.motion import Motion
 from ..samples.samples import Samples
 from ..training.maps import associate
 from ..training.options import TrainingOptions
-from ..training.residuals import Residuals, fresh_points, summarise
+from ..training.residuals import (
+    ReadoutErrors,
+    Residuals,
+    fresh_points,
+    summarise,
+)
 from .setting import Setting
 
 Row = dict[str, dict[str, dict[str, float]]]
@@ -84,25 +89,18 @@ class NetworkTrial:
         assert simulation is not None  # noqa: S101
         q, x = fresh_points(simulation, seed)
         scale = pair.motor.scale
-        residuals = Residuals(
-            Motion(q),
-            x,
-            {},
-            {},
-            {},
-            samples.joint_names,
-        )
         u = scale.to_unit(q)
-        for readout, answer in pair.inverses(
-            pair.sensory.scale.to_unit(x), u
-        ).items():
+        targets = pair.sensory.scale.to_unit(x)
+        by_readout = {}
+        for readout, answer in pair.inverses(targets, u).items():
             answer = np.clip(answer, 0.0, 1.0)
-            residuals.forward[readout] = pair.predict(q, readout) - x
-            residuals.inverse[readout] = (
-                scale.difference(answer, u) * scale.span
+            forward = pair.predict(q, readout) - x
+            missed = simulation.exact(scale.from_unit(answer)) - x
+            by_readout[readout] = ReadoutErrors.of(
+                scale, u, forward, answer, missed
             )
-            there = simulation.exact(scale.from_unit(answer))
-            residuals.distance[readout] = np.linalg.norm(there - x, axis=1)
+        names = samples.joint_names
+        residuals = Residuals(Motion(q), x, by_readout, names)
         # widths of what the samples cover, and of the joints' limits
         widths = np.concatenate(
             [np.ptp(samples.x, axis=0), samples.upper - samples.lower]
@@ -170,12 +168,7 @@ def association(
         seed=seed,
     )
     with one_blas_thread():
-        return associate(
-            scale,
-            scale.to_unit(samples.q),
-            samples.x,
-            options,
-        )
+        return associate(scale, scale.to_unit(samples.q), samples.x, options)
 
 
 def activity_errors(pair: Association, q: Array, x: Array) -> Array:
@@ -223,13 +216,7 @@ def best_schedule(setting: Setting, network: str) -> list[Candidate]:
         samples = setting.babble(seed)
         q, x = setting.validation(samples, seed)
         for n, schedule in enumerate(candidates):
-            pair = association(
-                samples,
-                network,
-                schedule,
-                setting.side,
-                seed,
-            )
+            pair = association(samples, network, schedule, setting.side, seed)
             scores[schedule].append(float(activity_errors(pair, q, x).mean()))
             share = (k + (n + 1) / len(candidates)) / len(setting.seeds)
             setting.report(share, f"{network}: {schedule}")

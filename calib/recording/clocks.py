@@ -2,7 +2,7 @@
 
 A correlation of speeds names candidates, for an arm may repeat itself; from each, steps of Gauss
 and Newton move the clocks to where joints predict the track best; the best fit is taken, if its
-rival is clearly worse.  Joints predict by smooth functions (`_Waves`) or as a planar chain.
+rival is clearly worse.  See :mod:`calib.recording.clock_models`.
 """
 
 from __future__ import annotations
@@ -15,59 +15,15 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
-from ..common.rows import spread_rows
+from ..common.rows import median_length, spread_rows
 from ..errors import CalibError, LogError
 from ..samples.delays import estimate_delay
 from ..samples.motion import joints_at
-from .track import Judge, jumps
-
-
-@dataclass(frozen=True)
-class ClockSettings:
-    """How clocks are compared."""
-
-    # peaks of the correlation of speeds that get a short fit
-    candidates: int = 15
-    # the best of them, which get a long one
-    fitted: int = 3
-    # rate at which speeds are compared [1/s]
-    grid: float = 50.0
-    # share of the shorter recording that must have a counterpart
-    overlap: float = 0.8
-    # rows and steps of a short fit
-    judged: tuple[int, int] = (120, 4)
-    # rows and steps of a long one
-    refined: tuple[int, int] = (300, 12)
-    # time to either side over which a velocity is taken [s]
-    step: float = 0.01
-    # largest step of the offset [s]: far from the solution the velocity is a poor guide
-    farthest_step: float = 0.08
-    # furthest that a candidate moves from its peak [s]
-    farthest: float = 0.15
-    # prior sd of how much the rates of clocks differ
-    rate_sd: float = 4e-3
-    # where the rows show a rate, less than this share of the error is left
-    shows_rate: float = 0.9
-    # a planar chain that leaves more of the track's spread is none
-    chain_fits: float = 0.03
-    # the best candidate's error must be less than this share of its rival's
-    clearly: float = 0.6
-    # the best candidate's error must be less than this share of the track's spread
-    fits: float = 0.25
-    # difference of the rates: beyond it the stated frame rate is not the true one
-    fastest: float = 0.012
-    # candidates further apart than this are rivals [s]
-    apart: float = 0.3
-
-
-CLOCK = ClockSettings()
+from .clock_models import CLOCK, Chain, TrackRows, Waves
+from .track import jumps
 
 SURE = 1.5e-3
 """Largest standard deviation of the offset that is accepted [s]."""
-
-
-Linear = tuple[Array, Array, Array, Array, Array]
-"""What `estimate_delay` takes: residuals, velocities, slopes, precision and pull of a prior."""
 
 
 class ClockError(LogError):
@@ -78,19 +34,22 @@ class ClockError(LogError):
 class Clocks:
     """Joints' time of the sensor's time `t`: `t + offset + rate (t - middle)`."""
 
-    offset: float  # joints' clock less the sensor's in the middle of the recording [s]
+    # joints' clock less the sensor's in the middle of the recording [s]
+    offset: float
     rate: float = 0.0  # how much faster it runs
     middle: float = 0.0  # that middle, by the sensor's clock [s]
-    error: float = (
-        np.inf
-    )  # median distance that rows are predicted to [px or mm]
-    doubt: float = (
-        np.inf
-    )  # standard deviation of the joints' time, at the recording's ends [s]
+    # median distance that rows are predicted to [px or mm]
+    error: float = np.inf
+    # standard deviation of the joints' time, at the recording's ends [s]
+    doubt: float = np.inf
 
     def joints_time(self, time: Array) -> Array:
         """Return the joints' times of the sensor's times [s]."""
         return np.asarray(time + self.offset + self.rate * (time - self.middle))
+
+    def is_peak_of(self, other: Clocks) -> bool:
+        """Whether two offsets are those of one peak."""
+        return abs(self.offset - other.offset) <= CLOCK.apart
 
     def words(self) -> str:
         """One line for the user."""
@@ -100,78 +59,6 @@ class Clocks:
             f"clocks: joints are {self.offset:+.4f} s from the camera, sure to {doubt:.2g} ms, "
             f"rates differ by {100 * self.rate:+.3f} %; they predict the tag to {self.error:.2g} px"
         )
-
-
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Rows of a track, and the joints at their times by the present clocks."""
-
-    track: Array  # (n, m) [px or mm]
-    q: Array  # (n, joints) [rad or m]
-    ahead: Array  # joints one `CLOCK.step` later
-    behind: Array  # and one earlier
-    since: Array  # (n, 1), times since their mean [s]
-
-
-class _Waves:
-    """Joints predict by smooth functions: each block of rows by the fit to the others."""
-
-    def linearise(self, rows: _Rows) -> Linear:
-        """What `estimate_delay` takes, with the clocks' rate last."""
-        judge = Judge(rows.q)
-        ahead = judge.predict(rows.ahead, rows.track)
-        behind = judge.predict(rows.behind, rows.track)
-        speed = (ahead - behind) / (2.0 * CLOCK.step)
-        velocity = judge.miss(speed)
-        by_rate = judge.miss(speed * rows.since)
-        none = np.empty(0)
-        return judge.miss(rows.track), velocity, by_rate[:, :, None], none, none
-
-    def move(self, change: Array) -> None:
-        """Nothing to move: each linearisation is a fit of its own."""
-
-
-class _Chain:
-    """Joints predict as a planar chain under a tilted camera, fitted with the clocks."""
-
-    def __init__(
-        self, q: Array, track: Array, revolute: tuple[bool, ...]
-    ) -> None:
-        from ..body.planar import planar_structure
-        from ..body.rows import Rows
-        from ..body.starts import (
-            best_start,
-        )  # both bring SciPy's linear algebra
-
-        names = tuple(f"q{k}" for k in range(q.shape[1]))
-        template = planar_structure(
-            track, names, revolute, None, "homography", "px", False
-        )
-        members = dict(template.members())["chain"]
-        begin = best_start(template, Rows(q, track), members)
-        self._structure = begin.structure
-        self._beta = begin.beta.copy()
-        self._prior = begin.structure.prior((*members, "lens"))
-        self._active = np.flatnonzero(self._prior.sd > 0)
-
-    def linearise(self, rows: _Rows) -> Linear:
-        """What `estimate_delay` takes, with the clocks' rate last."""
-        structure = self._structure
-        beta = self._beta
-        active = self._active
-        predicted, by_beta = structure.linearise(rows.q, beta, active)
-        joint_speed = (rows.ahead - rows.behind) / (2.0 * CLOCK.step)
-        by_joints = structure.slope(rows.q, beta)
-        velocity = np.einsum("nmd,nd->nm", by_joints, joint_speed)
-        by_rate = velocity * rows.since
-        slopes = np.concatenate([by_beta, by_rate[:, :, None]], axis=2)
-        precision = self._prior.sd[active] ** -2.0
-        pull = (self._prior.mean - beta)[active]
-        return rows.track - predicted, velocity, slopes, precision, pull
-
-    def move(self, change: Array) -> None:
-        """Move the chain's parameters."""
-        self._beta[self._active] += change
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,13 +121,13 @@ class _Pair:
         self, start: Clocks, revolute: tuple[bool, ...] | None
     ) -> Clocks | None:
         """Fit the offset, and the rate where rows show one; without `revolute` no planar chain."""
-        when, track = self.sample(start, CLOCK.refined[0])
+        when, track = self.sample(start, CLOCK.long[0])
         try:
-            model: _Waves | _Chain = _Waves()
+            model: Waves | Chain = Waves()
             if revolute:
-                model = _Chain(self.joints(when), track, revolute)
-            in_step = self.fit(model, start, CLOCK.refined)
-            free = self.fit(model, in_step, CLOCK.refined, rate=True)
+                model = Chain(self.joints(when), track, revolute)
+            in_step = self.fit(model, start, CLOCK.long)
+            free = self.fit(model, in_step, CLOCK.long, rate=True)
         except (CalibError, np.linalg.LinAlgError):
             return None
         is_clear = free.error < CLOCK.shows_rate * in_step.error
@@ -248,7 +135,7 @@ class _Pair:
 
     def fit(
         self,
-        model: _Waves | _Chain,
+        model: Waves | Chain,
         start: Clocks,
         most: tuple[int, int],
         *,
@@ -258,15 +145,16 @@ class _Pair:
 
         most : rows and steps;  rate : whether the clocks' rate is free
         """
+        count, steps = most
         clocks = start
         best = replace(start, error=np.inf)
         rate_sd = CLOCK.rate_sd if rate else 1e-12
-        for _ in range(most[1]):
+        for _ in range(steps):
             # how late the track is, and how rate and chain change
-            when, track = self.sample(clocks, most[0])
+            when, track = self.sample(clocks, count)
             if len(when) < 16:
                 break
-            rows = _Rows(
+            rows = TrackRows(
                 track,
                 self.joints(when),
                 ahead=self.joints(when + CLOCK.step),
@@ -274,18 +162,24 @@ class _Pair:
                 since=(when - when.mean())[:, None],
             )
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                miss, velocity, slopes, precision, pull = model.linearise(rows)
-                precision = np.append(precision, np.array([rate_sd]) ** -2.0)
-                pull = np.append(pull, -clocks.rate)
-                answer = estimate_delay(miss, velocity, slopes, precision, pull)
-            if answer is None or not np.isfinite(answer[0].value):
+                linear = model.linearise(rows)
+                step = estimate_delay(
+                    linear.residual,
+                    linear.velocity,
+                    np.dstack([linear.columns, linear.by_rate]),
+                    np.append(linear.precision, rate_sd**-2.0),
+                    np.append(linear.pull, -clocks.rate),
+                )
+            if step is None or not np.isfinite(step[0].value):
                 break
-            late, change = answer
+            late, change = step
 
             # three neighbouring rows say as much as one; at the ends of a line twice the sd
             doubt = np.sqrt(3.0) * late.sd * (2.0 if rate else 1.0)
             error_before = clocks.error
-            clocks = replace(clocks, error=_median(miss), doubt=doubt)
+            clocks = replace(
+                clocks, error=median_length(linear.residual), doubt=doubt
+            )
             best = min(best, clocks, key=attrgetter("error"))
             moved = max(abs(late.value), abs(change[-1]) * np.ptp(self.t))
             gain = abs(clocks.error - error_before)
@@ -342,42 +236,45 @@ def align_clocks(
             "`time_offset`"
         )
 
-    # a short fit from each peak, a long one from the best of them
     middle = float(pair.t[[0, -1]].mean())
-    starts = (Clocks(peak, middle=middle) for peak in peaks)
-    judged = _by_error(
-        pair.fit(_Waves(), start, CLOCK.judged) for start in starts
+    starts = [Clocks(peak, middle=middle) for peak in peaks]
+    short_fits = _by_error(
+        pair.fit(Waves(), start, CLOCK.short) for start in starts
     )
     candidates = [
-        clocks
-        for k, clocks in enumerate(judged)
-        if all(_are_apart(clocks, better) for better in judged[:k])
-    ][: CLOCK.fitted]
-    fits = _fits(pair, candidates, revolute, CLOCK.chain_fits * spread)
-    fits = fits or judged
+        fit
+        for k, fit in enumerate(short_fits)
+        if not any(fit.is_peak_of(better) for better in short_fits[:k])
+    ][: CLOCK.long_fits]
+    long_fits = _long_fits(
+        pair, candidates, revolute, CLOCK.chain_fits * spread
+    )
+    best, *others = long_fits or short_fits
 
-    # the best, if it is sure
-    clocks = fits[0]
-    rivals = (fit.error for fit in fits[1:] if _are_apart(fit, clocks))
+    rivals = [fit.error for fit in others if not fit.is_peak_of(best)]
     rival = min(rivals, default=np.inf)
-    is_close = clocks.error < CLOCK.fits * spread
-    is_clear = clocks.error < CLOCK.clearly * rival
-    is_slow = abs(clocks.rate) <= CLOCK.fastest
-    if not (is_close and is_clear and is_slow and clocks.doubt < SURE):
-        raise ClockError(
-            f"no offset between the clocks is sure: the best, {clocks.offset:.3f} s to "
-            f"{1e3 * clocks.doubt:.2g} ms with rates that differ by {100 * clocks.rate:.2g} %, "
-            f"leaves {clocks.error:.3g} of {spread:.3g} {unit}, another leaves {rival:.3g}; "
-            f"expected {1e3 * SURE:.2g} ms, {100 * CLOCK.fastest:.1f} %, a quarter, and "
-            f"{CLOCK.clearly:g} of "
-            "the other's: are these the joints of this recording, is the frame rate the true one, "
-            "does the motion repeat itself? record half a minute of varied motion, or give "
-            "`time_offset`"
-        )
-    return clocks
+    is_close = best.error < CLOCK.fits * spread
+    is_clear = best.error < CLOCK.clearly * rival
+    is_slow = abs(best.rate) <= CLOCK.fastest
+    if not (is_close and is_clear and is_slow and best.doubt < SURE):
+        raise _unsure(best, rival, spread, unit)
+    return best
 
 
-def _fits(
+def _unsure(best: Clocks, rival: float, spread: float, unit: str) -> ClockError:
+    """The error that the best clocks are not sure, beside the error of a rival [unit]."""
+    return ClockError(
+        f"no offset between the clocks is sure: the best, {best.offset:.3f} s to "
+        f"{1e3 * best.doubt:.2g} ms with rates that differ by {100 * best.rate:.2g} %, "
+        f"leaves {best.error:.3g} of {spread:.3g} {unit}, another leaves {rival:.3g}; "
+        f"expected {1e3 * SURE:.2g} ms, {100 * CLOCK.fastest:.1f} %, a quarter, and "
+        f"{CLOCK.clearly:g} of the other's: are these the joints of this recording, is the frame "
+        "rate the true one, does the motion repeat itself? record half a minute of varied motion, "
+        "or give `time_offset`"
+    )
+
+
+def _long_fits(
     pair: _Pair,
     candidates: Sequence[Clocks],
     revolute: Sequence[bool] | None,
@@ -389,26 +286,16 @@ def _fits(
     than `most` [px].
     """
     if pair.x.shape[1] == 2:
-        kinds = (True,) * pair.q.shape[1]
-        if revolute is not None:
-            kinds = tuple(revolute)
+        kinds = (
+            (True,) * pair.q.shape[1] if revolute is None else tuple(revolute)
+        )
         chains = _by_error(pair.refine(start, kinds) for start in candidates)
         if chains and chains[0].error < most:
             return chains
     return _by_error(pair.refine(start, None) for start in candidates)
 
 
-def _median(miss: Array) -> float:
-    """Median length of misses (n, m)."""
-    return float(np.median(np.linalg.norm(miss, axis=1)))
-
-
 def _by_error(fits: Iterable[Clocks | None]) -> list[Clocks]:
     """The fits that there are, the best first."""
     clocks = [fit for fit in fits if fit is not None]
     return sorted(clocks, key=attrgetter("error"))
-
-
-def _are_apart(one: Clocks, other: Clocks) -> bool:
-    """Whether two offsets are those of two peaks."""
-    return abs(one.offset - other.offset) > CLOCK.apart

@@ -17,19 +17,19 @@ import numpy as np
 from ..arm.arm import Arm, SpatialArm
 from ..arm.description import parse_robot
 from ..arm.loading import load_arm
+from ..arm.rigid import place_points, shift_of, turn_of
 from ..common.arrays import Array
 from ..common.choices import EYES, PICTURES, check_choice
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
+from ..samples.lens import Lens
 from .answer import answer
 from .board import Pattern, TagGrid
 from .board_pictures import BoardPictures, Source, find_board
-from .lens import Lens
 from .lerobot import is_dataset
 from .motion_tables import FlangeTable, JointTable, read_flange_poses
 from .problem import of_joints, of_poses
 from .rig import HandEye as HandEye
-from .rigid import place_points, shift_of, turn_of
 from .view import view_of
 
 Path_ = str | os.PathLike[str]

@@ -7,17 +7,16 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from ..common.atomic import atomic_write
 from ..errors import LogError, OptionError
-from ..samples.camera import distort
+from ..samples.lens import Lens
 from .board import LEAST_CORNERS, Pattern
 from .pictures import list_pictures, one_thread, opencv, read_series
 
@@ -50,95 +49,6 @@ UNSTATED = (0, 0)
 _LEAST_PICTURES = 4  # of a board that a calibration needs
 _DOUBT = 0.03  # share of the focal length that its sd may be
 _TANGENTIAL = 10  # pictures from which a lens that sits askew can be told
-
-
-@dataclass(frozen=True, eq=False)
-class Lens:
-    """A pinhole with radial and tangential distortion (Brown's model, as in OpenCV)."""
-
-    size: tuple[int, int]  # width and height of the pictures it holds for [px]
-    focal: Array  # focal lengths along x and y (2,) [px]
-    centre: Array  # principal point (2,) [px]
-    distortion: Array  # k1, k2, p1, p2, k3 (5,)
-    # distance of the calibration's corners from their places [px]
-    rms: float = 0.0
-    # of `parameters`; zero where a lens is taken for exact (9, 9)
-    covariance: Array = field(default_factory=lambda: np.zeros((9, 9)))
-
-    @staticmethod
-    def of(size: tuple[int, int], parameters: Array, rms: float = 0.0) -> Lens:
-        """Return the lens of these parameters (9,)."""
-        focal, centre, distortion = np.split(parameters, [2, 4])
-        return Lens(size, focal, centre, distortion, rms)
-
-    @property
-    def parameters(self) -> Array:
-        """Focal lengths, principal point and distortion (9,), as `covariance` has them."""
-        return np.concatenate([self.focal, self.centre, self.distortion])
-
-    def plus(self, change: Array) -> Lens:
-        """Return the lens with a change (9,) of its parameters."""
-        return Lens.of(self.size, self.parameters + change, self.rms)
-
-    @property
-    def matrix(self) -> Array:
-        """The camera matrix (3, 3)."""
-        matrix = np.diag([*self.focal, 1.0])
-        matrix[:2, 2] = self.centre
-        return matrix
-
-    def distort(self, points: ArrayLike) -> Array:
-        """Return pixels (n, 2) of points (n, 2) of the plane at distance one."""
-        return np.asarray(
-            self.centre + self.focal * distort(points, self.distortion)
-        )
-
-    def undistort(self, pixels: ArrayLike) -> Array:
-        """Return points (n, 2) of the plane at distance one that appear at pixels (n, 2)."""
-        # not OpenCV's undistortPoints: it stops at five steps, 4.11 and 5 differ in how to ask more
-        target = np.asarray(pixels, float)
-        n = (target - self.centre) / self.focal
-        for _ in range(60):
-            step = (target - self.distort(n)) / self.focal
-            n = n + step
-            if np.abs(step).max(initial=0.0) < 1e-13:
-                break
-        return n
-
-    def to_json(self) -> dict[str, object]:
-        """Return it as plain values."""
-        values = {key: np.asarray(v).tolist() for key, v in vars(self).items()}
-        return {"kind": "calib lens", **values}
-
-    @classmethod
-    def from_json(cls, document: Mapping[str, Any]) -> Lens:
-        """Return the lens that `to_json` told.
-
-        Raises KeyError, TypeError, ValueError if it is none.
-        """
-        width, height = map(int, document["size"])
-        focal = np.array(document["focal"], float).reshape(2)
-        if not min(width, height, *focal) > 0:
-            raise ValueError(
-                f"size {width}x{height}, focal lengths {focal.tolist()}"
-            )
-        lens = cls(
-            (width, height),
-            focal,
-            np.array(document["centre"], float).reshape(2),
-            np.array(document["distortion"], float).reshape(5),
-            float(document.get("rms", 0.0)),
-        )
-        covariance = document.get("covariance", lens.covariance)
-        return replace(
-            lens, covariance=np.array(covariance, float).reshape(9, 9)
-        )
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it as JSON."""
-        atomic_write(
-            path, (json.dumps(self.to_json(), indent=2) + "\n").encode()
-        )
 
 
 def calibrate_lens(
@@ -241,14 +151,9 @@ def _file(path: Path) -> Lens:
     if '"calib lens"' not in text:
         return _foreign(text, str(path))
     try:
-        lens = Lens.from_json(json.loads(text))
+        return Lens.from_json(json.loads(text))
     except (ValueError, KeyError, TypeError) as error:
         raise LogError(f"{path} is no lens: {error}") from None
-    if not np.isfinite(lens.parameters).all():
-        raise LogError(
-            f"{path}: expected finite numbers, not {lens.parameters.tolist()}"
-        )
-    return lens
 
 
 def lens_of_model(model: Model) -> Lens:

@@ -11,14 +11,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arm.rigid import (
+    inverse,
+    place_points,
+    rigid,
+    shifts_along_parents,
+    turn_of,
+)
 from ..arm.rotations import exponential
 from ..common.arrays import Array, Index, Mask
 from ..errors import OptionError
+from ..samples.lens import Lens
 from .bundle import POSE, SHAPE, Bundle, Motions, Unknowns
 from .fit import Noise, information
-from .lens import Lens
 from .rig import HandEye, frame_of
-from .rigid import inverse, place_points, rigid, shifts_along_parents, turn_of
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,10 @@ import numpy as np
 from ..common.arrays import Array, Index
 from ..common.choices import Eye
 from ..errors import LogError
+from ..samples.lens import Lens
 from .board import Pattern
 from .board_pictures import BoardPictures
-from .lens import UNSTATED, Lens
+from .lens import UNSTATED
 from .reference import matrices
 
 

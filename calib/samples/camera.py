@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
-from ..common.inputs import numbers
 from ..errors import LogError
+from .lens import Lens
 from .tables import Document
 
 # widths and heights [px] that a camera's pictures usually have
@@ -49,7 +49,7 @@ class Camera:
 def camera_of(about: Document, pixels: ArrayLike) -> Camera:
     """Return the camera of pixels (n, 2), from what their log says of it or from their extent.
 
-    about : may hold "lens", as `calib.recording.lens.Lens.to_json` writes it, or "size" of pictures
+    about : may hold "lens", as `calib.samples.lens.Lens.to_json` writes it, or "size" of pictures
     Raises LogError if the lens is impossible, or pixels lie outside of its pictures.
     """
     pixels = np.asarray(pixels, dtype=float)
@@ -87,49 +87,27 @@ def _usual_camera(size: object, furthest: Array) -> Camera:
     )
 
 
-def _camera_with_lens(lens: Document) -> Camera:
+def _camera_with_lens(document: Document) -> Camera:
     """A camera with a calibrated lens; a prior where k1 alone, or one focal length, is wrong."""
     try:
-        width, height = (int(side) for side in lens["size"])
-        fx, fy = numbers("focal", lens["focal"], 2)
-        centre = numbers("c", lens["centre"], 2)
-        distortion = numbers("distortion", lens["distortion"], 5)
-        if min(width, height, fx, fy) <= 0:
-            raise ValueError("not above zero")
+        lens = Lens.from_json(document)
     except (KeyError, TypeError, ValueError):
         raise LogError(
             "the lens has impossible values: expected size, focal, centre and distortion of a "
             "calibration"
         ) from None
-    places = np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1])
-    grid = np.stack(places, axis=-1).reshape(-1, 2)
-    n = (grid * (width, height) - centre) / (fx, fy) * 0.9
-    f = float(fx + fy) / 2.0
-    k1 = float(distortion[0])
-    off = f * distort(n, (k1, 0, 0, 0, 0)) - distort(n, distortion) * (fx, fy)
-    wrong = float(np.abs(off).max())
-    simple = (f, float(centre[0]), float(centre[1]), k1)
-    if wrong <= _BENT:
-        return Camera((width, height), simple)
-    note = f"the lens bends by up to {wrong:.2g} px otherwise than k1 says: it is fitted again"
-    share = wrong / width
-    sd = (2 * share * f, wrong, wrong, 4 * share)
-    return Camera((width, height), simple, sd, note)
-
-
-def distort(n: ArrayLike, distortion: ArrayLike) -> Array:
-    """Directions n = (x/z, y/z), (..., 2), as a lens with k1, k2, p1, p2, k3 bends them.
-
-    Brown's model, in the form and order of OpenCV's ``projectPoints``.
-    """
-    n = np.asarray(n, dtype=float)
-    k1, k2, p1, p2, k3 = np.asarray(distortion, dtype=float)
-    x = n[..., 0]
-    y = n[..., 1]
-    r2 = x**2 + y**2
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    tangential = [
-        2.0 * p1 * x * y + p2 * (r2 + 2.0 * x**2),
-        p1 * (r2 + 2.0 * y**2) + 2.0 * p2 * x * y,
-    ]
-    return np.asarray(n * radial[..., None] + np.stack(tangential, axis=-1))
+    corners = np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1])
+    grid = np.stack(corners, axis=-1).reshape(-1, 2)
+    n = 0.9 * (grid * lens.size - lens.centre) / lens.focal
+    f = float(lens.focal.mean())
+    k1 = float(lens.distortion[0])
+    u, v = lens.centre.tolist()
+    pinhole = Lens.of(lens.size, np.array([f, f, u, v, k1, 0, 0, 0, 0]))
+    miss = float(np.abs(pinhole.distort(n) - lens.distort(n)).max())
+    of_k1 = (f, u, v, k1)
+    if miss <= _BENT:
+        return Camera(lens.size, of_k1)
+    note = f"the lens bends by up to {miss:.2g} px otherwise than k1 says: it is fitted again"
+    relative = miss / lens.size[0]
+    sd = (2 * relative * f, miss, miss, 4 * relative)
+    return Camera(lens.size, of_k1, sd, note)

@@ -1,4 +1,8 @@
-"""Cells: what stands in the rows of a log, and the sound ones among these rows."""
+"""Cells: what stands in the rows of a log, and the sound ones among these rows.
+
+Rows are left out in this order: those that miss a number; those outside of chosen ranges, into
+which others are wrapped; those in which the sensor saw nothing, for which joints have to be right.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +35,7 @@ class Cells(OfRows):
     # NaN where no number stands
     q: Array  # (n, dof) [rad or m], joint values
     x: Array  # (n, m), positions; none in a log of touches alone
-    turns: Array  # (n, 4) quaternions, (n, 3) angles or (n, 0)
+    orientation: Array  # (n, 4) quaternions, (n, 3) angles or (n, 0)
     numbers: Index  # (n,), of the rows in the file
     # (n, 2), names of setup and point, "" where there is none
     points: NDArray[np.object_]
@@ -46,16 +50,16 @@ class Cells(OfRows):
         """Rows (n,) that are no touch: a sensor measured the position."""
         return np.asarray(self.points[:, 1] == "")
 
-    def without(self, wrong: Mask, words: str) -> Cells:
+    def without(self, unsound: Mask, words: str) -> Cells:
         """Leave out rows (n,), with a note.  Raises LogError if nothing is left."""
-        if not wrong.any():
+        if not unsound.any():
             return self
-        of_all = f"{wrong.sum():,} of {self.total:,} rows {words}"
-        if wrong.all():
+        of_all = f"{unsound.sum():,} of {self.total:,} rows {words}"
+        if unsound.all():
             raise LogError(f"{self.label}: no row is left: {of_all}")
-        rows = rows_in_words(self.numbers[wrong])
+        rows = rows_in_words(self.numbers[unsound])
         note = f"{of_all}; left out: {rows}"
-        return replace(self.take(~wrong), notes=(*self.notes, note))
+        return replace(self.take(~unsound), notes=(*self.notes, note))
 
     def without_gaps(self) -> Cells:
         """Leave out times and episodes that some rows have no number of, with a note."""
@@ -83,16 +87,16 @@ def read_cells(
     if not total:
         raise LogError(f"{source.label} has no rows below its header")
     rows = spread_rows(total, READING.most_rows)
-    some = replace(source, table=source.table[rows])
-    values, numbers = some.numbers(roles.columns(roles.names))
+    spread = replace(source, table=source.table[rows])
+    values, numbers = spread.numbers(roles.columns(roles.names))
     counts = (len(roles.joints), len(roles.axes))
-    q, x, turns = np.split(values, np.cumsum(counts), axis=1)
+    q, x, orientation = np.split(values, np.cumsum(counts), axis=1)
     q *= [joint.factor for joint in joints]
     points = np.full((len(q), 2), "", dtype=object)
     if roles.touched:
         for k, column in enumerate(roles.columns(SOCKET)):
             if column in source.header:
-                points[:, k] = some.texts(column)
+                points[:, k] = spread.texts(column)
     side = directions(q) if np.isfinite(q).all() else None
     notes: tuple[str, ...] = ()
     if len(q) < total:
@@ -103,7 +107,7 @@ def read_cells(
         len(q),
         q,
         x,
-        turns,
+        orientation,
         numbers,
         points,
         side,
@@ -112,16 +116,16 @@ def read_cells(
     time, episode = roles.columns(FURTHER)
     others = {*source.header} - {*roles.columns(roles.names)}
     if time in others:
-        cells = replace(cells, time=some.seconds(time))
+        cells = replace(cells, time=spread.seconds(time))
     if episode in others:
-        numbered = some.numbers([episode])[0]
+        numbered = spread.numbers([episode])[0]
         cells = replace(cells, episode=numbered[:, 0])
     return cells
 
 
 def complete_rows(cells: Cells, roles: Roles) -> Cells:
     """Leave out rows that miss a number."""
-    values = np.hstack([cells.q, cells.x, cells.turns])
+    values = np.hstack([cells.q, cells.x, cells.orientation])
     finite = np.abs(values) < LARGEST
     touched = ~cells.of_sensor
     dof = len(roles.joints)
@@ -134,9 +138,7 @@ def complete_rows(cells: Cells, roles: Roles) -> Cells:
 
 
 def rows_in_ranges(
-    cells: Cells,
-    joints: Sequence[JointColumn],
-    ranges: Mapping[str, Range],
+    cells: Cells, joints: Sequence[JointColumn], ranges: Mapping[str, Range]
 ) -> Cells:
     """Leave out rows outside of ranges of some joints [rad or m]; others are wrapped into them."""
     for k, joint in enumerate(joints):
@@ -168,9 +170,9 @@ def rows_in_sight(cells: Cells) -> Cells:
             "holds its last value"
         )
         cells = cells.without(repeated_readings(cells.q, cells.x), words)
-    if cells.turns.shape[1] != len(QUATERNION):
+    if cells.orientation.shape[1] != len(QUATERNION):
         return cells
-    length = row_lengths(cells.turns)
+    length = row_lengths(cells.orientation)
     wrong = np.abs(length - 1) > ROUNDING
     words = (
         f"qx, qy, qz, qw of length {length[np.argmax(wrong)]:.4g}, expected 1"
@@ -183,13 +185,13 @@ def repeated_readings(q: Array, x: Array) -> Mask:
 
     A sensor of coarse steps, as of whole pixels, reads the same at two places and holds nothing.
     """
-    held = np.zeros(len(q), dtype=bool)
+    is_repeated = np.zeros(len(q), dtype=bool)
     step = row_lengths(np.diff(x, axis=0))
     same = step == 0.0
     if same.all():
-        return held
+        return is_repeated
     digits = np.concatenate([np.diff(np.unique(axis)) for axis in x.T])
     if np.median(step[~same]) > READING.fine * digits.min():
         moved = row_lengths(np.diff(q, axis=0))
-        held[1:] = same & (moved > READING.moved * moved[~same].mean())
-    return held
+        is_repeated[1:] = same & (moved > READING.moved * moved[~same].mean())
+    return is_repeated

@@ -18,7 +18,7 @@ from ..common.rows import finite_rows, row_lengths
 from ..errors import LogError
 from .diagnosis import is_path
 from .samples import Samples
-from .settings import CLOCK
+from .settings import DELAY
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Delay:
     @property
     def clear(self) -> bool:
         """Whether it is sure, and matters."""
-        sure = abs(self.value) > CLOCK.clear * self.sd
-        return sure and self.share > CLOCK.share
+        sure = abs(self.value) > DELAY.clear * self.sd
+        return sure and self.share > DELAY.share
 
     def note(self) -> str:
         """One line for the user on a clear delay."""
@@ -58,7 +58,7 @@ class Trajectory:
     @staticmethod
     def of(samples: Samples) -> Trajectory | None:
         """The motion of a log's rows; None where they are poses, or known to be in time."""
-        if samples.in_time or len(samples) < CLOCK.fewest_rows:
+        if samples.in_time or len(samples) < DELAY.fewest_rows:
             return None
         motion = Trajectory(samples.rows.astype(float), samples.q, "rows")
         if samples.time is not None:
@@ -73,7 +73,7 @@ class Trajectory:
         step = np.diff(self.time)
         later = step > 0
         usual = np.median(step[later]) if later.any() else 0.0
-        return later & (step <= CLOCK.longest_pause * usual)
+        return later & (step <= DELAY.longest_pause * usual)
 
     def before(self, delay: float) -> tuple[Array, Array]:
         """Joints (n, dof) at the rows' times less `delay`, and their velocity [../unit].
@@ -150,7 +150,7 @@ def estimate_delay(
     """
     rows = np.flatnonzero(finite_rows(np.hstack([velocity, residual])))
     late = -velocity[rows].reshape(-1, 1)
-    if len(rows) < CLOCK.fewest_rows or not np.abs(late).max() > 0:
+    if len(rows) < DELAY.fewest_rows or not np.abs(late).max() > 0:
         return None
     rest = residual[rows]
     weight = _weights(rest, 1e-9 * np.abs(late).max())
@@ -158,10 +158,7 @@ def estimate_delay(
     # the prior adds a row for each parameter
     target = np.append(weight * rest.ravel(), root * pull)
     beside = np.vstack(
-        [
-            weight[:, None] * columns[rows].reshape(rest.size, -1),
-            np.diag(root),
-        ]
+        [weight[:, None] * columns[rows].reshape(rest.size, -1), np.diag(root)]
     )
 
     def explain(cause: Array) -> tuple[Array, Array, Array]:
@@ -174,9 +171,9 @@ def estimate_delay(
         values = inverse @ target
         return inverse, values, target - features @ values
 
-    inverse, values, left = explain(late)
+    inverse, values, remainder = explain(late)
     variance = float(inverse[0] @ inverse[0])  # of noise of 1
-    squares = float(left @ left)
+    squares = float(remainder @ remainder)
     gain = float(values[0]) ** 2 / variance
     share = gain / (squares + gain)
     if play is not None:
@@ -185,8 +182,10 @@ def estimate_delay(
             share = 0.0
     # independent rows beside blocks of neighbouring ones (a sandwich): beside smooth columns the
     # blocks' sums are too small
-    score = (inverse[0] * left)[: rest.size].reshape(rest.shape).sum(axis=1)
-    blocks = [block.sum() for block in np.array_split(score, CLOCK.blocks)]
+    score = (
+        (inverse[0] * remainder)[: rest.size].reshape(rest.shape).sum(axis=1)
+    )
+    blocks = [block.sum() for block in np.array_split(score, DELAY.blocks)]
     freedom = max(rest.size - len(values), 1)
     white = np.sqrt(variance * squares / freedom)
     sd = max(float(np.linalg.norm(blocks)), float(white))
@@ -201,5 +200,5 @@ def _weights(residual: Array, least: float) -> Array:
     outputs = residual.shape[1]
     size = row_lengths(residual)
     noise = float(np.median(size)) / np.sqrt(outputs) + least
-    weight = (CLOCK.student + outputs) / (CLOCK.student + (size / noise) ** 2)
+    weight = (DELAY.student + outputs) / (DELAY.student + (size / noise) ** 2)
     return np.repeat(np.sqrt(weight) / noise, outputs)

@@ -17,7 +17,7 @@ from ..common.rows import finite_rows, median_length, spread_rows
 from ..common.scale import METRES
 from .findings import Finding
 from .misfit import align, misfit, spread
-from .other_readings import OtherReading, readings, units
+from .other_readings import readings, units
 from .samples import Samples
 from .settings import DIAGNOSIS
 
@@ -59,21 +59,20 @@ def diagnose(
     affine = rows.unit == "px" or predicted.shape[1] != x.shape[1]
     fit = _PositionFit(x, predict, pose, affine)
 
-    wrong = None
+    mistake = None
     if rows.unit in METRES:
-        wrong = _wrong_unit(fit, rows, spread(predicted))
-    if wrong is None and rows.orientation is not None and pose is not None:
-        wrong = _wrong_turns(*pose(rows.q), x, rows.orientation)
-    if wrong is not None:
-        return [wrong]
+        mistake = _wrong_unit(fit, rows, spread(predicted))
+    if mistake is None and rows.orientation is not None and pose is not None:
+        mistake = _wrong_orientations(*pose(rows.q), x, rows.orientation)
+    if mistake is not None:
+        return [mistake]
 
     findings = []
-    wrong = _wrong_joints(fit, rows)
-    if wrong:
-        if wrong.kind == "reversed" and x.shape[1] == 2:
-            wrong = replace(wrong, hint="", mistake=False)  # it may be learned
-        findings.append(wrong)
-    if rows.plane is not None or affine or (wrong and wrong.mistake):
+    joints = _wrong_joints(fit, rows)
+    if joints is not None:
+        findings.append(joints)
+    may_be_mirrored = joints is None or not joints.mistake
+    if rows.plane is not None or affine or not may_be_mirrored:
         return findings
     if _is_mirrored(predicted[answered], x[answered]):
         words = (
@@ -105,9 +104,11 @@ class _PositionFit:
         x = self.x[answered]
         if not tool or self.pose is None or len(q) < DIAGNOSIS.tool_rows:
             return misfit(predicted[answered], x, affine=self.affine)
-        place, turn = self.pose(q)
+        position, orientation = self.pose(q)
         # positions are linear in the tool
-        features = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
+        features = np.column_stack(
+            [position, matrix_of(orientation).reshape(-1, 9)]
+        )
         return misfit(features[answered], x, affine=True)
 
 
@@ -149,22 +150,22 @@ def _wrong_joints(fit: _PositionFit, rows: Samples) -> Finding | None:
     names = rows.joint_names
     is_far_off = as_it_is > DIAGNOSIS.good * size
     any_order = is_far_off and len(names) <= DIAGNOSIS.most_ordered
+    least = DIAGNOSIS.far_better * as_it_is
     for others in readings(rows.q, names, rows.revolute, any_order=any_order):
-        far_better = [
-            other
-            for other in others
-            if fit.misfit(other[0]) < DIAGNOSIS.far_better * as_it_is
+        better = [
+            reading for reading in others if fit.misfit(reading[0]) < least
         ]
-        if far_better:
-            # a tool of unknown size explains what a mirror does: by the place alone
-            return _only_if(_best(fit, far_better))
+        if not better:
+            continue
+        # a tool of unknown size explains what a mirror does: by the place alone; of equal readings
+        # the last
+        by_misfit = {fit.misfit(q, tool=False): item for q, item in better}
+        finding = _only_if(by_misfit[min(by_misfit)])
+        if finding.kind == "reversed" and rows.x.shape[1] == 2:
+            # it may be learned
+            finding = replace(finding, hint="", mistake=False)
+        return finding
     return None
-
-
-def _best(fit: _PositionFit, others: list[OtherReading]) -> Finding:
-    """The finding of the reading that fits best; of equal ones the last."""
-    by_misfit = {fit.misfit(q, tool=False): finding for q, finding in others}
-    return by_misfit[min(by_misfit)]
 
 
 def _only_if(finding: Finding) -> Finding:
@@ -173,10 +174,10 @@ def _only_if(finding: Finding) -> Finding:
     return replace(finding, words=words)
 
 
-def _wrong_turns(
-    place: Array, nominal: Array, x: Array, turns: Array
+def _wrong_orientations(
+    place: Array, nominal: Array, x: Array, quaternions: Array
 ) -> Finding | None:
-    """The finding that quaternions `turns` (n, 4) are written otherwise than this reads them.
+    """The finding that quaternions (n, 4) are written otherwise than this reads them.
 
     place, nominal : positions (n, 3) and quaternions (n, 4) that the joints predict
     """
@@ -184,43 +185,42 @@ def _wrong_turns(
     if answered.sum() < DIAGNOSIS.fewest_rows:
         return None
     place = place[answered]
-    turns = turns[answered]
     drawn = matrix_of(nominal[answered])
     frame = similarity(place, align(place, x[answered]))[0]
-    as_read = matrix_of(turns)
-    as_it_is = _turn_left(drawn, frame, as_read)
+    quaternions = quaternions[answered]
+    as_it_is = _angle_left(drawn, frame, quaternions)
     if as_it_is <= DIAGNOSIS.turned:
         return None
     order = "{'qx': 'qy', 'qy': 'qz', 'qz': 'qw', 'qw': 'qx'}"
     others = (
         (
-            matrix_of(turns[:, [1, 2, 3, 0]]),
+            quaternions[:, [1, 2, 3, 0]],
             "qx, qy, qz, qw are in the order w, x, y, z",
             f"give `columns={order}`",
         ),
         (
-            np.swapaxes(as_read, 1, 2),
+            quaternions * [-1.0, -1.0, -1.0, 1.0],
             "the orientations are inverted: of the sensor in the tool's frame",
             "conjugate the quaternions: change the signs of qx, qy and qz",
         ),
     )
-    for turn, words, hint in others:
-        left = _turn_left(drawn, frame, turn)
-        if left < DIAGNOSIS.far_better * as_it_is:
+    for other, words, hint in others:
+        angle = _angle_left(drawn, frame, other)
+        if angle < DIAGNOSIS.far_better * as_it_is:
             return Finding("turns", words, hint, "columns")
     return None
 
 
-def _turn_left(drawn: Array, frame: Array, turn: Array) -> float:
-    """Median turn [rad] of orientations (n, 3, 3) from the drawn ones, with the best tool.
+def _angle_left(drawn: Array, frame: Array, quaternions: Array) -> float:
+    """Median angle [rad] of orientations (n, 4) from the drawn ones, with the best tool.
 
     drawn : (n, 3, 3), orientations that the joints predict
-    frame : (3, 3), the base frame's turn to the sensor's
+    frame : (3, 3), the base frame's rotation to the sensor's
     """
-    between = (np.swapaxes(drawn, 1, 2) @ frame.T @ turn).sum(axis=0)
+    rotation = matrix_of(quaternions)
+    between = (np.swapaxes(drawn, 1, 2) @ frame.T @ rotation).sum(axis=0)
     expected = frame @ drawn @ nearest_rotation(between)
-    off = logarithm(turn @ np.swapaxes(expected, 1, 2))
-    return median_length(off)
+    return median_length(logarithm(rotation @ np.swapaxes(expected, 1, 2)))
 
 
 def unit_hint(ratio: float, unit: str) -> str:

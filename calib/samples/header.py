@@ -54,17 +54,17 @@ def common_unit(columns: Sequence[str]) -> str | None:
     return units.pop() or None if units else None
 
 
-def joint_factor(column: str, *, turns: bool, degrees: bool) -> float:
+def joint_factor(column: str, *, revolute: bool, degrees: bool) -> float:
     """Return what makes rad or m of a joint's column: by its unit, or whether `degrees` are usual.
 
     Raises LogError for a unit of joints of the other kind.
     """
     unit = name_and_unit(column)[1]
-    choices, others = (RADIANS, LENGTHS) if turns else (LENGTHS, RADIANS)
+    choices, others = (RADIANS, LENGTHS) if revolute else (LENGTHS, RADIANS)
     if unit in others:
         raise LogError(
             f"column {column!r} is in {unit}, expected {listing(choices)} of a joint that "
-            f"{'turns' if turns else 'slides'}",
+            f"{'turns' if revolute else 'slides'}",
             parameter="prismatic",
         )
-    return choices.get(unit, RADIANS["deg"] if turns and degrees else 1.0)
+    return choices.get(unit, RADIANS["deg"] if revolute and degrees else 1.0)

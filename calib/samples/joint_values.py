@@ -71,13 +71,18 @@ class JointColumn:
 
     def check_unit(self, values: Array, rows: Index) -> None:
         """Refuse angles (n,) [rad] of another unit: too many turns, or in range as the other."""
+        limits = self.limits or _TURN
         most = float(np.abs(values).max())
-        fits = self._fits_other_unit(values)
-        several = np.ptp(values) > 2.02 * TURN
-        if not (fits or several or most > READING.most_turns * TURN):
+        too_many = READING.most_turns * TURN
+        other = np.rad2deg(values) if self.degrees else np.deg2rad(values)
+        # small angles in rad look like degrees, too: they are none
+        is_small = not self.degrees and most <= TURN
+        is_outside = beyond(values, *limits) > READING.slack
+        fits_other = is_outside and beyond(other, *limits) <= READING.slack
+        fits = self.limits is not None and not is_small and fits_other
+        if not (fits or np.ptp(values) > 2.02 * TURN or most > too_many):
             return
-        in_degrees = most if self.degrees else math.radians(most)
-        if in_degrees > READING.most_turns * TURN:
+        if (most if self.degrees else math.radians(most)) > too_many:
             hint = (
                 "too much for degrees, too: convert an encoder's counts to rad"
             )
@@ -89,19 +94,7 @@ class JointColumn:
             hint = "if it is in degrees, give `degrees=True`"
             if not self.limits:
                 hint += "; if it slides, name it in `prismatic`"
-        raise self._outside(values, rows, self.limits or _TURN, hint, "degrees")
-
-    def _fits_other_unit(self, values: Array) -> bool:
-        """Whether angles (n,) [rad] are outside of the limits, and read in the other unit inside.
-
-        Small angles in rad look like degrees, too: they are none.
-        """
-        small = not self.degrees and float(np.abs(values).max()) <= TURN
-        if not self.limits or small:
-            return False
-        other_unit = np.rad2deg if self.degrees else np.deg2rad
-        excess = beyond(other_unit(values), *self.limits)
-        return beyond(values, *self.limits) > READING.slack >= excess
+        raise self._outside(values, rows, limits, hint, "degrees")
 
     def settle(
         self, values: Array, rows: Index
@@ -117,22 +110,16 @@ class JointColumn:
             self.check_unit(values, rows)
         is_turn = self.revolute and limits[1] - limits[0] >= TURN - 1e-9
         if is_turn and extremes[1] - extremes[0] <= TURN:
-            # the log's own turn, whatever its gaps
-            turn = limits if excess < 1e-9 else _turn_about(sum(extremes) / 2.0)
-            return np.clip(values, *turn), turn if self.limits else extremes, []
+            if excess >= 1e-9:
+                # the log's own turn, whatever its gaps
+                middle = sum(extremes) / 2.0
+                limits = (middle - math.pi, middle + math.pi)
+            clipped = np.clip(values, *limits)
+            return clipped, limits if self.limits else extremes, []
         wrapped = values
         if self.revolute and (is_turn or excess > READING.slack):
             wrapped = wrap(values, *limits)
-        return self._within_slack(wrapped, values, rows, limits)
-
-    def _within_slack(
-        self, wrapped: Array, values: Array, rows: Index, limits: Range
-    ) -> tuple[Array, Range, list[str]]:
-        """Wrapped values (n,), the range that holds them, and notes; refuse what is far outside.
-
-        values : (n,), before they were wrapped
-        """
-        excess = beyond(wrapped, *limits)
+            excess = beyond(wrapped, *limits)
         if excess > READING.slack:
             hint = (
                 "check that the column is of this joint, its unit and its sign; if the joint "
@@ -142,9 +129,11 @@ class JointColumn:
         low = min(limits[0], float(wrapped.min()))
         high = max(limits[1], float(wrapped.max()))
         notes = []
-        turned = int(np.count_nonzero(np.abs(wrapped - values) > 1.0))
-        if turned:
-            notes.append(f"{self.name}: {turned} values wrapped by whole turns")
+        wrapped_count = int(np.count_nonzero(np.abs(wrapped - values) > 1.0))
+        if wrapped_count:
+            notes.append(
+                f"{self.name}: {wrapped_count} values wrapped by whole turns"
+            )
         if excess > READING.rounded:
             notes.append(
                 f"{self.name}: the log goes beyond the limits; range {self._show(low, high)}"
@@ -166,20 +155,17 @@ class JointColumn:
         parameter: str,
     ) -> CalibError:
         """The error that names the value (n,) furthest outside of a range."""
-        away = np.maximum(limits[0] - values, values - limits[1])
-        row = int(np.argmax(away))
-        words = (
-            f"{self.name} is {self._show(values[row])}, outside of the range"
-        )
+        row = int(np.argmax(np.abs(values - sum(limits) / 2.0)))
         return self.error(
-            f"{self.label}, row {rows[row]}: {words} {self._show(*limits)}",
+            f"{self.label}, row {rows[row]}: {self.name} is {self._show(values[row])}, "
+            f"outside of the range {self._show(*limits)}",
             hint=hint,
             parameter=parameter,
             value=float(values[row]),
         )
 
 
-def joint_columns(
+def columns_of_joints(
     label: str,
     columns: Mapping[str, str],
     arm: Arm | None,
@@ -202,24 +188,20 @@ def joint_columns(
     for k, (name, column) in enumerate(columns.items()):
         if arm is None:
             in_lengths = name_and_unit(column)[1] in LENGTHS
-            turns = not (in_lengths or name in prismatic)
+            revolute = not (in_lengths or name in prismatic)
             limits = ranges.get(name)
         else:
-            turns = arm.revolute[k]
+            revolute = arm.revolute[k]
             limits = ranges.get(name, (arm.lower[k], arm.upper[k]))
         if name in ranges:
-            _check_range(name, ranges[name], turns)
-        factor = joint_factor(column, turns=turns, degrees=degrees)
-        joints.append(JointColumn(label, name, turns, limits, factor))
+            _check_range(name, ranges[name], revolute)
+        factor = joint_factor(column, revolute=revolute, degrees=degrees)
+        joints.append(JointColumn(label, name, revolute, limits, factor))
     return joints
 
 
 def settle_joints(
-    joints: Sequence[JointColumn],
-    q: Array,
-    numbers: Index,
-    *,
-    anywhere: bool,
+    joints: Sequence[JointColumn], q: Array, numbers: Index, *, anywhere: bool
 ) -> tuple[Array, Array, Array, list[str]]:
     """Return joint values (n, dof) in their ranges, the ranges' ends (dof,), and notes.
 
@@ -242,21 +224,16 @@ def settle_joints(
     return settled, lower, upper, notes
 
 
-def _turn_about(middle: float) -> Range:
-    """The whole turn about an angle [rad]."""
-    return middle - math.pi, middle + math.pi
-
-
 def beyond(values: Array, low: float, high: float) -> float:
     """Return by how much values (n,) leave a range, as a share of its width."""
-    away = max(low - float(values.min()), float(values.max()) - high, 0.0)
-    return away / max(high - low, 1e-300)
+    beyond = max(low - float(values.min()), float(values.max()) - high, 0.0)
+    return beyond / max(high - low, 1e-300)
 
 
-def _check_range(name: str, limits: Range, turns: bool) -> None:
+def _check_range(name: str, limits: Range, revolute: bool) -> None:
     """Raise OptionError for a joint's range that is none, or more than a turn [rad or m]."""
     low, high = limits
-    most = TURN + 1e-4 if turns else LARGEST
+    most = TURN + 1e-4 if revolute else LARGEST
     if not 0 < high - low <= most:
         raise OptionError(
             f"range {name}={low:g}:{high:g}: expected low:high with low below high, of a joint "
@@ -268,10 +245,8 @@ def _check_range(name: str, limits: Range, turns: bool) -> None:
 
 def wrap(values: Array, low: float, high: float) -> Array:
     """Move the angles (n,) outside of a range by whole turns to where they are nearest to it."""
-    turned = low + np.mod(values - low, TURN)
-    # an angle just below the range is nearer to it than a turn later
-    late = turned - high > TURN / 2.0 - (high - low) / 2.0
-    turned = np.where(late, turned - TURN, turned)
+    turns = np.round((values - (low + high) / 2.0) / TURN)
+    moved = values - TURN * turns
     if high - low >= TURN - 1e-9:
-        turned = np.clip(turned, low, high)
-    return np.where((values < low) | (values > high), turned, values)
+        moved = np.clip(moved, low, high)
+    return np.where((values < low) | (values > high), moved, values)

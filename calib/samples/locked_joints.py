@@ -38,26 +38,28 @@ def locked_joint_values(
         column = find_column(source.header, typed or name) or typed
         if column is None:
             continue
-        turns = name not in prismatic
+        revolute = name not in prismatic
         table, rows = source.numbers([column])
-        stood = table[:, 0] * joint_factor(column, turns=turns, degrees=degrees)
+        stood = table[:, 0] * joint_factor(
+            column, revolute=revolute, degrees=degrees
+        )
         if np.isfinite(stood).any():
             values[name] = float(np.nanmedian(stood))
             off = np.nan_to_num(np.abs(stood - values[name]))
             label = f"{source.label}: {name}"
-            notes += _notes_on_motion(label, name, off, rows, turns=turns)
+            notes += _notes_on_motion(label, name, off, rows, revolute=revolute)
     return values, notes
 
 
 def _notes_on_motion(
-    label: str, name: str, off: Array, rows: Index, *, turns: bool
+    label: str, name: str, off: Array, rows: Index, *, revolute: bool
 ) -> list[str]:
     """Notes on a locked joint that moved by `off` (n,) [rad or m]; refuse one that takes part.
 
     rows : (n,), their numbers in the file
     """
-    tolerance = TURNING if turns else SLIDING
-    factor, unit = for_people("rad" if turns else "m")
+    tolerance = TURNING if revolute else SLIDING
+    factor, unit = for_people("rad" if revolute else "m")
     most = f"{factor * off.max():.3g} {unit}"
     words = f"{label} is locked but moved by up to {most}"
     if np.mean(off > tolerance.locked) > tolerance.most_rows:

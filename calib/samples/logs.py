@@ -7,21 +7,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.arm import Arm, SpatialArm
 from ..arm.plane import Plane, fit_plane
 from ..arm.urdf import Range
-from ..common.arrays import Array, Index
+from ..common.arrays import Array
 from ..common.scale import METRES
 from ..common.wording import listing, vector
 from ..errors import LogError, OptionError
-from .cells import complete_rows, read_cells, rows_in_ranges, rows_in_sight
+from .cells import (
+    Cells,
+    complete_rows,
+    read_cells,
+    rows_in_ranges,
+    rows_in_sight,
+)
 from .delays import with_offset
 from .diagnosis import diagnose
-from .findings import refuse_mistakes, still_columns
+from .findings import Finding, refuse_mistakes, still_columns
 from .header import common_unit
-from .joint_values import joint_columns, settle_joints
+from .joint_values import columns_of_joints, settle_joints
 from .roles import Roles, find_roles, log_columns, quaternions
 from .samples import Readings, Samples
 from .settings import READING
@@ -79,72 +84,48 @@ def read_log(
     """
     source = open_source(path)
     label = source.label
+    ranges = ranges or {}
     roles = find_roles(source, arm, joints, columns or {})
     unit = _unit(source, roles, unit)
     if arm is not None:
         outputs = outputs or arm.outputs
-    columns_of_joints = roles.columns(roles.joints)
-    joints_read = joint_columns(
-        label,
-        dict(zip(roles.joints, columns_of_joints, strict=True)),
-        arm,
-        ranges or {},
-        prismatic,
-        degrees=degrees,
+    _check_axes(label, roles, unit, outputs)
+    names = dict(zip(roles.joints, roles.columns(roles.joints), strict=True))
+    joint_columns = columns_of_joints(
+        label, names, arm, ranges, prismatic, degrees=degrees
     )
-    if roles.touched:
-        _check_touches(label, unit if roles.axes else "m", outputs)
-    elif len(roles.axes) < (outputs or 2) and unit != "px":  # a camera sees two
-        raise LogError(
-            f"{label} has x and y alone, expected x, y and z of an arm in space",
-            hint="for a planar part of the arm name its joints, or give `planar=True`",
-            parameter="planar",
-        )
 
-    cells = read_cells(source, roles, joints_read)
+    cells = read_cells(source, roles, joint_columns)
     complete = complete_rows(cells, roles)
-    inside = rows_in_ranges(complete, joints_read, ranges or {})
+    inside = rows_in_ranges(complete, joint_columns, ranges)
     sound = rows_in_sight(inside).without_gaps()
-    x = sound.x
     q, lower, upper, joint_notes = settle_joints(
-        joints_read, sound.q, sound.numbers, anywhere=roles.touched
+        joint_columns, sound.q, sound.numbers, anywhere=roles.touched
     )
     notes = [*sound.notes, *joint_notes]
     if roles.touched:
-        readings = _touches(sound.points, q, x, unit, arm)
+        readings = _touches(sound, q, unit, arm)
     else:
-        x, plane, plane_notes = _in_plane(
-            label, x, sound.numbers, unit, arm, outputs
-        )
-        readings = Readings(x, unit=unit, plane=plane)
-        if roles.turns and plane is None:
-            stated = common_unit(roles.columns(roles.turns))
-            in_degrees = degrees if stated is None else stated != "rad"
-            orientation = quaternions(sound.turns, degrees=in_degrees)
-            readings = replace(readings, orientation=orientation)
-        notes += plane_notes
-        size = float(np.ptp(x, axis=0).max())
-        if arm is None and unit == "m" and size > READING.largest_arm:
-            notes.append(
-                f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`"
-            )
+        readings, words = _positions(sound, roles, unit, arm, outputs, degrees)
+        notes += words
         # what can be nothing but a mistake is refused, what may be intended told
         refuse_mistakes(still_columns(q, readings.x, roles.joints), label)
     about = source.about if lens is None else {**source.about, "lens": lens}
-    joint_units = {joint.degrees for joint in joints_read if joint.revolute}
+    revolute = tuple(joint.revolute for joint in joint_columns)
+    units = {joint.degrees for joint in joint_columns if joint.revolute}
     samples = Samples(
         q,
         joint_names=roles.joints,
         lower=lower,
         upper=upper,
-        revolute=tuple(joint.revolute for joint in joints_read),
+        revolute=revolute,
         arm=arm and replace(arm, lower=lower, upper=upper),
         side=sound.side,
         time=sound.time,
         episode=sound.episode,
         rows=sound.numbers,
         columns=roles.column_of,
-        degrees=joint_units == {True},
+        degrees=units == {True},
         source=about,
         dropped=cells.total - len(complete.numbers),
         left_out=len(inside.numbers) - len(sound.numbers),
@@ -157,35 +138,56 @@ def read_log(
             "`lens` is for pixels of an arm in space: expected columns u and v"
         )
     if arm is not None and not roles.touched:
-        pose = arm.pose if isinstance(arm, SpatialArm) else None
-        scale = METRES.get(samples.unit, 1.0)
-
-        def nominal(q: Array) -> Array:
-            return np.asarray(scale * arm.forward(q))
-
-        findings = diagnose(samples, nominal, pose)
-        notes += refuse_mistakes(findings, label)
+        notes += refuse_mistakes(_diagnosis(samples, arm), label)
     samples = replace(samples, notes=tuple(notes))
     return samples if time_offset is None else with_offset(samples, time_offset)
 
 
-def _touches(
-    points: NDArray[np.object_],
-    q: Array,
-    x: Array,
+def _diagnosis(samples: Samples, arm: Arm) -> list[Finding]:
+    """What the kinematics of an arm find wrong with a log of it."""
+    pose = arm.pose if isinstance(arm, SpatialArm) else None
+    scale = METRES.get(samples.unit, 1.0)
+
+    def nominal(q: Array) -> Array:
+        return np.asarray(scale * arm.forward(q))
+
+    return diagnose(samples, nominal, pose)
+
+
+def _positions(
+    cells: Cells,
+    roles: Roles,
     unit: str,
     arm: Arm | None,
-) -> Readings:
-    """Return touches of points (n, 2), with the sockets where the drawing has them.
+    outputs: int | None,
+    degrees: bool,
+) -> tuple[Readings, list[str]]:
+    """Return what a sensor measured in the rows of a log, and notes."""
+    x, plane, notes = _in_plane(cells, unit, arm, outputs)
+    orientation = None
+    if roles.orientation and plane is None:
+        stated = common_unit(roles.columns(roles.orientation))
+        in_degrees = degrees if stated is None else stated != "rad"
+        orientation = quaternions(cells.orientation, degrees=in_degrees)
+    size = float(np.ptp(x, axis=0).max())
+    if arm is None and unit == "m" and size > READING.largest_arm:
+        notes.append(
+            f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`"
+        )
+    return Readings(x, unit=unit, plane=plane, orientation=orientation), notes
 
-    x : (n, 3) or (n, 0) [unit], known coordinates of the points, or what a sensor measured
+
+def _touches(cells: Cells, q: Array, unit: str, arm: Arm | None) -> Readings:
+    """Return touches, with the sockets where the drawing has them.
+
+    Positions of the rows are known coordinates of the points, or what a sensor measured.
     """
-    in_metres = np.full((len(q), 3), np.nan)
-    if x.shape[1]:
-        in_metres = x / METRES[unit]
-    touch = Touches.of(points, in_metres)
-    tips = np.zeros_like(in_metres) if arm is None else arm.forward(q)
-    return Readings(touch.positions(in_metres, touch.means(tips)), touch=touch)
+    x = np.full((len(q), 3), np.nan)
+    if cells.x.shape[1]:
+        x = cells.x / METRES[unit]
+    touch = Touches.of(cells.points, x)
+    tips = np.zeros_like(x) if arm is None else arm.forward(q)
+    return Readings(touch.positions(x, touch.means(tips)), touch=touch)
 
 
 def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
@@ -222,28 +224,38 @@ def _unit(source: Source, roles: Roles, unit: str | None) -> str:
     return unit or stated or ("px" if roles.pixels else "m")
 
 
-def _check_touches(label: str, unit: str, outputs: int | None) -> None:
-    """Raise LogError for touches of an arm that moves in a plane, or in no length."""
+def _check_axes(
+    label: str, roles: Roles, unit: str, outputs: int | None
+) -> None:
+    """Raise LogError for positions that have too few axes, and for touches that are none in space.
+
+    outputs : coordinates that a position of the arm has
+    """
+    if not roles.touched:
+        if (
+            len(roles.axes) < (outputs or 2) and unit != "px"
+        ):  # a camera sees two
+            raise LogError(
+                f"{label} has x and y alone, expected x, y and z of an arm in space",
+                hint="for a planar part of the arm name its joints, or give `planar=True`",
+                parameter="planar",
+            )
+        return
     if outputs == 2:
         raise LogError(
             f"{label} holds touches: expected a robot that moves in space"
         )
-    if unit not in METRES:
+    if roles.axes and unit not in METRES:
         raise LogError(
             f"{label}: x, y, z of touches in {unit}, expected {listing(METRES)}"
         )
 
 
 def _in_plane(
-    label: str,
-    x: Array,
-    numbers: Index,
-    unit: str,
-    arm: Arm | None,
-    outputs: int | None,
+    cells: Cells, unit: str, arm: Arm | None, outputs: int | None
 ) -> tuple[Array, Plane | None, list[str]]:
     """Positions (n, 3) of a planar arm, or without any that lie in a plane, in it (n, 2)."""
-    x = np.ascontiguousarray(x)
+    x = np.ascontiguousarray(cells.x)
     if x.shape[1] == 2 or outputs == 3:
         return x, None, []
     plane, rms = fit_plane(x)
@@ -251,10 +263,11 @@ def _in_plane(
     if share > READING.out_of_plane and outputs is None:
         return x, None, []
     if share > READING.out_of_plane and arm is not None:
-        away = np.abs(plane.distances(x))
+        distance = np.abs(plane.distances(x))
         raise LogError(
-            f"{label}: x, y, z leave their plane by {rms:.4g} {unit} rms, {100 * share:.2g} % of "
-            f"the extent; row {numbers[np.argmax(away)]} by {away.max():.4g} {unit}",
+            f"{cells.label}: x, y, z leave their plane by {rms:.4g} {unit} rms, "
+            f"{100 * share:.2g} % of the extent; row {cells.numbers[np.argmax(distance)]} by "
+            f"{distance.max():.4g} {unit}",
             hint="other joints moved the tip: name all that moved in `joints`, or leave out the "
             "rows in which they did",
             parameter="joints",

@@ -22,8 +22,8 @@ def spread(x: Array) -> float:
 
 def misfit(a: Array, b: Array, *, affine: bool = False) -> float:
     """Median distance of `b` (n, m) from `a` (n, k) after `align`."""
-    off = b - align(a, b, affine=affine)
-    return median_length(off)
+    difference = b - align(a, b, affine=affine)
+    return median_length(difference)
 
 
 def align(a: Array, b: Array, *, affine: bool = False) -> Array:
@@ -35,14 +35,14 @@ def align(a: Array, b: Array, *, affine: bool = False) -> Array:
     affine = affine or a.shape[1] != b.shape[1]
     features = np.column_stack([a, np.ones(len(a))])
     # spreads about the median: single wrong rows decide nothing
-    away = row_lengths(b - np.median(b, axis=0))
-    agree = away <= 5.0 * np.median(away) + 1e-300
+    distance = row_lengths(b - np.median(b, axis=0))
+    agree = distance <= 5.0 * np.median(distance) + 1e-300
     for _ in range(4):
         if affine:
             moved = features @ solve_least_squares(features[agree], b[agree])
         else:
-            turn, shift, scale = similarity(a[agree], b[agree])
-            moved = scale * a @ turn.T + shift
-        away = row_lengths(b - moved)
-        agree = away <= 3.0 * np.median(away) + 1e-300
+            rotation, shift, scale = similarity(a[agree], b[agree])
+            moved = scale * a @ rotation.T + shift
+        distance = row_lengths(b - moved)
+        agree = distance <= 3.0 * np.median(distance) + 1e-300
     return np.asarray(moved)

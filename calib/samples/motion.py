@@ -24,20 +24,19 @@ _T = TypeVar("_T", bound="OfRows")
 class OfRows:
     """Base of a frozen dataclass whose arrays have an entry for each row."""
 
-    of_joints: ClassVar[
-        tuple[str, ...]
-    ] = ()  # fields that are the same in all rows
+    # fields that are the same in all rows
+    of_joints: ClassVar[tuple[str, ...]] = ()
 
     def take(self: _T, index: Index | Mask | slice) -> _T:
         """Return the rows that `index` picks: a slice, row numbers in any order or a mask."""
-        some: dict[str, object] = {}
+        arrays: dict[str, object] = {}
         for name in {field.name for field in fields(self)} - {*self.of_joints}:  # type: ignore[arg-type]
             value = getattr(self, name)
             if isinstance(value, np.ndarray):
-                some[name] = value[index]
+                arrays[name] = value[index]
             elif isinstance(value, OfRows):
-                some[name] = value.take(index)
-        return replace(self, **some)  # type: ignore[type-var]
+                arrays[name] = value.take(index)
+        return replace(self, **arrays)  # type: ignore[type-var]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +122,6 @@ def visits_of(q: Array) -> Visits:
 
 def pose_index(q: Array) -> Index:
     """Return the number of the pose of each row (n,), in the order in which joints show them."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     # many equal rows would be each other's neighbours alone: they are one row here
@@ -138,25 +135,30 @@ def pose_index(q: Array) -> Index:
     distance, neighbour = map(
         np.asarray, cKDTree(distinct).query(distinct, k=near, p=np.inf)
     )
-    if distance[:, 1].min() > ONE_POSE.most_apart:
+    is_close = distance <= ONE_POSE.most_apart
+    if not is_close[:, 1].any():
         return _label_numbers(place)
-    row = np.repeat(np.arange(count), near)
-
-    def groups(longest: float) -> Index:
-        """The group (m,) of each of the different rows, whose further neighbours are others."""
-        close = distance.ravel() <= longest
-        pairs = (row[close], neighbour.ravel()[close])
-        graph = coo_array((np.ones(close.sum()), pairs), (count, count))
-        return np.asarray(connected_components(graph)[1], dtype=np.intp)
-
+    lengths = distance[:, 1:].ravel()
     # rows of one pose that was often read are each other's neighbours alone: of the next pose
     # only their middles tell how far away it is
-    middles = means_of(groups(ONE_POSE.most_apart), distinct)
-    lengths = distance[:, 1:].ravel()
+    middles = means_of(_joined(neighbour, is_close), distinct)
     if len(middles) > 1:
-        apart = cKDTree(middles).query(middles, k=2, p=np.inf)[0]
-        lengths = np.append(lengths, np.asarray(apart)[:, 1])
-    return _label_numbers(groups(_reading_difference(lengths))[place])
+        between = cKDTree(middles).query(middles, k=2, p=np.inf)[0]
+        lengths = np.append(lengths, np.asarray(between)[:, 1])
+    is_same = distance <= _reading_difference(lengths)
+    return _label_numbers(_joined(neighbour, is_same)[place])
+
+
+def _joined(neighbour: Index, is_joined: Mask) -> Index:
+    """The group (m,) of each row, of rows that are joined to some of their neighbours (m, k)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    row = np.nonzero(is_joined)[0]
+    count = len(neighbour)
+    pairs = (row, neighbour[is_joined])
+    graph = coo_array((np.ones(len(row)), pairs), (count, count))
+    return np.asarray(connected_components(graph)[1], dtype=np.intp)
 
 
 def _label_numbers(labels: Index) -> Index:

@@ -62,12 +62,15 @@ def _signs(
     q: Array, names: Sequence[str], count: int
 ) -> Iterator[OtherReading]:
     """The signs of `count` columns of joint values (n, dof) changed."""
-    if count >= len(names):  # all of them turned are a mirror
+    if count >= len(names):  # all of them changed are a mirror
         return
     hint = "its encoder or servo is reversed: change the sign of its column"
     for joints in itertools.combinations(range(len(names)), count):
-        turned = q.copy()
-        turned[:, joints] *= -1.0
+        changed = q.copy()
+        changed[:, joints] *= -1.0
         reversed_names = [names[k] for k in joints]
         words = f"{' and '.join(reversed_names)} counts the other way"
-        yield turned, Finding("reversed", words, hint, "joints", reversed_names)
+        yield (
+            changed,
+            Finding("reversed", words, hint, "joints", reversed_names),
+        )

@@ -163,16 +163,18 @@ def at_poses(samples: Samples) -> Samples:
     if samples.poses == len(samples):
         return samples
     first = np.unique(index, return_index=True)[1]
-    turns = samples.orientation
-    if turns is not None:
-        same_side = np.sign((turns * turns[first][index]).sum(axis=1))
-        turns = means_of(index, same_side[:, None] * turns)
-        turns = turns / row_lengths(turns)[:, None]
+    orientation = samples.orientation
+    if orientation is not None:
+        same_side = np.sign(
+            (orientation * orientation[first][index]).sum(axis=1)
+        )
+        orientation = means_of(index, same_side[:, None] * orientation)
+        orientation = orientation / row_lengths(orientation)[:, None]
     return replace(
         samples.take(first),
         q=means_of(index, samples.q),
         x=means_of(index, samples.x),
-        orientation=turns,
+        orientation=orientation,
     )
 
 

@@ -50,7 +50,7 @@ class Roles:
     joints: tuple[str, ...]  # base to tip
     # `("x", "y")` or `("x", "y", "z")`; none in a log of touches alone
     axes: tuple[str, ...]
-    turns: tuple[str, ...]  # `QUATERNION`, `ANGLES`, or nothing
+    orientation: tuple[str, ...]  # `QUATERNION`, `ANGLES`, or nothing
     # names that columns have in the file where they differ
     column_of: Mapping[str, str]
     pixels: bool  # whether x and y are columns u and v
@@ -59,7 +59,7 @@ class Roles:
     @property
     def names(self) -> tuple[str, ...]:
         """All numbers in their order."""
-        return (*self.joints, *self.axes, *self.turns)
+        return (*self.joints, *self.axes, *self.orientation)
 
     def columns(self, names: Sequence[str]) -> list[str]:
         """Return what names are called in the file."""
@@ -82,14 +82,14 @@ def find_roles(
     locked = () if arm is None else tuple(arm.locked)
     _check_names(columns, (*POSITION, *names, *locked))
     column_of = _columns_by_name(source.header, names, columns)
-    there = {*source.header, *column_of} - {*names}
-    pixels = not {*POSITION} & there and {*PIXELS.values()} <= there
+    present = {*source.header, *column_of} - {*names}
+    pixels = not {*POSITION} & present and {*PIXELS.values()} <= present
     if pixels:
         for name, pixel in PIXELS.items():
             column_of[name] = column_of.get(pixel, pixel)
-        there |= {*PIXELS}
-    touched = "point" in there
-    if not {*POSITION} & there and not touched:
+        present |= {*PIXELS}
+    touched = "point" in present
+    if not {*POSITION} & present and not touched:
         raise LogError(
             f"{source.label} has no positions: expected columns x, y and z [m] of a tracker, "
             "u and v of a camera, or point of sockets that the tip touched; columns: "
@@ -97,13 +97,13 @@ def find_roles(
             hint="if they have other names, give `columns={'x': 'OTHER', 'y': ..}`",
             parameter="columns",
         )
-    axes: tuple[str, ...] = POSITION if "z" in there else POSITION[:2]
-    if touched and not {*POSITION} <= there:
+    axes: tuple[str, ...] = POSITION if "z" in present else POSITION[:2]
+    if touched and not {*POSITION} <= present:
         axes = ()
-    turns: tuple[str, ...] = ()
-    if "z" in there and not touched and (arm is None or arm.outputs == 3):
-        turns = _turns(there, {*columns})
-    roles = Roles(names, axes, turns, column_of, pixels, touched)
+    orientation: tuple[str, ...] = ()
+    if "z" in present and not touched and (arm is None or arm.outputs == 3):
+        orientation = _orientation_columns(present, {*columns})
+    roles = Roles(names, axes, orientation, column_of, pixels, touched)
     _refuse_repeats(roles.columns(roles.names))
     return roles
 
@@ -120,13 +120,13 @@ def _check_names(columns: Mapping[str, str], choices: Sequence[str]) -> None:
             )
 
 
-def _turns(there: set[str], typed: set[str]) -> tuple[str, ...]:
+def _orientation_columns(present: set[str], typed: set[str]) -> tuple[str, ...]:
     """The columns of an orientation, of a quaternion where there are both forms.
 
     A form that is typed in part is one, too: `Source.read` says what it misses.
     """
     for parts in (QUATERNION, ANGLES):
-        if there.issuperset(parts) or {*parts} & typed:
+        if present.issuperset(parts) or {*parts} & typed:
             return parts
     return ()
 
@@ -235,12 +235,12 @@ def from_angles(angles: Array) -> Array:
     return quaternion_of(z @ y @ x)
 
 
-def quaternions(turns: Array, *, degrees: bool) -> Array:
+def quaternions(values: Array, *, degrees: bool) -> Array:
     """Unit quaternions (n, 4) with qw not negative, of such as a file rounds them, or of angles.
 
-    turns : (n, 4), qx, qy, qz, qw; or (n, 3), roll, pitch and yaw [rad, or degrees]
+    values : (n, 4), qx, qy, qz, qw; or (n, 3), roll, pitch and yaw [rad, or degrees]
     """
-    if turns.shape[1] == len(ANGLES):
-        return from_angles(np.deg2rad(turns) if degrees else turns)
-    unit = turns / row_lengths(turns)[:, None]
+    if values.shape[1] == len(ANGLES):
+        return from_angles(np.deg2rad(values) if degrees else values)
+    unit = values / row_lengths(values)[:, None]
     return np.asarray(np.where(unit[:, 3:] < 0, -unit, unit))

@@ -100,9 +100,8 @@ class Samples(LogFile, Readings, Motion):
     # the extremes of its data, which stand where it is empty [rad or m]
     lower: Array = field(default_factory=lambda: np.empty(0))
     upper: Array = field(default_factory=lambda: np.empty(0))
-    revolute: tuple[
-        bool, ...
-    ] = ()  # whether each turns (rad) or slides (m), all if empty
+    # whether each turns (rad) or slides (m), all if empty
+    revolute: tuple[bool, ...] = ()
     _: KW_ONLY
     arm: Arm | None = None  # with these joints and ranges
     simulation: Simulation | None = None  # draws fresh exact samples
@@ -111,49 +110,27 @@ class Samples(LogFile, Readings, Motion):
 
     def __post_init__(self) -> None:
         names = tuple(self.joint_names)
-        turns = tuple(self.revolute) or (True,) * len(names)
-        if not 0 < len({*names}) == len(names) == len(turns):
+        revolute = tuple(self.revolute) or (True,) * len(names)
+        if not 0 < len({*names}) == len(names) == len(revolute):
             raise LogError(
                 f"samples need one or more joints of different names, not {names}, each of which "
-                f"turns or slides: {turns}"
+                f"turns or slides: {revolute}"
             )
         q = _sound("q", self.q, names)
         x = _sound("x", self.x, POSITION if _in_space(self.x) else POSITION[:2])
         lower = self.lower if np.size(self.lower) else q.min(axis=0) - 1e-9
         upper = self.upper if np.size(self.upper) else q.max(axis=0) + 1e-9
-        n = len(q)
-        arrays = {
-            "q": (q, q.shape),
-            "x": (x, (n, x.shape[1])),
-            "lower": (lower, (len(names),)),
-            "upper": (upper, (len(names),)),
-            "side": (
-                directions(q) if self.side is None else self.side,
-                q.shape,
-            ),
-            "orientation": (self.orientation, (n, 4)),
-            "covariance": (self.covariance, (n, 6, 6)),
-            "time": (self.time, (n,)),
-            "episode": (self.episode, (n,)),
-        }
         values: dict[str, object] = {
             "joint_names": names,
-            "revolute": turns,
+            "revolute": revolute,
             "notes": tuple(self.notes),
+            **self._arrays(q, x, lower, upper),
         }
         in_space = self.arm is not None and self.arm.outputs == 3
         if in_space and x.shape[1] == 2 and self.camera is None:
             values["camera"] = camera_of(self.source, x)
-        if np.shape(self.rows) != (n,):  # not stated, or of other rows
-            values["rows"] = np.arange(1, n + 1)
-        for name, (array, shape) in arrays.items():
-            if array is None:
-                continue
-            if np.shape(array) != shape:
-                raise LogError(
-                    f"{name} has shape {np.shape(array)}, expected {shape}"
-                )
-            values[name] = frozen(np.array(array, dtype=float))
+        if np.shape(self.rows) != (len(q),):  # not stated, or of other rows
+            values["rows"] = np.arange(1, len(q) + 1)
         for name, value in values.items():
             object.__setattr__(self, name, value)
         if self.time is not None and not np.isfinite(self.time).all():
@@ -163,6 +140,34 @@ class Samples(LogFile, Readings, Motion):
                 raise LogError(
                     f"joint {joint!r} has the range {low:g}:{high:g}, expected low:high"
                 )
+
+    def _arrays(
+        self, q: Array, x: Array, lower: Array, upper: Array
+    ) -> dict[str, Array]:
+        """The arrays that are known, as read-only copies.  Raises LogError for another shape."""
+        n, dof = q.shape
+        side = directions(q) if self.side is None else self.side
+        shaped = {
+            "q": (q, (n, dof)),
+            "x": (x, (n, x.shape[1])),
+            "lower": (lower, (dof,)),
+            "upper": (upper, (dof,)),
+            "side": (side, (n, dof)),
+            "orientation": (self.orientation, (n, 4)),
+            "covariance": (self.covariance, (n, 6, 6)),
+            "time": (self.time, (n,)),
+            "episode": (self.episode, (n,)),
+        }
+        arrays = {}
+        for name, (array, shape) in shaped.items():
+            if array is None:
+                continue
+            if np.shape(array) != shape:
+                raise LogError(
+                    f"{name} has shape {np.shape(array)}, expected {shape}"
+                )
+            arrays[name] = frozen(np.array(array, dtype=float))
+        return arrays
 
     def __repr__(self) -> str:
         return f"Samples({len(self)} rows of {', '.join(self.joint_names)})"

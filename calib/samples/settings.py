@@ -85,7 +85,7 @@ class Diagnosis:
 
 
 @dataclass(frozen=True)
-class Clock:
+class DelaySettings:
     """When a clock is late."""
 
     # median steps of time beyond which two rows are not one motion
@@ -105,4 +105,4 @@ TURNING = LockedJoint(locked=math.radians(5.0), still=math.radians(0.5))
 SLIDING = LockedJoint(locked=2e-2, still=1e-3)
 ONE_POSE = OnePose()
 DIAGNOSIS = Diagnosis()
-CLOCK = Clock()
+DELAY = DelaySettings()

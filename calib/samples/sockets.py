@@ -100,11 +100,11 @@ class Touches(OfRows):
 
     def means(self, x: Array, *, median: bool = False) -> Array:
         """Mean, or median, of positions `x` (n, m) in each socket (p, m); NaN of none."""
-        middles = np.full((len(self.sockets), x.shape[1]), np.nan)
-        middle = np.median if median else np.mean
+        means = np.full((len(self.sockets), x.shape[1]), np.nan)
+        mean = np.median if median else np.mean
         for socket in np.unique(self.number[self.is_touch]):
-            middles[socket] = middle(x[self.number == socket], axis=0)
-        return middles
+            means[socket] = mean(x[self.number == socket], axis=0)
+        return means
 
     def positions(self, x: Array, places: Array) -> Array:
         """Positions (n, m): places (p, m) of the touched sockets, `x` of rows of a sensor."""
@@ -117,9 +117,11 @@ class Touches(OfRows):
         """
         if places is None:
             places = self.means(tip, median=True)
-        off = row_lengths(tip - self.positions(tip, places))
-        usual = np.median(off[self.is_touch]) if self.is_touch.any() else 0.0
-        return np.asarray(off > STRAY * usual)
+        distance = row_lengths(tip - self.positions(tip, places))
+        usual = 0.0
+        if self.is_touch.any():
+            usual = float(np.median(distance[self.is_touch]))
+        return np.asarray(distance > STRAY * usual)
 
     def numbers_and_facts(self) -> tuple[Index, tuple[Known, ...], Index]:
         """Numbers (n,) and facts of the touched sockets alone, and which (k,) these are."""

@@ -1,4 +1,4 @@
-"""Tables: CSV and Parquet files; answers in one; the rows of several sensors apart."""
+"""Tables: CSV and Parquet files, read and written; the rows of several sensors apart."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Index
 from ..common.atomic import atomic_write
-from ..common.rows import finite_rows
 from ..common.wording import clipped, printable, quoted, suggestion
 from ..errors import LogError
 from .header import SECONDS, common_unit, find_column, name_and_unit
@@ -76,8 +75,8 @@ class Source:
         unit = self.about.get("unit")
         if isinstance(unit, str) and unit:
             return unit
-        found = (find_column(self.header, name) for name in "xyz")
-        return common_unit([column for column in found if column])
+        columns = (find_column(self.header, name) for name in "xyz")
+        return common_unit([column for column in columns if column])
 
     def read(self, names: Sequence[str]) -> pl.DataFrame:
         """Read some columns as they are, text from CSV.
@@ -229,10 +228,7 @@ def _read_text(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
         )
     separator = max(",;\t", key=lines[0].count)
     table = pl.read_csv(
-        content,
-        separator=separator,
-        comment_prefix=COMMENT,
-        infer_schema=False,
+        content, separator=separator, comment_prefix=COMMENT, infer_schema=False
     )
     if separator != ",":
         table = _with_points(table)
@@ -295,69 +291,6 @@ def names_of_sensors(source: Source) -> tuple[str, ...]:
     return tuple(filter(None, dict.fromkeys(source.texts(SENSOR))))
 
 
-@dataclass(frozen=True, eq=False)
-class Batch:
-    """A table of queries, with the columns that go along unread."""
-
-    # (n, k), the columns that are read as `names`; NaN in a row that has no number for each
-    values: Array
-    names: tuple[str, ...]
-    invalid: tuple[
-        int, ...
-    ]  # numbers of the NaN rows; 1 is the first below the header
-    table: (
-        pl.DataFrame
-    )  # all columns in their order, those that are read by their `names`
-
-    def with_answers(self, added: Mapping[str, ArrayLike]) -> dict[str, Any]:
-        """Return the table's columns in their places, answers in place or behind them."""
-        columns = {
-            name: column
-            for name, column in self.table.to_dict().items()
-            if name in self.names or name not in added
-        }
-        return {
-            **columns,
-            **dict(zip(self.names, self.values.T, strict=True)),
-            **added,
-        }
-
-    def take(self, rows: Index) -> Batch:
-        """The table with some of its rows, which may be there more than once."""
-        return replace(self, values=self.values[rows], table=self.table[rows])
-
-
-def read_batch(
-    path: str | os.PathLike[str],
-    names: Sequence[str],
-    more: Sequence[Sequence[str]] = (),
-    columns: Mapping[str, str] | None = None,
-) -> Batch:
-    """Read a batch of queries and all that stands beside them; bad rows do not stop it.
-
-    more : groups of names of which those count that the table has as a whole
-    columns : columns that have other names, by what they hold; the batch has the latter
-    """
-    import polars as pl
-
-    source = open_source(path)
-    column_of = columns or {}
-    wanted = list(names)
-    for group in more:
-        if {column_of.get(name, name) for name in group} <= {*source.header}:
-            wanted += group
-    name_of = {column_of.get(name, name): name for name in wanted}
-    values, rows = source.numbers(list(name_of))
-    invalid = ~finite_rows(values)
-    values[invalid] = np.nan
-    rest = [
-        name for name in source.header if name in name_of or name not in wanted
-    ]
-    table = source.read(rest).rename(name_of)
-    table = table.with_columns(pl.col(pl.String).fill_null(""))
-    return Batch(values, tuple(wanted), tuple(rows[invalid].tolist()), table)
-
-
 def write_table(
     path: str | os.PathLike[str],
     columns: Mapping[str, ArrayLike],
@@ -391,9 +324,8 @@ def write_table(
     if os.fspath(path) != "-":
         atomic_write(path, text.encode())
         return
-    if (
-        sys.stdout.isatty()
-    ):  # a column may have a name that a terminal would obey
+    # a column may have a name that a terminal would obey
+    if sys.stdout.isatty():
         text = "\n".join(map(printable, text.split("\n")))
     sys.stdout.write(text)
 

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arm.rigid import rigid
 from ..body.sensor_pose import SensorPose
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..model.model import Model
 from ..recording.rig import HandEye, frame_of, rig_of_model
-from ..recording.rigid import rigid
 from .workspace import extent
 
 SENSOR = "sensor frame"

@@ -1,25 +1,42 @@
 """Bodies: what is fitted to the samples of each sensor before the maps learn what it leaves over.
 
-A rigid arm explains positions smoothly over the whole workspace; local models learn the rest.
+A rigid arm explains positions smoothly over the whole workspace; local models learn the rest.  A
+fit begins from a template: the chain of the arm, how its sensor looks at it, and whether the
+robot's drawing is a prior.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
+from ..arm.arm import SpatialArm
+from ..arm.rotations import logarithm, matrix_of
 from ..body.body_fit import BodyFit, fit_sensors
+from ..body.drawing import PlanarDrawing
+from ..body.planar import planar_structure
 from ..body.row_notes import warnings_of
 from ..body.rows import Rows
+from ..body.spatial import structure_of, unknown_structure
 from ..body.structure import Structure
-from ..common.arrays import Index
+from ..body.views import is_camera
+from ..common.arrays import Array
+from ..common.choices import VIEWS
 from ..common.rows import row_lengths
+from ..common.scale import METRES
+from ..errors import OptionError
 from ..samples.samples import Samples
 from .options import TrainingOptions
 from .settings import LEARNING
-from .template import template_of
+
+# the views of positions and orientations that see what these views of positions see
+_POSED = {"rigid": "pose", "base": "base pose"}
+
+Template = tuple[Structure, Rows]
+"""What a body begins from, and what it is fitted to."""
 
 
 def fit_bodies(
@@ -30,15 +47,15 @@ def fit_bodies(
     logs : a row for each pose of each sensor by its name, of the same joints; the first one's
         drawing counts
     """
+    fitted = {name: _fitted_rows(samples) for name, samples in logs.items()}
     structures: dict[str, Structure] = {}
     rows: dict[str, Rows] = {}
-    for name, samples in logs.items():
-        structures[name], rows[name] = template_of(
-            samples, _fitted_rows(samples), options
-        )
+    for name, samples in fitted.items():
+        structures[name], rows[name] = _template_of(samples, options)
     fits = fit_sensors(structures, rows, seed=options.seed)
     return {
-        name: _with_notes(fits[name], samples) for name, samples in logs.items()
+        name: _with_notes(fits[name], samples)
+        for name, samples in fitted.items()
     }
 
 
@@ -52,22 +69,21 @@ def mean_error(fit: BodyFit) -> float:
     return float(row_lengths(fit.held_out).mean())
 
 
-def _fitted_rows(samples: Samples) -> Index:
-    """Rows (k,) of samples that a body is fitted to: of a long log every so many-eth."""
+def _fitted_rows(samples: Samples) -> Samples:
+    """The samples that a body is fitted to: of a long log every so many-eth."""
     every = -(-len(samples) // LEARNING.most_rows)  # rounded up
-    return np.arange(0, len(samples), every)
+    return samples.take(slice(None, None, every))
 
 
 def _with_notes(fit: BodyFit, samples: Samples) -> BodyFit:
     """A fit to samples, of positions alone, with notes on what these cannot tell."""
-    rows = _fitted_rows(samples)
     names = samples.joint_names
     travel = samples.upper - samples.lower
-    warnings = warnings_of(samples.q[rows], names, samples.revolute, travel)
+    warnings = warnings_of(samples.q, names, samples.revolute, travel)
     notes = [*warnings, *fit.notes]
     if fit.held_out.shape[1] == 6:
         fit = fit.of_positions()
-    extent = float(np.linalg.norm(np.ptp(samples.x[rows], axis=0)))
+    extent = float(np.linalg.norm(np.ptp(samples.x, axis=0)))
     share = mean_error(fit) / extent
     if samples.simulation is None and share > LEARNING.no_arm:
         notes.append(_no_arm(samples, share))
@@ -84,3 +100,119 @@ def _no_arm(samples: Samples, share: float) -> str:
         "give the URDF of an arm in space; maps and links alone learn what is no arm: "
         "`body='none'`"
     )
+
+
+def _template_of(samples: Samples, options: TrainingOptions) -> Template:
+    """The template of samples.
+
+    Raises OptionError if the view is not one of such samples, or no drawing is to be trusted.
+    """
+    is_spatial = isinstance(samples.arm, SpatialArm)
+    pixels = samples.camera is not None and is_spatial
+    in_space = not pixels and samples.x.shape[1] == 3
+    _check_view(options.view, pixels=pixels, in_space=in_space)
+    if pixels or in_space:
+        drawn = is_spatial
+        structure, measured = _in_space(samples, options.view)
+    else:
+        structure, measured = _in_plane(samples, options.view)
+        drawn = getattr(structure, "nominal", None) is not None
+    if options.free == "all":
+        return structure, measured
+    if not drawn or samples.simulation is not None:
+        raise OptionError(
+            "free 'offsets' trusts the drawing of a robot: give `robot` and a measured log",
+            parameter="free",
+            value=options.free,
+        )
+    return structure.with_fields(zeros_alone=True), measured
+
+
+def _check_view(view: str, *, pixels: bool, in_space: bool) -> None:
+    """Raise OptionError if a view is none of such samples."""
+    kinds = [
+        kind for kind in VIEWS if kind == "auto" or is_camera(kind) == pixels
+    ]
+    if in_space:
+        kinds = ["auto", "base", "rigid", "similarity"]
+    if view not in kinds:
+        raise OptionError(
+            f"view {view!r}: expected one of {', '.join(kinds)} for these samples",
+            parameter="view",
+            value=view,
+        )
+
+
+def _in_plane(samples: Samples, view: str) -> Template:
+    """The template of a planar arm, a log's with its URDF as prior."""
+    simulated = samples.simulation is not None
+    drawing: PlanarDrawing | None = None
+    if samples.arm is not None and not simulated:
+        # a joint out of the plane has no prior: the rows have to tell
+        with suppress(OptionError):
+            drawing = PlanarDrawing.of(samples.arm)
+    if view == "base" and drawing is None:
+        raise OptionError(
+            "view 'base' needs a measured log and the planar robot that it is of: give both, or "
+            "another view"
+        )
+    structure = planar_structure(
+        samples.x,
+        samples.joint_names,
+        samples.revolute,
+        drawing,
+        view,
+        samples.unit,
+        simulated,
+    )
+    return structure, Rows(samples.q, samples.x)
+
+
+def _in_space(samples: Samples, view: str) -> Template:
+    """The template of an arm in space: only a log's URDF is a prior, a simulation's a start."""
+    arm = samples.arm
+    simulation = samples.simulation
+    measured = Rows(samples.q, samples.x)
+    extent = _extent(measured.z)
+    unit = samples.unit
+    metre = METRES.get(unit, 1.0)
+    if not isinstance(arm, SpatialArm):
+        unknown = unknown_structure(
+            samples.joint_names,
+            samples.revolute,
+            extent,
+            unit,
+            metre,
+            simulation is not None,
+        )
+        return unknown, measured
+    camera = samples.camera
+    if camera is not None and measured.z.shape[1] == 2:
+        structure = structure_of(
+            arm,
+            "pinhole",
+            unit="px",
+            extent=extent,
+            lens=camera.lens,
+            lens_sd=camera.lens_sd,
+        )
+        return structure, measured
+    if simulation is not None:
+        view = "base"
+    elif view == "auto":
+        view = "rigid" if unit in METRES else "similarity"
+    structure = structure_of(arm, view, unit=unit, metre=metre, extent=extent)
+    if simulation is not None:
+        structure = replace(structure, informed=False, simulated=True)
+        return structure, replace(measured, noise=simulation.noise or None)
+    if samples.orientation is None or view not in _POSED:
+        return structure, measured
+    rotvec = logarithm(matrix_of(samples.orientation))
+    poses = replace(measured, z=np.hstack([measured.z, rotvec]))
+    return structure.with_sensor(view=_POSED[view]), poses
+
+
+def _extent(x: Array) -> float:
+    """Root mean square distance of positions (n, m) from their mean [unit]."""
+    centred = x - x.mean(axis=0)
+    return float(np.sqrt((centred**2).sum(axis=1).mean()))

@@ -38,7 +38,7 @@ def tested_on_log(
     residuals = held_out_residuals(model, log, held_out, options)
     motor = model.motor
     u = motor.scale.to_unit(residuals.motion.q)
-    errors = residuals.errors[model.default_readout]
+    errors = residuals.distances(model.default_readout)
     reading, position = node_bounds(model, u, errors)
     rows = log.rows if isinstance(log, FittedLog) else slice(None)
     baseline = _baseline(model, samples, u, residuals.x)
@@ -100,16 +100,16 @@ def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
         # they hold beside the rows, see `calib.model.parts`
         return learned, learned
     reading, position = bounds_of_nodes(motor, body)
-    if model.predictor.models.degree >= 0:
-        # where held-out rows are further off than the body says, as in a local defect
-        learned = learn_bounds(motor, u, errors)
-        noise = RADIUS_95 * float(np.sqrt(np.mean(body.noise[:2] ** 2)))
-        defect = np.sqrt(np.maximum(learned**2 - noise**2, 0.0))
-        position = np.where(
-            learned > reading, np.maximum(position, defect), position
-        )
-        reading = np.maximum(reading, learned)
-    return reading, position
+    if model.predictor.models.degree < 0:
+        return reading, position
+    # where held-out rows are further off than the body says, as in a local defect
+    learned = learn_bounds(motor, u, errors)
+    noise = RADIUS_95 * float(np.sqrt(np.mean(body.noise[:2] ** 2)))
+    defect = np.sqrt(np.maximum(learned**2 - noise**2, 0.0))
+    position = np.where(
+        learned > reading, np.maximum(position, defect), position
+    )
+    return np.maximum(reading, learned), position
 
 
 def _simulation_bounds(

@@ -18,7 +18,7 @@ from ..samples.samples import Samples
 from .bodies import fit_body
 from .late_clock import samples_in_time
 from .options import TrainingOptions
-from .settings import PLAY
+from .settings import BACKLASH
 from .wrong_rows import contradictions
 
 
@@ -112,7 +112,7 @@ class FittedLog(SoundLog):
         """The log without the play that its order shows."""
         log = self
         # curves and frame have taken some of it before
-        for _ in range(PLAY.rounds):
+        for _ in range(BACKLASH.rounds):
             more = _play_of(log)
             if more is None:
                 break
@@ -141,9 +141,9 @@ def _play_of(log: FittedLog) -> Array | None:
     samples = log.samples
     simulation = samples.simulation
     exact = simulation is not None and not simulation.hidden
-    if len(log.rows) < PLAY.fewest or exact or samples.side is None:
+    if len(log.rows) < BACKLASH.fewest or exact or samples.side is None:
         return None
-    rows = log.rows[:: -(-len(log.rows) // PLAY.most)]
+    rows = log.rows[:: -(-len(log.rows) // BACKLASH.most)]
     scale = samples.unit_box
     u = scale.to_unit(samples.q[rows])
     value, slope = log.body.value_and_slope(u)
@@ -151,7 +151,7 @@ def _play_of(log: FittedLog) -> Array | None:
     surprise = samples.side[rows].copy()
     for k, values in enumerate(np.clip(u, 0.0, 1.0).T):
         powers = np.polynomial.chebyshev.chebvander(
-            2.0 * values - 1.0, PLAY.trend
+            2.0 * values - 1.0, BACKLASH.trend
         )
         trend = np.linalg.lstsq(powers, surprise[:, k])[0]
         surprise[:, k] -= powers @ trend

@@ -30,11 +30,7 @@ def samples_in_time(
 
 
 def _delay(
-    samples: Samples,
-    trajectory: Trajectory,
-    body: Body,
-    *,
-    fresh: bool,
+    samples: Samples, trajectory: Trajectory, body: Body, *, fresh: bool
 ) -> Delay | None:
     """Estimate a delay together with the chain and its frame.
 
@@ -52,24 +48,21 @@ def _delay(
         beta[prior.sd == 0] = prior.mean[prior.sd == 0]
     middle = len(trajectory.time) // 2
     half = LATE_CLOCK.rows // 2
-    some = slice(max(0, middle - half), middle + half)
-    total = 0.0
+    rows = slice(max(0, middle - half), middle + half)
+    late = 0.0
     share = 0.0
-    spread = np.inf
+    rms = np.inf
     for _ in range(LATE_CLOCK.steps):
-        q, speed = trajectory.before(total)
-        q = q[some]
+        q, speed = (values[rows] for values in trajectory.before(late))
         inside = finite_rows(q)
         if inside.mean() < 0.5:
             return None
         q = q[inside]
-        seen, slope = structure.predict_and_slope(q, beta)
-        residual = structure.residual(samples.x[some][inside], seen)
-        before = spread
-        spread = float(np.sqrt((residual**2).mean()))
+        predicted, slope = structure.predict_and_slope(q, beta)
+        residual = structure.residual(samples.x[rows][inside], predicted)
         step = estimate_delay(
             residual,
-            np.einsum("nmk,nk->nm", slope, speed[some][inside]),
+            np.einsum("nmk,nk->nm", slope, speed[inside]),
             structure.linearise(q, beta, active)[1],
             prior.sd[active] ** -2.0,
             (prior.mean - beta)[active],
@@ -84,9 +77,11 @@ def _delay(
         moved = np.zeros(len(beta))
         moved[active] = change
         beta = structure.retract(beta, moved)
-        total += delay.value
+        late += delay.value
         # while the parameters beside it still move, its deviation is too large
-        still = spread > LATE_CLOCK.falls * before
-        if still and abs(delay.value) < LATE_CLOCK.settled * delay.sd:
+        rms_before = rms
+        rms = float(np.sqrt((residual**2).mean()))
+        is_settled = abs(delay.value) < LATE_CLOCK.settled * delay.sd
+        if is_settled and rms > LATE_CLOCK.falls * rms_before:
             break
-    return Delay(total, delay.sd, delay.unit, share)
+    return Delay(late, delay.sd, delay.unit, share)

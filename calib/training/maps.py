@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from ..errors import OptionError
 from ..maps.association import Association
 from ..maps.density import kind_of
 from ..maps.links import wiring_of
-from ..maps.map import Map
 from ..maps.model_selection import misfit
 from ..maps.som import SOM
 from .fitted_log import FittedLog, SoundLog
@@ -96,16 +96,11 @@ def associate(
         motor = pair.motor
         sensory = pair.sensory
     else:
-
-        def fit_motor() -> Map:
-            q = scale.from_unit(u)
-            return motor_som.fit(q, scale=scale, residual=residual)
-
-        def fit_sensory() -> Map:
-            return sensory_som.fit(
-                x, scale=box, residual=residual, progress=report
-            )
-
+        q = scale.from_unit(u)
+        fit_motor = partial(motor_som.fit, q, scale=scale, residual=residual)
+        fit_sensory = partial(
+            sensory_som.fit, x, scale=box, residual=residual, progress=report
+        )
         if in_order:
             motor, sensory = side_by_side(fit_motor, fit_sensory)
         else:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..body.body_fit import BodyFit
-from ..common.rows import finite_rows, row_lengths
+from ..common.rows import finite_rows, median_length
 from ..common.wording import quantity
 from ..errors import LogError, OptionError
 from ..model.model import Model
@@ -28,20 +28,24 @@ from .fitted_log import (
 from .late_clock import samples_in_time
 from .options import TrainingOptions
 from .settings import DISAGREEMENT
-from .touched import fit_sockets
+from .socket_fit import fit_sockets
 from .wrong_rows import contradictions
 
 
 def prepare(
-    logs: Mapping[str, Samples], options: TrainingOptions
+    logs: Sequence[Samples], options: TrainingOptions
 ) -> Sequence[SoundLog]:
-    """Prepare the log of each sensor by itself, then fit one body to all of several."""
-    first, *others = logs.values()
+    """Prepare the log of each sensor by itself, then fit one body to all of several.
+
+    Raises LogError or OptionError if they are not of one arm that several sensors measured.
+    """
+    first, *others = logs
     if not others and first.touch is None and options.body == "none":
         return [_without_body(first, options)]
-    alone = {name: _alone(log, options) for name, log in logs.items()}
     if not others:
-        return [*alone.values()]
+        return [_alone(first, options)]
+    by_sensor = _logs_by_sensor(logs, options)
+    alone = {name: _alone(log, options) for name, log in by_sensor.items()}
     # the arm's, whichever sensors have shown it
     plays = [log.play for log in alone.values() if log.play.any()]
     for name, log in alone.items():
@@ -56,6 +60,34 @@ def prepare(
         notes = (*log.notes, *_disagreement(log, fit))
         prepared.append(replace(log, fit=fit, notes=notes))
     return prepared
+
+
+def _logs_by_sensor(
+    logs: Sequence[Samples], options: TrainingOptions
+) -> dict[str, Samples]:
+    """Name logs of several sensors by these; they get one range of the joints."""
+    if options.body == "none":
+        raise OptionError(
+            "several sensors share a body: expected `body='auto'`",
+            parameter="body",
+        )
+    if any(log.simulation or log.touch for log in logs):
+        raise LogError(
+            "one of several logs is of a simulation or of touches: expected measured "
+            "positions; touches beside positions stand in one log"
+        )
+    logs = [log.reordered(logs[0].joint_names) for log in logs]
+    lower = np.min([log.lower for log in logs], axis=0)
+    upper = np.max([log.upper for log in logs], axis=0)
+    by_sensor: dict[str, Samples] = {}
+    for number, log in enumerate(logs, start=1):
+        name = log.sensor or f"sensor {number}"
+        if name in by_sensor:
+            raise LogError(
+                f"sensor {name} twice: expected a name of its own for each log"
+            )
+        by_sensor[name] = replace(log, sensor=name, lower=lower, upper=upper)
+    return by_sensor
 
 
 def _without_body(samples: Samples, options: TrainingOptions) -> SoundLog:
@@ -115,39 +147,6 @@ def _of_single_readings(fit: BodyFit, samples: Samples) -> BodyFit:
     )
 
 
-def logs_by_sensor(
-    logs: Sequence[Samples], options: TrainingOptions
-) -> dict[str, Samples]:
-    """Name logs by their sensors; those of several get one range of the joints.
-
-    Raises LogError or OptionError if they are not of one arm that several sensors measured.
-    """
-    if len(logs) == 1:
-        return {logs[0].sensor: logs[0]}
-    if options.body == "none":
-        raise OptionError(
-            "several sensors share a body: expected `body='auto'`",
-            parameter="body",
-        )
-    if any(log.simulation or log.touch for log in logs):
-        raise LogError(
-            "one of several logs is of a simulation or of touches: expected measured "
-            "positions; touches beside positions stand in one log"
-        )
-    logs = [log.reordered(logs[0].joint_names) for log in logs]
-    lower = np.min([log.lower for log in logs], axis=0)
-    upper = np.max([log.upper for log in logs], axis=0)
-    by_sensor: dict[str, Samples] = {}
-    for number, log in enumerate(logs, start=1):
-        name = log.sensor or f"sensor {number}"
-        if name in by_sensor:
-            raise LogError(
-                f"sensor {name} twice: expected a name of its own for each log"
-            )
-        by_sensor[name] = replace(log, sensor=name, lower=lower, upper=upper)
-    return by_sensor
-
-
 def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
     """A log that a model is compared with, in time and without rows that contradict the others.
 
@@ -171,10 +170,9 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
         return samples, notes
     # a sensor that was moved is no reason to leave rows out
     x = samples.x[answered]
-    moved = x - align(predicted[answered], x, affine=samples.unit == "px")
-    far = np.median(row_lengths(residual[answered]))
-    if np.median(row_lengths(moved)) < 0.5 * far:
-        residual[answered] = moved
+    in_frame = x - align(predicted[answered], x, affine=samples.unit == "px")
+    if median_length(in_frame) < 0.5 * median_length(residual[answered]):
+        residual[answered] = in_frame
     sound, wrong_notes = contradictions(samples, residual)
     left_out = samples.left_out + int(np.count_nonzero(~sound))
     return replace(samples.take(sound), left_out=left_out), notes + wrong_notes

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from ..common.arrays import Array, Index
 from ..common.choices import MAP_READOUTS
 from ..common.parallel import side_by_side
 from ..common.rows import row_lengths
+from ..common.scale import Scale
 from ..errors import LogError
 from ..model.answers import unit_joints
 from ..model.model import Model
@@ -21,7 +23,7 @@ from .fitted_log import FittedLog, SoundLog
 from .maps import maps_of
 from .options import TrainingOptions
 from .settings import TESTING
-from .touch_scatter import NOT_LEARNED
+from .socket_places import NOT_LEARNED
 
 Sizes = dict[str, float]
 """Mean, largest and 99th percentile of some errors, as "mean", "max" and "p99"."""
@@ -30,58 +32,47 @@ ErrorTable = dict[str, dict[str, dict[str, Sizes]]]
 """Sizes by readout, direction ("forward" or "inverse") and coordinate."""
 
 
+class ReadoutErrors(NamedTuple):
+    """Errors of a readout, row by row."""
+
+    forward: Array  # (n, m) [unit], predicted less true positions
+    inverse: Array  # (n, dof) [rad or m], answered less true joints
+    # (n,) [unit], from each target to where the answer really leads
+    distance: Array
+
+    @staticmethod
+    def of(
+        scale: Scale,
+        u: Array,
+        forward: Array,
+        answer: Array,
+        missed: Array,
+    ) -> ReadoutErrors:
+        """Errors of answers (n, dof), which miss their targets by (n, m) [unit].
+
+        u, answer : (n, dof), true and answered joints in the unit box of `scale`
+        """
+        inverse = scale.difference(answer, u) * scale.span
+        return ReadoutErrors(forward, inverse, row_lengths(missed))
+
+
 @dataclass(frozen=True, eq=False)
 class Residuals:
     """Predicted less true values, row by row."""
 
     motion: Motion  # (n, dof), joints that training never saw
     x: Array  # (n, m), positions there
-    # of each readout: predicted less true positions (n, m) [unit], answered less true joints
-    # (n, dof) [rad or m], distance (n,) [unit] from each target to where the answer really leads
-    forward: dict[str, Array]
-    inverse: dict[str, Array]
-    distance: dict[str, Array]
+    by_readout: dict[str, ReadoutErrors]
     joint_names: tuple[str, ...]
     left_out: int = 0  # rows that lie outside of what was learned
-    turned: Array | None = None  # (n,) [rad], errors of the body's orientation
+    # (n,) [rad], errors of the body's orientation
+    orientation: Array | None = None
     # (n,), by which bounds on errors of the body are wider than the model's: of rows held out
     widening: Array | float = 1.0
 
-    @property
-    def errors(self) -> dict[str, Array]:
-        """Distance between predicted and true position, (n,) per readout."""
-        return {
-            readout: row_lengths(error)
-            for readout, error in self.forward.items()
-        }
-
-
-def _residuals(
-    model: Model,
-    motion: Motion,
-    x: Array,
-    forward: dict[str, Array],
-    answers: dict[str, Array],
-    truth: Callable[[Array], Array] | None = None,
-) -> Residuals:
-    """Residuals of predictions less positions, and of answered less true joints.
-
-    forward, answers : of each readout, errors (n, m) [unit], and joints (n, dof) in the unit box
-    truth : the true kinematics; without it (a log) the learned map tells how far the answered
-        joints lead from the recorded ones
-    """
-    scale = model.motor.scale
-    value = model.predictor.value
-    u = scale.to_unit(motion.q)
-    targets = value(u) if truth is None else x
-    inverse = {}
-    distance = {}
-    for readout, answer in answers.items():
-        inverse[readout] = scale.difference(answer, u) * scale.span
-        reached = truth(scale.from_unit(answer)) if truth else value(answer)
-        distance[readout] = row_lengths(reached - targets)
-    names = model.about.joint_names
-    return Residuals(motion, x, forward, inverse, distance, names)
+    def distances(self, readout: str) -> Array:
+        """Distances (n,) [unit] between predicted and true positions of a readout."""
+        return row_lengths(self.by_readout[readout].forward)
 
 
 def evaluate_residuals(
@@ -90,22 +81,37 @@ def evaluate_residuals(
     x: Array,
     truth: Callable[[Array], Array] | None = None,
 ) -> Residuals:
-    """Residuals of all readouts in both directions, of the answer nearest to the true joints."""
+    """Residuals of all readouts in both directions, of the answer nearest to the true joints.
+
+    truth : the true kinematics; without it (a log) the learned map tells how far the answered
+        joints lead from the recorded ones
+    """
     answered = model.covers(motion.q)
     if not answered.any():
         raise LogError(NOT_LEARNED)
     motion = motion.take(answered)
     x = x[answered]
     prediction = predict(model, motion)
-    near = model.solver.newton.clip(model.motor.scale.to_unit(motion.q))
+    scale = model.motor.scale
+    u = scale.to_unit(motion.q)
+    near = model.solver.newton.clip(u)
     # the answers' bounds, of which `Model.solve` takes most of the time, are not asked for
     predicted, answers = side_by_side(
         lambda: {name: prediction.read(name) for name in model.readouts},
         lambda: unit_joints(model, x, near, model.readouts),
     )
-    forward = {readout: value - x for readout, value in predicted.items()}
-    residuals = _residuals(model, motion, x, forward, answers, truth)
-    return replace(residuals, left_out=int(np.count_nonzero(~answered)))
+    value = model.predictor.value
+    targets = value(u) if truth is None else x
+    by_readout = {}
+    for readout, position in predicted.items():
+        answer = answers[readout]
+        reached = truth(scale.from_unit(answer)) if truth else value(answer)
+        by_readout[readout] = ReadoutErrors.of(
+            scale, u, position - x, answer, reached - targets
+        )
+    names = model.about.joint_names
+    left_out = int(np.count_nonzero(~answered))
+    return Residuals(motion, x, by_readout, names, left_out)
 
 
 def held_out_residuals(
@@ -120,54 +126,49 @@ def held_out_residuals(
     """
     samples = log.samples
     rows = np.arange(0, len(samples), max(1, len(samples) // TESTING.maps))
-    forward: dict[str, Array] = {}
-    turned = None
+    errors: dict[str, Array] = {}
+    orientation = None
     widening: Array | float = 1.0
     if isinstance(log, FittedLog) and held_out is not None:
         sample = slice(None, None, max(1, len(held_out) // TESTING.body))
         fit = log.fit
         rows = log.rows[sample]
-        forward["local"] = -held_out[sample]
+        errors["local"] = -held_out[sample]
         widening = fit.widening[sample]
         if "body" in model.readouts:
-            forward["body"] = -fit.held_out[sample]
+            errors["body"] = -fit.held_out[sample]
         if fit.turned is not None:
-            turned = fit.turned[sample]
+            orientation = fit.turned[sample]
     q = samples.q[rows]
-    x = samples.x[rows]
-    answers = _answers_to_missed(model, q, forward)
-    maps_forward, maps_answers = _cross_validated_maps(
-        model, log, options, rows
-    )
-    residuals = _residuals(
-        model, Motion(q), x, forward | maps_forward, answers | maps_answers
-    )
-    return replace(residuals, turned=turned, widening=widening)
-
-
-def _answers_to_missed(
-    model: Model, q: Array, forward: dict[str, Array]
-) -> dict[str, Array]:
-    """Answers (n, dof) in the unit box to targets that held-out predictions miss by `forward`.
-
-    They are the joints near `q` (n, dof) that the learned map leads as far from the target.
-    """
-    u = model.motor.scale.to_unit(q)
+    scale = model.motor.scale
+    u = scale.to_unit(q)
     near = model.solver.newton.clip(u)
-    reached = model.predictor.value(u)
-    return {
-        readout: unit_joints(model, reached - error, near, ("local",))["local"]
-        for readout, error in forward.items()
-    }
+    value = model.predictor.value
+    targets = value(u)
+    answered = _cross_validated_maps(model, log, options, rows)
+    # the joints that the learned map leads to what predictions miss by as much
+    for readout, error in errors.items():
+        answers = unit_joints(model, targets - error, near, ("local",))
+        answered[readout] = (error, answers["local"])
+    by_readout = {}
+    for readout in (*errors, *MAP_READOUTS):
+        error, answer = answered[readout]
+        missed = value(answer) - targets
+        by_readout[readout] = ReadoutErrors.of(scale, u, error, answer, missed)
+    return Residuals(
+        Motion(q),
+        samples.x[rows],
+        by_readout,
+        model.about.joint_names,
+        orientation=orientation,
+        widening=widening,
+    )
 
 
 def _cross_validated_maps(
-    model: Model,
-    log: SoundLog,
-    options: TrainingOptions,
-    rows: Index,
-) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Errors (k, m) and answers (k, dof) of the maps' readouts at some rows (k,).
+    model: Model, log: SoundLog, options: TrainingOptions, rows: Index
+) -> dict[str, tuple[Array, Array]]:
+    """Errors (k, m) and answers (k, dof) in the unit box of the maps' readouts at some rows (k,).
 
     Twice maps learn one half of the blocks of a log and are tested on the other.
     """
@@ -190,7 +191,7 @@ def _cross_validated_maps(
             predicted = pair.predict(q[tested], readout)
             errors[readout][tested] = predicted - x[tested]
             answers[readout][tested] = clip(inverses[readout])
-    return errors, answers
+    return {name: (errors[name], answers[name]) for name in MAP_READOUTS}
 
 
 def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
@@ -215,18 +216,20 @@ def fresh_points(simulation: Simulation, seed: int) -> tuple[Array, Array]:
 def summarise(residuals: Residuals) -> ErrorTable:
     """Mean, largest and 99th percentile of the absolute errors, per readout and direction."""
     table: ErrorTable = {}
-    for readout, gap in residuals.forward.items():
-        forward = dict(zip("xyz", gap.T, strict=False))
-        forward["distance"] = row_lengths(gap)
-        if residuals.turned is not None and readout in ("local", "body"):
-            forward["orientation"] = residuals.turned
-        answers = residuals.inverse[readout].T
-        inverse = dict(zip(residuals.joint_names, answers, strict=True))
-        inverse["distance"] = residuals.distance[readout]
+    for readout, errors in residuals.by_readout.items():
+        forward = dict(zip("xyz", errors.forward.T, strict=False))
+        forward["distance"] = row_lengths(errors.forward)
+        if residuals.orientation is not None and readout in ("local", "body"):
+            forward["orientation"] = residuals.orientation
+        names = residuals.joint_names
+        inverse = dict(zip(names, errors.inverse.T, strict=True))
+        inverse["distance"] = errors.distance
         directions = {"forward": forward, "inverse": inverse}
         table[readout] = {
-            direction: {name: error_sizes(e) for name, e in errors.items()}
-            for direction, errors in directions.items()
+            direction: {
+                name: error_sizes(error) for name, error in columns.items()
+            }
+            for direction, columns in directions.items()
         }
     return table
 
@@ -246,7 +249,7 @@ def p95_and_coverage(model: Model, residuals: Residuals) -> dict[str, float]:
 
     Both are of the rows that the model answers; "answered" is their share where it is not all.
     """
-    errors = residuals.errors[model.default_readout]
+    errors = residuals.distances(model.default_readout)
     bound = residuals.widening * predict(model, residuals.motion).bound
     answered = np.isfinite(bound)
     rounding = 1e-12  # of an exact arm both are

@@ -29,7 +29,7 @@ from .bounds import tested_on_arm, tested_on_log
 from .fitted_log import FittedLog, SoundLog
 from .maps import maps_of
 from .options import Progress, TrainingOptions, options_for
-from .preparation import logs_by_sensor, prepare
+from .preparation import prepare
 from .residuals import Residuals, p95_and_coverage, summarise
 from .settings import LEARNING
 
@@ -90,8 +90,7 @@ def train(
     with one_blas_thread():
         report(0.0, "body", math.nan)
         first, *others = (
-            _learn(prepared, options, report)
-            for prepared in prepare(logs_by_sensor(logs, options), options)
+            _learn(log, options, report) for log in prepare(logs, options)
         )
     seconds = {"total": time.perf_counter() - started}
     return replace(first, others=tuple(others), seconds=seconds)

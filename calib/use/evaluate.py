@@ -23,6 +23,7 @@ from ..model.space import Space
 from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
+from ..samples.sockets import Touches
 from ..training.preparation import sound_log
 from ..training.residuals import (
     ErrorTable,
@@ -33,7 +34,7 @@ from ..training.residuals import (
     summarise,
 )
 from ..training.settings import TESTING
-from ..training.touch_scatter import in_sockets
+from ..training.socket_places import in_sockets
 
 Frame = Literal["kept", "free"]
 EVALUATED = ("kept", "free")
@@ -134,45 +135,57 @@ def evaluate(
         residuals = fresh_residuals(model, simulation)
         return _evaluation(model, residuals, FRESH)
     model = model.by(samples.sensor)
-    source = "measured rows of the log"
-    lost = samples.left_out
     if samples.touch is not None:
-        count = len(samples)
-        samples, touch = in_sockets(model, samples, samples.touch)
-        lost += count - len(samples)
-        residuals = _residuals(model, samples)
-        evaluation = _evaluation(model, residuals, source, lost)
-        return replace(evaluation, touch=touch)
+        return _of_touches(model, samples, samples.touch)
     learned = learned_rows(model, samples)
-    count = int(np.count_nonzero(learned))
-    fresh = len(samples) - count
+    if learned.any() and np.count_nonzero(~learned) < TESTING.fewest:
+        return _of_held_out_rows(model, samples, learned)
+
     notes: list[str] = []
-    if count and fresh < TESTING.fewest:
-        note = (
-            f"the model has learned {count} of these {len(samples)} rows, so that they do not "
-            "tell its errors: those of rows that were held out while it was trained follow"
-        )
-        training = as_made(model)
-        left_out = training.left_out + fresh + lost
-        return replace(
-            training, notes=(note,), learned=count, left_out=left_out
-        )
-    if count:
+    source = "measured rows of the log"
+    rows = samples
+    if learned.any():
+        count = f"{np.count_nonzero(learned)} of these rows"
         notes.append(
-            f"{count} of these rows were learned by the model and tell nothing of it"
+            f"{count} were learned by the model and tell nothing of it"
         )
-        samples = samples.take(~learned)
+        rows = samples.take(~learned)
         source = "measured rows of the log that were not learned"
     if frame == "free":
-        samples, frame_notes = _in_model_frame(model, samples)
+        rows, frame_notes = _in_model_frame(model, rows)
         notes += frame_notes
-    evaluation = _of_log(model, samples, source)
+    evaluation = _of_log(model, rows, source)
     return replace(
         evaluation,
-        left_out=evaluation.left_out + lost,
+        left_out=evaluation.left_out + samples.left_out,
         notes=(*notes, *evaluation.notes),
-        learned=count,
+        learned=int(np.count_nonzero(learned)),
     )
+
+
+def _of_touches(model: Model, samples: Samples, touch: Touches) -> Evaluation:
+    """The errors of touches as positions, and their scatter."""
+    positions, scatter = in_sockets(model, samples, touch)
+    lost = samples.left_out + len(samples) - len(positions)
+    residuals = _residuals(model, positions)
+    source = "measured rows of the log"
+    evaluation = _evaluation(model, residuals, source, lost)
+    return replace(evaluation, touch=scatter)
+
+
+def _of_held_out_rows(
+    model: Model, samples: Samples, learned: Mask
+) -> Evaluation:
+    """The errors of the training, for a log nearly all of whose rows (n,) the model has learned."""
+    count = int(np.count_nonzero(learned))
+    note = (
+        f"the model has learned {count} of these {len(samples)} rows, so that they do not "
+        "tell its errors: those of rows that were held out while it was trained follow"
+    )
+    training = as_made(model)
+    lost = len(samples) - count + samples.left_out
+    left_out = training.left_out + lost
+    return replace(training, notes=(note,), learned=count, left_out=left_out)
 
 
 def _of_log(model: Model, samples: Samples, source: str) -> Evaluation:
@@ -221,9 +234,10 @@ def _residuals(model: Model, samples: Samples) -> Residuals:
         return residuals
     space = Space.of(model)
     predicted = space.to_sensor(*space.evaluate(q)[:2])[1]
-    off = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
-    turned = row_lengths(logarithm(off[finite_rows(model.forward(q))]))
-    return replace(residuals, turned=turned)
+    rotation = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
+    answered = finite_rows(model.forward(q))
+    angles = row_lengths(logarithm(rotation[answered]))
+    return replace(residuals, orientation=angles)
 
 
 def _evaluation(

@@ -43,7 +43,7 @@ def is_simulated(model: Model) -> bool:
     return bool(source != "log")
 
 
-def frames(model: Model) -> list[Alignment]:
+def frame_moves(model: Model) -> list[Alignment]:
     """Return how adaptations found the sensor's frame moved, one after the other."""
     entries = [state.get("frame") for state in model.history]
     return [

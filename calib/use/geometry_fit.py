@@ -16,7 +16,7 @@ from ..arm.rotations import similarity
 from ..body.belief import Body, knows_orientation
 from ..body.fit import Fit
 from ..body.frame_starts import frame_of_drawing
-from ..body.normal import Factor, with_prior
+from ..body.normal import Factor
 from ..body.parameters import Hyper, Indices, Prior
 from ..body.rows import Rows
 from ..body.settings import FREE, PRIOR, PRIOR_SHARE, SHIFT, STUDENT
@@ -27,7 +27,7 @@ from ..errors import CalibError, OptionError
 from ..model.alignment import Alignment
 from ..model.model import Model
 from ..model.nominal import nominal_arm, nominal_in_plane, visited_joints
-from .frames import frame_is_free, frames, is_simulated
+from .frames import frame_is_free, frame_moves, is_simulated
 from .geometry import Geometry
 from .settings import FITTING
 
@@ -71,8 +71,9 @@ class Points:
         if model.rows is None or model.history:
             return cls._of_answers(model)
         every = -(-len(model.rows) // FITTING.rows)
-        some = slice(None, None, every)
-        return cls(model.rows.q[some], model.rows.x[some], model.about.unit)
+        q = model.rows.q[::every]
+        x = model.rows.x[::every]
+        return cls(q, x, model.about.unit)
 
     @classmethod
     def _of_answers(cls, model: Model) -> Points:
@@ -154,7 +155,7 @@ def body_with_zeros(model: Model) -> Body | None:
 
 def _before_adaptations(model: Model, x: Array) -> Array:
     """Positions (n, m) in the sensor's frame as it was before adaptations found it moved."""
-    for alignment in reversed(frames(model)):
+    for alignment in reversed(frame_moves(model)):
         x = alignment.inverse().apply(x)
     return x
 
@@ -171,7 +172,8 @@ def fit_in_space(
     if not simulated:  # a simulation's point is the tip, in the base frame
         parts += structure.frame_groups
         if start is None:
-            nominal = frame_of_drawing(structure, points.q, z)
+            rows = Rows(points.q, z)
+            nominal = frame_of_drawing(structure, rows)
         prior = structure.prior(parts)
         nominal = _maximum(structure, points, z, nominal, prior).beta
     parts.append("offset")
@@ -331,20 +333,20 @@ def _covariance(fit: Fit) -> Array:
     As noise alone, waves of 1 mrad left 1 of 4 displacements within its interval.
     """
     structure = fit.structure
-    measured = fit.parts[0]
+    measured = fit.readings[0]
     active = fit.active
     other_sd = structure.prior(("gain", "elastic", "curve")).sd
     other_sd[active] = 0.0
     others = np.flatnonzero(other_sd)
     a = slice(len(active))
     c = slice(len(active), None)
-    root_weight = (np.sqrt(measured.weight) / fit.noise).ravel()
+    root_weight = measured.root_weights().ravel()
     both = np.concatenate([active, others])
     _, slope = structure.linearise(measured.q, fit.beta, both)
     x = slope.reshape(len(root_weight), -1) * root_weight[:, None]
     pull = x[:, c].T @ (root_weight * measured.residual.ravel())
     precision = fit.information_share * (x.T @ x)
-    precision[a, a] = with_prior(precision[a, a], fit.sd, fit.prior_precision)
+    precision[a, a] += fit.prior_precision
     precision[c, c] += np.diag(other_sd[others] ** -2.0)
     inverse = Factor(precision).inverse()
     shift = inverse[a, c] @ (fit.information_share * pull)
@@ -356,7 +358,7 @@ def _covariance(fit: Fit) -> Array:
 def _misfit(fit: Fit, beta: Array) -> float:
     """Root mean square distance that parameters leave unexplained [unit]."""
     positions = slice(fit.structure.blocks[0])
-    return _rms(fit.parts[0].residual_at(beta)[:, positions])
+    return _rms(fit.readings[0].residual_at(beta)[:, positions])
 
 
 def _rms(rows: Array) -> float:

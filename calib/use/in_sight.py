@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 
 from ..arm.arm import Arm, SpatialArm
+from ..arm.rigid import inverse, rigid, shift_of, turn_of
 from ..arm.rotations import exponential, logarithm
 from ..common.arrays import Array, Index
 from ..errors import OptionError
 from ..model.model import Model
 from ..recording.board import Pattern, parse_board
 from ..recording.bundle import POSE
-from ..recording.lens import Lens
 from ..recording.next_poses import Around, ExpectedRig, noise_of
-from ..recording.rigid import inverse, rigid, shift_of, turn_of
+from ..samples.lens import Lens
 from .aimed import Candidates, chain_in_base, joints_towards
 from .pose_space import PoseSpace
 from .settings import AIMING, PLANNING

@@ -18,6 +18,7 @@ from ..arm.rotations import exponential
 from ..common.arrays import Array
 from ..common.wording import listing
 from ..errors import OptionError
+from ..inverse.closed_form import meeting_point
 
 NAMES = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """The entries of `kinematics:`, from base to tip."""
@@ -131,10 +132,9 @@ def _nearest(
 
     Of parallel axes it is the one at the height of the other's point.
     """
-    to_other = other - point
-    cosine = axis @ direction
-    along = to_other @ axis
-    sine_squared = 1.0 - cosine**2
-    if sine_squared > math.sin(_MOST_TILTED) ** 2:
-        along = (along - cosine * (to_other @ direction)) / sine_squared
-    return point + along * axis
+    nearest = other
+    sine = np.linalg.norm(np.cross(axis, direction))
+    if sine > math.sin(_MOST_TILTED):
+        lines = np.stack([axis, direction]), np.stack([point, other])
+        nearest, _ = meeting_point(*lines)
+    return point + (nearest - point) @ axis * axis

@@ -14,12 +14,12 @@ import numpy as np
 from ..arm.arm import PlanarArm
 from ..arm.description import parse_robot
 from ..arm.posture import posture_of
+from ..arm.rigid import rigid
 from ..arm.spatial_chain import move
 from ..arm.urdf import Urdf
 from ..common.arrays import Array
 from ..common.wording import for_people
 from ..errors import OptionError, RobotError
-from ..recording.rigid import rigid
 from .edits import with_origins
 from .settings import FITTING
 

@@ -14,9 +14,10 @@ from rendering import Camera, Desk, board, tag, write_video
 import calib
 from calib import CalibError, OptionError
 from calib.recording.board import parse_board
-from calib.recording.lens import Lens, load_lens
+from calib.recording.lens import load_lens
 from calib.recording.motion_tables import read_joints
 from calib.recording.tag_logs import Setup, log_pictures, log_video
+from calib.samples.lens import Lens
 
 CAMERA = Camera(size=(640, 480), focal=600.0)
 BOARD = parse_board("5x4:40mm:31mm:5x5_100")

@@ -13,8 +13,9 @@ import cv2
 from rendering import Camera, Desk, board, board_shots, tag
 
 from calib.recording.board import parse_board
-from calib.recording.lens import Lens, calibrate_lens, load_lens
+from calib.recording.lens import calibrate_lens, load_lens
 from calib.recording.tags import TagFinder
+from calib.samples.lens import Lens
 
 SMALL = Camera(size=(640, 480), focal=600.0)
 BOARD = parse_board("7x5:24mm:18mm:5x5_100")

@@ -116,6 +116,14 @@ def test_positions_of_a_sensor_stand_beside_touches(tmp_path, run):
     assert calib.evaluate(model, log).touch["scatter"]["mean"] < 0.5e-3
 
 
+def test_a_saved_model_of_touches_has_the_bounds_that_it_had(tmp_path):
+    world = World(0, each=12)
+    model = calib.train(samples(world, world.q, world.number), size=4)
+    model.save(tmp_path / "arm.calib")
+    again = calib.load(tmp_path / "arm.calib")
+    assert (again.expected_error(world.q) == model.expected_error(world.q)).all()
+
+
 def test_points_of_a_plane_are_stated_on_the_command_line(tmp_path, run):
     world, path = World(3, each=12, flat=True), tmp_path / "flat.csv"
     rows(world, world.q, point=["ABCD"[k] for k in world.number]).write_csv(path)

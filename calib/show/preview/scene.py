@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...arm.rigid import rigid
 from ...common.arrays import Array
 from ...common.rows import spread_rows
 from ...common.wording import quantity
@@ -22,7 +23,6 @@ from ...model.about import Photo
 from ...model.model import Model
 from ...model.nominal import moves_in_space, visited_joints
 from ...recording.rig import HandEye
-from ...recording.rigid import rigid
 from ...samples.samples import Samples
 from ...use.plan import shortest_tour
 from ..error_scale import UNKNOWN, ErrorScale

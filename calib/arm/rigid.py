@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arm.rotations import cross_matrix, exponential
 from ..common.arrays import Array
+from .rotations import cross_matrix, exponential
 
 
 def rigid(turns: Array, shifts: ArrayLike) -> Array:

@@ -1,4 +1,4 @@
-"""Touch positions: where a model, or its arm after a change, has the sockets that a log touched.
+"""Socket places: where a model, or its arm after a change, has the sockets that a log touched.
 
 With its sockets as positions a log of touches is judged like any other.
 """
@@ -6,6 +6,7 @@ With its sockets as positions a log of touches is judged like any other.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,12 +19,44 @@ from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
 from ..body.touch import in_structure, rows_of_touches
 from ..common.arrays import Array
+from ..common.rows import finite_rows, row_lengths
 from ..errors import LogError
 from ..model.model import Model
 from ..samples.samples import Samples
 from ..samples.sockets import Touches
 from .settings import TOUCHING
-from .touch_scatter import in_sockets
+
+NOT_LEARNED = (
+    "no row of the log lies within what the model has learned: measure others"
+)
+
+
+def in_sockets(
+    model: Model, samples: Samples, touch: Touches
+) -> tuple[Samples, dict[str, Any]]:
+    """Touches with the means of the predicted tips as positions, and how tips scatter about them.
+
+    Rows that are in no socket of theirs are left out.
+    """
+    tip = model.forward(samples.q)
+    rows = np.flatnonzero(finite_rows(tip))
+    rows = rows[~touch.take(rows).strays(tip[rows])]
+    touch = touch.take(rows)
+    tip = tip[rows]
+    if not touch.is_touch.any():
+        raise LogError(NOT_LEARNED)
+    means = touch.means(tip)
+    samples = samples.take(rows)
+    still = np.zeros_like(samples.q)
+    samples = replace(samples, x=touch.positions(samples.x, means), side=still)
+    distance = row_lengths(tip - samples.x)
+    touched = touch.is_touch
+    bound = model.expected_error(samples.q[touched])
+    return samples, {
+        "scatter": _sizes(distance[touched], bound),
+        "points": _scatter_by_point(touch, distance),
+        "distances": _distances(touch, means),
+    }
 
 
 def as_positions(
@@ -49,10 +82,9 @@ def as_positions(
     log, _ = in_sockets(model, log, touch)  # where the model has them
     touch = log.touch or touch
     notes = []
-    if len(log) < count:
-        notes.append(
-            f"{count - len(log)} touches in no socket of theirs are left out"
-        )
+    strays = count - len(log)
+    if strays:
+        notes.append(f"{strays} touches in no socket of theirs are left out")
     q = model.about.joints_of(log)
     places = _places_after_change(body, structure, q, log.x, touch)
     if places is not None:
@@ -61,11 +93,7 @@ def as_positions(
 
 
 def _places_after_change(
-    body: Body,
-    structure: SpatialStructure,
-    q: Array,
-    x: Array,
-    touch: Touches,
+    body: Body, structure: SpatialStructure, q: Array, x: Array, touch: Touches
 ) -> Array | None:
     """Places (p, 3) of the sockets in the sensor's frame, as a changed arm has them.
 
@@ -136,3 +164,45 @@ def _most_probable(
     precision = np.asarray(np.linalg.inv(covariance[np.ix_(free, free)]))
     prior = Prior(beta, sd, precision=precision)
     return Fit(structure, rows, beta, prior, nu=STUDENT).maximise(steps=8)
+
+
+def _sizes(distance: Array, bound: Array) -> dict[str, float]:
+    """Sizes of distances (n,) [m] from sockets, and the share of them that bounds (n,) hold."""
+    return {
+        "mean": float(distance.mean()),
+        "rms": float(np.sqrt((distance**2).mean())),
+        "p95": float(np.quantile(distance, 0.95)),
+        "max": float(distance.max()),
+        "covered": float(np.mean(distance <= bound)),
+    }
+
+
+def _scatter_by_point(touch: Touches, distance: Array) -> list[dict[str, Any]]:
+    """Number of touches of each socket, and the mean of their `distance` (n,) [m] from it."""
+    points = []
+    for number in np.unique(touch.number[touch.is_touch]):
+        setup, point = touch.sockets[number]
+        scatter = distance[touch.number == number]
+        points.append(
+            {
+                "setup": setup,
+                "point": point,
+                "rows": len(scatter),
+                "scatter": float(scatter.mean()),
+            }
+        )
+    return points
+
+
+def _distances(touch: Touches, places: Array) -> list[dict[str, Any]]:
+    """Stated distances [m] beside those of the sockets' places (p, 3), where both are known."""
+    distances = []
+    for fact in touch.distances:
+        one, other = places[list(fact.points)]
+        predicted = float(np.linalg.norm(one - other))
+        if np.isfinite(predicted):
+            ends = [list(touch.sockets[number]) for number in fact.points]
+            distances.append(
+                {"points": ends, "stated": fact.value, "predicted": predicted}
+            )
+    return distances
