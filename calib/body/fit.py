@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from .covariance import autocorrelation_time
 from .normal import Factor
 from .parameters import Hyper, Indices, Prior
 from .rows import Readings, Rows
-from .settings import FIT
+from .settings import FIT, SIMULATED_FLOOR, STUDENT
 from .structure import Structure
 
 
@@ -61,8 +61,9 @@ class Fit:
         self._precision = prior.precision
         self.sd = prior.sd[self.active].copy()
         self.beta = np.where(prior.sd > 0, beta, prior.mean)
+        count = len(self.active)
         place = np.full(len(prior.sd), -1)
-        place[self.active] = np.arange(len(self.active))
+        place[self.active] = np.arange(count)
         self.hypers: list[Hyper] = []  # their indices are places in `active`
         for hyper in prior.hypers:
             index = place[hyper.indices]
@@ -105,7 +106,8 @@ class Fit:
         p = self.structure.blocks[0]
         share = 1.0 / self.autocorrelation
         if np.isfinite(self.nu):
-            share *= (self.nu + p) / (self.nu + p + 2)
+            freedom = self.nu + p
+            share *= freedom / (freedom + 2)
         return share
 
     @property
@@ -301,13 +303,15 @@ class Fit:
             index = hyper.indices
             # MacKay's (1992) fixed point: that of EM, in a third of the steps
             shares = variance[index] / self.sd[index] ** 2
-            count = len(index) - float(shares.sum()) + hyper.pseudo
+            count = len(index) - float(shares.sum())
+            count += hyper.pseudo
             if count <= 0.0:  # the rows tell nothing of it
                 continue
             squares = deviation[index] ** 2 / hyper.shape
             total = float(squares.sum())
             total += hyper.pseudo * hyper.scale**2
-            smallest, largest = hyper.scale * np.array(hyper.within)
+            within = np.array(hyper.within)
+            smallest, largest = hyper.scale * within
             scale = np.sqrt(total / count)
             scale = float(np.clip(scale, smallest, largest))
             self.scales[hyper.name] = scale
@@ -336,3 +340,20 @@ class Fit:
             deviation = (beta - self.mean)[self.active]
             energy += 0.5 * float(deviation @ self._pull(beta))
         return energy if np.isfinite(energy) else np.inf
+
+
+@dataclass(frozen=True)
+class Start:
+    """Parameters that damped steps carry on from."""
+
+    structure: Structure  # with its signs and mirror
+    beta: Array  # (d,)
+    cost: float = 0.0  # negative log posterior at the start's own noise
+    noise: float = 0.0  # share of the extents that the residuals have
+
+    def run(self, rows: Rows, prior: Prior, steps: int) -> Start:
+        """Return the start carried on by damped steps, with Student noise."""
+        floor = SIMULATED_FLOOR * self.structure.extents
+        rows = replace(rows, floor=floor)
+        fit = Fit(self.structure, [rows], self.beta, prior, nu=STUDENT)
+        return Start(self.structure, *fit.settle(steps))

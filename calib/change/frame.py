@@ -333,8 +333,8 @@ def _frame_fit(
     groups: tuple[str, ...],
 ) -> Array:
     """Parameters (d,) with some groups fitted to the rows, from a start (d,)."""
+    from ..body.fit import Start
     from ..body.rows import Rows
-    from ..body.start import Start
 
     free = indices_of(structure, groups)
     extent = float(structure.extents[0])

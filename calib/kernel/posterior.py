@@ -92,9 +92,7 @@ class CompactPosterior:
         alone = []
         for b, belief in enumerate(beliefs):
             moves = _moves(structure, belief, q)
-            root = np.zeros((structure.size, belief.root.shape[1]))
-            root[belief.active] = belief.root
-            directions, of_curves = _split(root, curved)
+            directions, of_curves = _split(belief.full_root, curved)
             alone.append(_curves_alone(of_curves, groups))
             directions = _principal_root(directions, moves)[:, : COMPACT.ways]
             ways = directions.shape[1]

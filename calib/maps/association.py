@@ -158,7 +158,9 @@ class Association:
         }
 
     def _partners_on_branch(
-        self, nodes: Index, anchor: Array
+        self,
+        nodes: Index,
+        anchor: Array,
     ) -> tuple[Array, Array]:
         """Of sensory nodes (n, k) the clusters on the branch of places (n, dof).
 
@@ -225,7 +227,11 @@ class Association:
         return Clusters.of(self.partners, self.motor)
 
 
-def _shifts(network: Map, activity: csr_array, u: Array) -> Array:
+def _shifts(
+    network: Map,
+    activity: csr_array,
+    u: Array,
+) -> Array:
     """Mean offsets (nodes, d) [node spacings] of samples `u` (n, d) from the nodes active at them.
 
     activity : (n, nodes); a node that was never active has none

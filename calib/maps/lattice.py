@@ -130,14 +130,22 @@ class Lattice:
             )
         return np.concatenate(pairs)
 
-    def adjacent(self, i: Index, j: Index) -> Mask:
+    def adjacent(
+        self,
+        i: Index,
+        j: Index,
+    ) -> Mask:
         """Whether nodes `i` and `j` are neighbours, diagonal ones included, (n,)."""
         steps = np.subtract(
             np.unravel_index(i, self.shape), np.unravel_index(j, self.shape)
         )
         return np.asarray(np.abs(steps).max(axis=0) <= 1)
 
-    def resample(self, weights: Array, finer: Lattice) -> Array:
+    def resample(
+        self,
+        weights: Array,
+        finer: Lattice,
+    ) -> Array:
         """Multilinear interpolation of `weights` (size, d) onto another lattice.
 
         The nodes keep the middle of their cells: node i of n stands at (i + 1/2) / n of
@@ -190,7 +198,11 @@ class Graph:
         """Pairs of joined nodes, (m, 2)."""
         return self.pairs
 
-    def adjacent(self, i: Index, j: Index) -> Mask:
+    def adjacent(
+        self,
+        i: Index,
+        j: Index,
+    ) -> Mask:
         """Whether nodes `i` and `j` are the same or joined, (n,)."""
         low = np.minimum(i, j)
         high = np.maximum(i, j)

@@ -65,7 +65,11 @@ class Wiring:
         shape = (len(u), network.size)
         return csr_array((a.ravel(), nodes.ravel(), rows), shape=shape)
 
-    def link(self, a_i: csr_array, a_j: csr_array) -> SparseRows:
+    def link(
+        self,
+        a_i: csr_array,
+        a_j: csr_array,
+    ) -> SparseRows:
         """Links (motor nodes, sensory nodes) at the fixed point of Oja's rule (eq. 5).
 
         Where its mean change vanishes, c_ij = <a_i a_j> / <a_j^2>, or with both sides

@@ -116,7 +116,11 @@ class SOM:
                     progress(len(history) / total, epoch.error)
         return Map(epoch.weights, epoch.lattice, scale, np.array(history))
 
-    def fit_pair(self, q: Array, x: Array) -> Association:
+    def fit_pair(
+        self,
+        q: Array,
+        x: Array,
+    ) -> Association:
         """Train two maps of this kind on paired samples, and the links between them.
 
         Parameters

@@ -124,7 +124,11 @@ class Layer:
         )
         return self.gain(visit)
 
-    def activity(self, x: Array, squared_widths: Array) -> tuple[Index, Array]:
+    def activity(
+        self,
+        x: Array,
+        squared_widths: Array,
+    ) -> tuple[Index, Array]:
         """The active nodes at a sample (d,), and how much they are beside the most active one."""
         gap = self._w - x[:, None]
         if self.scale.periodic.any():
@@ -158,7 +162,11 @@ class VDSOM:
             if links is not None:
                 self._c[:] = links.T
 
-    def show(self, samples: Sequence[Array], rates: Rates) -> list[Array]:
+    def show(
+        self,
+        samples: Sequence[Array],
+        rates: Rates,
+    ) -> list[Array]:
         """Learn from samples (n, d) of each map's space, in the unit boxes, in this order.
 
         Widths of eq. 6 and gains are those at the start of every 250 samples.
@@ -196,7 +204,10 @@ class VDSOM:
         return [self.wiring.widths(layer.map) ** 2 for layer in self.layers]
 
     def _gains(
-        self, samples: Sequence[Array], rates: Rates, chunk: range
+        self,
+        samples: Sequence[Array],
+        rates: Rates,
+        chunk: range,
     ) -> list[Array]:
         """Factor g on the update of some of the samples, (chunk,) for each map."""
         last = chunk[-1]
