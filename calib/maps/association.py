@@ -16,7 +16,7 @@ from ..common.parallel import side_by_side
 from ..common.rows import group_sums
 from .clusters import Clusters
 from .linear_models import LinearModels, regress
-from .links import WIRINGS, SparseRows, Wiring
+from .links import WIRINGS, SparseRows, Wiring, entry_rows
 from .map import Map
 from .settings import READOUT
 
@@ -236,7 +236,7 @@ def _shifts(
 
     activity : (n, nodes); a node that was never active has none
     """
-    rows = np.repeat(np.arange(len(u)), np.diff(activity.indptr))
+    rows = entry_rows(activity.indptr)
     nodes = activity.indices
     a = activity.data
     gap = network.scale.difference(u[rows], network.units[nodes])

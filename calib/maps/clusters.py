@@ -28,10 +28,7 @@ class Clusters:
     core: Index
 
     @staticmethod
-    def of(
-        links: SparseRows,
-        motor: Map,
-    ) -> Clusters:
+    def of(links: SparseRows, motor: Map) -> Clusters:
         """Clusters of links (sensory nodes, motor nodes), of which each sensory node has some."""
         motor_node = links.indices.astype(np.intp)
         label = _cluster_labels(links, motor)
@@ -67,10 +64,7 @@ class Clusters:
         return np.asarray(distance.argmin(axis=-1))
 
 
-def _table_of_clusters(
-    links: SparseRows,
-    strongest: Index,
-) -> Index:
+def _table_of_clusters(links: SparseRows, strongest: Index) -> Index:
     """Labels (sensory nodes, c) of each sensory node's clusters, the strongest first, else -1.
 
     links : (sensory nodes, motor nodes)
@@ -87,10 +81,7 @@ def _table_of_clusters(
     return table
 
 
-def _cluster_labels(
-    links: SparseRows,
-    motor: Map,
-) -> Index:
+def _cluster_labels(links: SparseRows, motor: Map) -> Index:
     """Cluster of each link: links of a sensory node to motor nodes close to each other share one.
 
     links : (sensory nodes, motor nodes)

@@ -116,8 +116,9 @@ class Lattice:
 
     def beside(self, i: int) -> Index:
         """Nodes around node `i`, diagonal ones included, (k,): O of eq. 7."""
-        apart = np.abs(self.positions() - self.positions()[i]).max(axis=1)
-        return np.flatnonzero(apart == 1.0)
+        positions = self.positions()
+        steps = np.abs(positions - positions[i]).max(axis=1)
+        return np.flatnonzero(steps == 1.0)
 
     def edges(self) -> Index:
         """Pairs of nodes that are neighbours along an axis, (m, 2)."""
@@ -125,9 +126,9 @@ class Lattice:
         pairs = []
         for axis in range(self.dim):
             ahead = np.moveaxis(index, axis, 0)
-            pairs.append(
-                np.stack([ahead[:-1].ravel(), ahead[1:].ravel()], axis=1)
-            )
+            first = ahead[:-1].ravel()
+            second = ahead[1:].ravel()
+            pairs.append(np.stack([first, second], axis=1))
         return np.concatenate(pairs)
 
     def adjacent(

@@ -54,26 +54,19 @@ class LinearModels(ReadOnly):
     # (nodes, d, o) [unit], its derivatives by the unit coordinates
     slopes: Array
 
-    def value(
-        self,
-        u: Array,
-    ) -> Array:
+    def value(self, u: Array) -> Array:
         """Positions (n, o) at the points `u` (n, d) of the unit box."""
         blend = self._blend(u)
-        of_nodes = self._of_nodes(blend)
-        return np.asarray(np.einsum("nm,nmo->no", blend.weight, of_nodes))
+        return blend.mean(self._of_nodes(blend))
 
-    def value_and_slope(
-        self,
-        u: Array,
-    ) -> tuple[Array, Array]:
+    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
         """Positions (n, o) and their derivatives by the unit coordinates (n, o, d)."""
         blend = self._blend(u)
         of_nodes = self._of_nodes(blend)
         slopes = self.slopes[blend.index]
         slope = np.einsum("nm,nmdo->nod", blend.weight, slopes)
         slope += np.einsum("nmd,nmo->nod", blend.tilt(), of_nodes)
-        return np.einsum("nm,nmo->no", blend.weight, of_nodes), slope
+        return blend.mean(of_nodes), slope
 
     @staticmethod
     def of(
@@ -104,16 +97,10 @@ class LinearModels(ReadOnly):
         value = value[source] + np.einsum("nd,ndo->no", gap, slope)
         return LinearModels(motor, value, slope)
 
-    def _blend(
-        self,
-        u: Array,
-    ) -> Blend:
+    def _blend(self, u: Array) -> Blend:
         return Blend(self.motor, u, 2 * blend_size(u.shape[1]))
 
-    def _of_nodes(
-        self,
-        blend: Blend,
-    ) -> Array:
+    def _of_nodes(self, blend: Blend) -> Array:
         """What each node's linear model says, (n, m, o)."""
         slopes = self.slopes[blend.index]
         steps = np.einsum("nmd,nmdo->nmo", blend.gap, slopes)

@@ -33,9 +33,7 @@ def learn_bounds(
     # both groups' nodes speak for samples between them: again, until both fit
     for _ in range(BOUNDS.passes):
         for members, rows in groups:
-            weight = blend.weight[rows]
-            of_nodes = bound[blend.index[rows]]
-            stated = np.einsum("nm,nm->n", weight, of_nodes)
+            stated = blend.mean(bound[blend.index])[rows]
             ratio = np.sort(errors[rows] / stated)
             # the finite-sample quantile of conformal prediction
             rank = int(np.ceil((len(ratio) + 1) * BOUNDS.coverage)) - 1

@@ -99,7 +99,8 @@ class Layer:
         sample: 10x10 nodes of 2,000 samples of the unit square end within .02 of each other.
         """
         around = self._w[:, self.lattice.beside(winner)]
-        rho = np.exp(-np.sum((self._w[:, winner, None] - around) ** 2))  # eq. 7
+        gaps = self._w[:, winner, None] - around
+        rho = np.exp(-np.sum(gaps**2))  # eq. 7
         return float((progress / rho) ** 4 * np.exp(-progress / sigma**2))
 
     def gains(
