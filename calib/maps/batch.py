@@ -187,7 +187,8 @@ def learn_batch(
         if lattice != full and most < len(u):
             rows = rng.choice(len(u), most, replace=False, shuffle=False)
             rows.sort()
-        samples = np.column_stack([u[rows], np.ones(len(rows))])
+        samples = u[rows]
+        with_ones = np.column_stack([samples, np.ones(len(rows))])
         # a gain sees samples in the log's order
         log_order = np.argsort(order[rows])
         wrong = None if residual is None else residual[order[rows[log_order]]]
@@ -195,7 +196,7 @@ def learn_batch(
             stage.sigma.tolist(), stage.times, strict=True
         ):
             tree = search_tree(weights)
-            distances, winners = nearest_nodes(tree, u[rows])  # eq. 1
+            distances, winners = nearest_nodes(tree, samples)  # eq. 1
             distance = distances[:, 0]
             winner = winners[:, 0]
             g = np.ones(len(rows))
@@ -211,8 +212,8 @@ def learn_batch(
                     per_node,
                 )
                 g[log_order] = gain(visit)  # eq. 7 and 8
-            topographic = topographic_error(u[rows], tree, lattice)
-            sums = group_sums(winner, g[:, None] * samples, lattice.size)
+            topographic = topographic_error(samples, tree, lattice)
+            sums = group_sums(winner, g[:, None] * with_ones, lattice.size)
             weights = next_weights(weights, sums, lattice, sigma, stage.step)
             error = float(distance.mean())
             yield Epoch(weights, lattice, sigma, error, topographic)

@@ -28,7 +28,10 @@ class Clusters:
     core: Index
 
     @staticmethod
-    def of(links: SparseRows, motor: Map) -> Clusters:
+    def of(
+        links: SparseRows,
+        motor: Map,
+    ) -> Clusters:
         """Clusters of links (sensory nodes, motor nodes), of which each sensory node has some."""
         motor_node = links.indices.astype(np.intp)
         label = _cluster_labels(links, motor)
@@ -40,7 +43,8 @@ class Clusters:
         # the link-weighted mean of each cluster, of the nodes around its core
         place = motor.units[core]
         gap = motor.scale.difference(motor.units[motor_node], place[label])
-        inside = np.linalg.norm(gap, axis=1) <= READOUT.core * motor.spacing
+        distance = np.linalg.norm(gap, axis=1)
+        inside = distance <= READOUT.core * motor.spacing
         weight = np.where(inside, links.data, 0.0)
         total = group_sums(label, weight)
         center = (
@@ -63,7 +67,10 @@ class Clusters:
         return np.asarray(distance.argmin(axis=-1))
 
 
-def _table_of_clusters(links: SparseRows, strongest: Index) -> Index:
+def _table_of_clusters(
+    links: SparseRows,
+    strongest: Index,
+) -> Index:
     """Labels (sensory nodes, c) of each sensory node's clusters, the strongest first, else -1.
 
     links : (sensory nodes, motor nodes)
@@ -80,7 +87,10 @@ def _table_of_clusters(links: SparseRows, strongest: Index) -> Index:
     return table
 
 
-def _cluster_labels(links: SparseRows, motor: Map) -> Index:
+def _cluster_labels(
+    links: SparseRows,
+    motor: Map,
+) -> Index:
     """Cluster of each link: links of a sensory node to motor nodes close to each other share one.
 
     links : (sensory nodes, motor nodes)

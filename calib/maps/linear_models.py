@@ -36,11 +36,9 @@ def regress(
     power = weighted @ gap
     diagonal = np.einsum("ndd->nd", power)
     diagonal += READOUT.ridge * diagonal.mean(axis=1, keepdims=True) + 1e-300
-    return (
-        middle,
-        mean,
-        np.linalg.solve(power, weighted @ (value - mean[:, None])),
-    )
+    moments = weighted @ (value - mean[:, None])
+    slope = np.linalg.solve(power, moments)
+    return middle, mean, slope
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +54,19 @@ class LinearModels(ReadOnly):
     # (nodes, d, o) [unit], its derivatives by the unit coordinates
     slopes: Array
 
-    def value(self, u: Array) -> Array:
+    def value(
+        self,
+        u: Array,
+    ) -> Array:
         """Positions (n, o) at the points `u` (n, d) of the unit box."""
         blend = self._blend(u)
         of_nodes = self._of_nodes(blend)
         return np.asarray(np.einsum("nm,nmo->no", blend.weight, of_nodes))
 
-    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
+    def value_and_slope(
+        self,
+        u: Array,
+    ) -> tuple[Array, Array]:
         """Positions (n, o) and their derivatives by the unit coordinates (n, o, d)."""
         blend = self._blend(u)
         of_nodes = self._of_nodes(blend)
@@ -100,10 +104,16 @@ class LinearModels(ReadOnly):
         value = value[source] + np.einsum("nd,ndo->no", gap, slope)
         return LinearModels(motor, value, slope)
 
-    def _blend(self, u: Array) -> Blend:
+    def _blend(
+        self,
+        u: Array,
+    ) -> Blend:
         return Blend(self.motor, u, 2 * blend_size(u.shape[1]))
 
-    def _of_nodes(self, blend: Blend) -> Array:
+    def _of_nodes(
+        self,
+        blend: Blend,
+    ) -> Array:
         """What each node's linear model says, (n, m, o)."""
         slopes = self.slopes[blend.index]
         steps = np.einsum("nmd,nmdo->nmo", blend.gap, slopes)

@@ -83,15 +83,7 @@ def _episode(setting: Setting, change: str) -> Episode:
         state: zeta(model.sensory.units, model.sensory.scale.to_unit(at))
         for state, (model, at) in states.items()
     }
-    return Episode(
-        before,
-        after,
-        tuple(steps),
-        q,
-        x,
-        errors,
-        distortion,
-    )
+    return Episode(before, after, tuple(steps), q, x, errors, distortion)
 
 
 def _error(model: Model, q: Array, x: Array, readout: str) -> dict[str, float]:

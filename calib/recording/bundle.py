@@ -17,6 +17,7 @@ import numpy as np
 
 from ..arm.rigid import adjoint, inverse, shift_of, step_from, turn_of
 from ..common.arrays import Array, Index
+from ..samples.lens import Lens
 from .pictures import opencv
 
 LENS = 9
@@ -282,11 +283,10 @@ def project(
     lens : (9,);  focus : (N,), factors of the focal lengths;  slopes : (N, 2, 3) and (N, 2, 9)
     """
     origin = np.zeros(3)
-    centre = lens[2:4]
-    matrix = np.diag([*lens[:2], 1.0])
-    matrix[:2, 2] = centre
+    camera = Lens.of((0, 0), lens)
+    centre = camera.centre
     pixels, slopes = opencv().projectPoints(
-        points[:, None], origin, origin, matrix, lens[4:]
+        points[:, None], origin, origin, camera.matrix, camera.distortion
     )
     factors = focus[:, None]
     pixels = pixels[:, 0] - centre

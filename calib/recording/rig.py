@@ -134,12 +134,10 @@ class HandEye:
     def document(self) -> dict[str, object]:
         """All but the log and the body, as plain values."""
         names = [field.name for field in fields(self)]
-        document = {name: getattr(self, name) for name in names}
-        for name in UNWRITTEN:
-            del document[name]
-        for name in ARRAYS:
-            document[name] = document[name].tolist()
-        return document
+        document = {
+            name: getattr(self, name) for name in names if name not in UNWRITTEN
+        }
+        return document | {name: document[name].tolist() for name in ARRAYS}
 
     def to_json(self) -> dict[str, object]:
         """What `calib handeye --json` prints."""

@@ -18,6 +18,7 @@ from ..model.header import Header
 from ..model.model import Model
 from ..model_file.storage import to_bytes
 from ..recording.rig import stamped
+from ..samples.lens import Lens
 from .correct import usual_limit
 from .edits import numbers, pose_of
 from .geometry import Quantity
@@ -80,27 +81,8 @@ def camera_info(model: Model) -> str:
 
     Raises OptionError if the model was not learned from pixels of an arm in space.
     """
-    body = model.body
-    board = model.about.options.get("board")
-    if board:
-        lens = board["lens"]
-        focal = lens["focal"]
-        centre = lens["centre"]
-        distortion = lens["distortion"]
-        width, height = board["size"]
-    elif body is not None and is_camera(body.structure.view):
-        length, *centre, k1 = body.beta[body.structure.groups["lens"]].tolist()
-        focal = [length, length]
-        distortion = [k1, 0.0, 0.0, 0.0, 0.0]
-        width, height = model.about.picture or [
-            round(2 * side) for side in centre
-        ]
-    else:
-        raise OptionError(
-            "the model has no camera: expected one that was learned from pixels of an arm in space"
-        )
-    camera = np.diag([*focal, 1.0])
-    camera[:2, 2] = centre
+    lens = _lens_of(model)
+    width, height = lens.size
     document: dict[str, object] = {
         "image_width": width,
         "image_height": height,
@@ -108,16 +90,31 @@ def camera_info(model: Model) -> str:
         "distortion_model": "plumb_bob",
     }
     for name, matrix in {
-        "camera_matrix": camera,
-        "distortion_coefficients": np.array([distortion]),
+        "camera_matrix": lens.matrix,
+        "distortion_coefficients": lens.distortion[None],
         "rectification_matrix": np.eye(3),
-        "projection_matrix": np.column_stack([camera, np.zeros(3)]),
+        "projection_matrix": np.column_stack([lens.matrix, np.zeros(3)]),
     }.items():
         rows, columns = matrix.shape
         numbers = matrix.ravel().tolist()
         document[name] = {"rows": rows, "cols": columns, "data": numbers}
     # JSON is YAML, too
     return json.dumps(document, indent=2) + "\n"
+
+
+def _lens_of(model: Model) -> Lens:
+    """The lens of a model of pixels, or of pictures of a board; OptionError of others."""
+    body = model.body
+    board = model.about.options.get("board")
+    if board:
+        return Lens.from_json(board["lens"])
+    if body is None or not is_camera(body.structure.view):
+        raise OptionError(
+            "the model has no camera: expected one that was learned from pixels of an arm in space"
+        )
+    focal, u, v, k1 = body.beta[body.structure.groups["lens"]].tolist()
+    size = model.about.picture or (round(2 * u), round(2 * v))
+    return Lens.of(size, np.array([focal, focal, u, v, k1, 0, 0, 0, 0]))
 
 
 def static_transforms(model: Model) -> list[dict[str, object]]:
