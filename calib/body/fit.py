@@ -81,6 +81,11 @@ class Fit:
         return self.readings[0].noise
 
     @property
+    def residuals(self) -> list[Array]:
+        """Residuals (n, m) of each sensor."""
+        return [readings.residual for readings in self.readings]
+
+    @property
     def prior_precision(self) -> Array:
         """Precision (k, k) of the prior, with the scales that the evidence chose."""
         if self._precision is not None:
@@ -162,8 +167,7 @@ class Fit:
         if np.isfinite(self.nu):
             # rows that err together count once for the time that they do
             self.autocorrelation = max(
-                autocorrelation_time(readings.residual)
-                for readings in self.readings
+                map(autocorrelation_time, self.residuals)
             )
         self.evidence = self._log_evidence()
         return self
@@ -173,7 +177,8 @@ class Fit:
         prior = Factor(self.prior_precision)
         posterior = Factor(self.precision)
         shrinkage = posterior.log_determinant() - prior.log_determinant()
-        return -self._energy(self.beta) - 0.5 * shrinkage
+        energy = self._energy(self.beta, self.residuals)
+        return -energy - 0.5 * shrinkage
 
     def settle(self, steps: int) -> tuple[Array, float, float]:
         """Damped steps from anywhere, until one gains next to nothing.
@@ -196,7 +201,7 @@ class Fit:
         for readings in self.readings:
             readings.learn_noise()
         shares = self.noise / self.structure.extents
-        cost = self._energy(self.beta)
+        cost = self._energy(self.beta, self.residuals)
         return self.beta, cost, float(shares.max())
 
     def descend(
@@ -209,7 +214,7 @@ class Fit:
             1973)
         Returns the gain [nats], 0 where none gains, the step (k,) and its damping.
         """
-        before = self._energy(self.beta)
+        before = self._energy(self.beta, self.residuals)
         damped = self.precision.copy()
         diagonal = np.diag(self.precision)
         strength = diagonal.copy()
@@ -264,9 +269,8 @@ class Fit:
 
     def _linearise(self) -> None:
         """Set what each block of rows tells, the precision and the gradient."""
-        residuals = [readings.residual for readings in self.readings]
         self.grams, self.moments = self._information(
-            self.beta, residuals, self.active
+            self.beta, self.residuals, self.active
         )
         gram = self.grams.sum(axis=0)
         self.precision = gram + self.prior_precision
@@ -325,12 +329,8 @@ class Fit:
         """Gradient (k,) of the prior's energy."""
         return self.prior_precision @ (beta - self.mean)[self.active]
 
-    def _energy(
-        self, beta: Array, residuals: list[Array] | None = None
-    ) -> float:
+    def _energy(self, beta: Array, residuals: list[Array]) -> float:
         """Negative log posterior of parameters and residuals, up to a constant, or infinite."""
-        if residuals is None:
-            residuals = [readings.residual for readings in self.readings]
         with np.errstate(all="ignore"):
             energy = 0.0
             for readings, residual in zip(
