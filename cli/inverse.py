@@ -74,19 +74,10 @@ def answer_one(
     """Answer one question, which may be a pixel on a plane of that height [m]."""
     joints = query.joints
     is_pose = search.orientation is not None
-    in_space = search.in_space(query)
-    x = _target(query, typed, height)
-    document: dict[str, object] = {"target": x}
-    if in_space:
-        document["frame"] = query.frame
-    if height is not None:
-        x = _on_plane(query, x, height)
-        document["on_plane"] = {"z": height, "position": x, "unit": "m"}
-    if is_pose:
-        document["quaternion"] = search.orientation
+    x, document = _question(query, search, typed, height)
     # in space all branches are looked for, so that the nearest is found
-    widest = replace(search, all_branches=search.all_branches or in_space)
-    answers = _answers(query, x[None], widest)
+    every = search.all_branches or search.in_space(query)
+    answers = _answers(query, x[None], replace(search, all_branches=every))
     if not search.all_branches:
         answers = {name: column[:1] for name, column in answers.items()}
     q = answers.pop("q")
@@ -120,6 +111,22 @@ def answer_one(
     note(f"out of reach: the {missed} is {distance} away")
     table = query.table(q, shown, missed)
     return Outcome(document, [table], result=(), code=NO)
+
+
+def _question(
+    query: Query, search: Search, typed: Sequence[float], height: float | None
+) -> tuple[Array, dict[str, object]]:
+    """Return the target (m,) of what was typed, and the question as JSON."""
+    x = _target(query, typed, height)
+    document: dict[str, object] = {"target": x}
+    if search.in_space(query):
+        document["frame"] = query.frame
+    if height is not None:
+        x = _on_plane(query, x, height)
+        document["on_plane"] = {"z": height, "position": x, "unit": "m"}
+    if search.orientation is not None:
+        document["quaternion"] = search.orientation
+    return x, document
 
 
 def _target(

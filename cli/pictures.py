@@ -52,7 +52,7 @@ def setup(
     tag_height: str | None,
 ) -> Setup:
     """What is in pictures of a tag; a lens that is calibrated is written beside the log."""
-    from calib.recording.board import Board, parse_board, parse_length
+    from calib.recording.board import CharucoPattern, parse_board, parse_length
     from calib.recording.lens import load_lens
     from calib.recording.reference import MarkLayout
     from calib.recording.setting import Setup
@@ -70,7 +70,7 @@ def setup(
         say(notes)
         if marks is not None:
             pattern = None  # it served the lens alone
-    if not isinstance(pattern, Board | None):
+    if not isinstance(pattern, CharucoPattern | None):
         raise BadOption(
             f"--board {board}: on the desk expected a ChArUco board such as 7x5:24mm:18mm:5x5_100, "
             "of which each corner is known from the others"

@@ -161,7 +161,7 @@ class Arm:
     @property
     def _tip_axes(self) -> Array:
         """Directions (3, 3) of a tip's offset, at zero, in the root link's frame."""
-        return np.asarray(self.chain.rotation.T)
+        return self.chain.rotation.T
 
     @property
     def dof(self) -> int:
@@ -223,7 +223,7 @@ class Arm:
         out = np.concatenate(
             [compute(rows[start : start + _CACHED]) for start in starts]
         )
-        return np.asarray(out[0] if single else out)
+        return out[0] if single else out
 
     def _index(self, joint: str, what: str) -> int:
         if joint not in self.joint_names:

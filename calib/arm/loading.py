@@ -124,14 +124,7 @@ def arm_from_urdf(
     ranges = dict(ranges or {})
     neutral = posture_of(urdf, lock)
     choice, notes = choose_joints(
-        urdf,
-        neutral,
-        joints,
-        tip,
-        lock,
-        ranges,
-        planar,
-        columns,
+        urdf, neutral, joints, tip, lock, ranges, planar, columns
     )
     active = choice.joints
     names = [joint.name for joint in active]

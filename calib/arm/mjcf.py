@@ -117,11 +117,7 @@ class _Tree:
         self.add_contents(inside, name)
 
     def _add_joints(
-        self,
-        element: Element,
-        moving: list[Element],
-        parent: str,
-        body: str,
+        self, element: Element, moving: list[Element], parent: str, body: str
     ) -> None:
         """Add the joints between a body's parent and the body."""
         link = parent
@@ -154,11 +150,7 @@ class _Tree:
                     self.masses[link] = math.nan, _ZERO
 
     def _fix(
-        self,
-        joint: str,
-        parent: str,
-        child: str,
-        element: Element,
+        self, joint: str, parent: str, child: str, element: Element
     ) -> None:
         """Add the fixed joint that carries a site, or a body that has no joints."""
         origin = self.text.frame(element)

@@ -20,14 +20,7 @@ from .rotations import exponential, matrix_of
 Defaults = Mapping[str, Mapping[str, str]]
 """Attributes of elements by their tag."""
 
-_REFUSED = (
-    "include",
-    "attach",
-    "frame",
-    "replicate",
-    "composite",
-    "flexcomp",
-)
+_REFUSED = ("include", "attach", "frame", "replicate", "composite", "flexcomp")
 """Elements that stand for others, or for a part of their places."""
 
 _ORIENTATIONS = {"quat": 4, "axisangle": 4, "xyaxes": 6, "euler": 3}

@@ -41,7 +41,7 @@ class Plane:
     @property
     def normal(self) -> Array:
         """Unit normal, x cross y, shape (3,)."""
-        return np.asarray(np.cross(self.x, self.y))
+        return np.cross(self.x, self.y)
 
     @property
     def basis(self) -> Array:
@@ -51,13 +51,11 @@ class Plane:
     def project(self, points: ArrayLike) -> Array:
         """Coordinates in the plane, (n, 2) or (2,), of points in space, (n, 3) or (3,) [m]."""
         offsets = np.asarray(points, dtype=float) - self.origin
-        return np.asarray(offsets @ np.stack([self.x, self.y], axis=1))
+        return offsets @ np.stack([self.x, self.y], axis=1)
 
     def distances(self, points: ArrayLike) -> Array:
         """Signed distances of points from the plane along the normal, (n, 3) -> (n,) [m]."""
-        return np.asarray(
-            (np.asarray(points, dtype=float) - self.origin) @ self.normal
-        )
+        return (np.asarray(points, dtype=float) - self.origin) @ self.normal
 
 
 def plane_of(normal: ArrayLike, through: ArrayLike) -> Plane:

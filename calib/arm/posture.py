@@ -26,7 +26,7 @@ class Posture:
 
     def axis(self, joint: Joint) -> Array:
         """Unit axis (3,) of a joint."""
-        return np.asarray(self.frames[joint.child][:3, :3] @ _direction(joint))
+        return self.frames[joint.child][:3, :3] @ _direction(joint)
 
 
 def posture_of(urdf: Urdf, chosen: Mapping[str, float]) -> Posture:
@@ -90,10 +90,7 @@ def chain_of(
 
 
 def with_masses(
-    chain: SpatialChain,
-    urdf: Urdf,
-    posture: Posture,
-    moving: Collection[str],
+    chain: SpatialChain, urdf: Urdf, posture: Posture, moving: Collection[str]
 ) -> SpatialChain:
     """Return a chain with the masses beyond each joint, up to the next, and their centres.
 

@@ -120,11 +120,7 @@ class Attributes(dict[str, str]):
         self.where = where
 
     def numbers(
-        self,
-        key: str,
-        default: Vector,
-        *,
-        infinite: bool = False,
+        self, key: str, default: Vector, *, infinite: bool = False
     ) -> Vector:
         """The numbers of an attribute, as many as the default has."""
         text = self.get(key)
@@ -142,11 +138,7 @@ class Attributes(dict[str, str]):
         return values
 
     def number(
-        self,
-        key: str,
-        default: float = 0.0,
-        *,
-        infinite: bool = False,
+        self, key: str, default: float = 0.0, *, infinite: bool = False
     ) -> float:
         """An attribute that is one number."""
         return self.numbers(key, (default,), infinite=infinite)[0]

@@ -77,7 +77,7 @@ def _vector_of(q: Array) -> Array:
 def cross_matrix(vectors: ArrayLike) -> Array:
     """Matrices K (n, 3, 3) with K u = v x u of vectors v (n, 3)."""
     v = np.asarray(vectors, dtype=float)
-    return np.asarray((v @ _SIGNS.reshape(3, 9)).reshape(*v.shape, 3))
+    return (v @ _SIGNS.reshape(3, 9)).reshape(*v.shape, 3)
 
 
 def nearest_rotation(matrix: Array) -> Array:
@@ -87,11 +87,7 @@ def nearest_rotation(matrix: Array) -> Array:
 
 
 def similarity(
-    a: Array,
-    b: Array,
-    *,
-    mirrored: bool = False,
-    scale: float | None = None,
+    a: Array, b: Array, *, mirrored: bool = False, scale: float | None = None
 ) -> tuple[Array, Array, float]:
     """Rotation (d, d), shift (d,) and scale with b = scale R a + shift of rows (Umeyama 1991).
 

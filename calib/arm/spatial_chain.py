@@ -121,7 +121,7 @@ class SpatialChain:
 
     def values(self, q: Array) -> Array:
         """Values of all joints: (n, dof) [rad or m] -> (m, n)."""
-        return np.asarray(self.coupling @ q.T + self.bias[:, None])
+        return self.coupling @ q.T + self.bias[:, None]
 
     def motion(self, q: Array) -> Motion:
         """Where its parts are at joint values (n, dof) [rad or m]."""
@@ -141,7 +141,7 @@ class SpatialChain:
         velocities of its frame [1 or 0].
         """
         twists = np.concatenate(self.motion(q).joints(), axis=1)
-        return np.asarray(twists.transpose(2, 1, 0) @ self.coupling)
+        return twists.transpose(2, 1, 0) @ self.coupling
 
     @cached_property
     def still(self) -> Links:
@@ -251,7 +251,7 @@ def turned(rotations: Array, vectors: Array) -> Array:
     x, y, z = (vectors[..., None, k, :] for k in range(3))
     out = rotations[..., 0, :] * x + rotations[..., 1, :] * y
     out += rotations[..., 2, :] * z
-    return np.asarray(out)
+    return out
 
 
 def _product(a: Array, b: Array) -> Array:
@@ -261,4 +261,4 @@ def _product(a: Array, b: Array) -> Array:
         + a[..., :, 1:2, :] * b[..., 1:2, :, :]
     )
     out += a[..., :, 2:, :] * b[..., 2:, :, :]
-    return np.asarray(out)
+    return out

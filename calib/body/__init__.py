@@ -8,7 +8,7 @@ In the order of a fit, whose steps `body_fit.fit` goes through:
 - `layout`, `structure`: the parameters of a chain and its sensors; predictions and derivatives
 - `spatial`, `planar`, `drawing`: structures of both kinds of arms; a planar arm's drawing
 - `rows`, `normal`, `fit`: rows of sensors, normal equations, one maximisation of a posterior
-- `start`, `starts`: parameters to begin with, and the best of them
+- `starts`: the best parameters to begin with
 - `planar_starts`, `frame_starts`, `chain_starts`: signs, the sensor's frame, the whole chain
 - `held_out`, `gate`: errors of rows predicted from others; the member that the rows support
 - `covariance`, `body_fit`: roots and radii of Gaussians; from rows to a body with its bound

@@ -16,6 +16,7 @@ from .sensor_pose import SensorPose
 from .settings import PRIOR_SHARE, SHARED
 from .structure import OfStructure, Structure
 from .views import is_camera
+from .words import words_of
 
 _Belief = TypeVar("_Belief", "Body", "Second")
 
@@ -216,8 +217,6 @@ class Body(OfStructure):
         lower, upper : (dof,) [rad or m], range within which loads bend the joints; by default
             a turn
         """
-        from .words import words_of  # modules of every kind of arm
-
         structure = self.structure
         sd = self.deviations_by_rows
         lines = [*words_of(structure, self.beta, sd, lower, upper)]

@@ -15,7 +15,7 @@ from ..common.arrays import Array
 from ..common.rows import median_length, row_lengths
 from .belief import Body, Second
 from .covariance import as_kept, root_of
-from .fit import Fit
+from .fit import Fit, Start
 from .gate import Member, pass_gate
 from .held_out import leave_blocks_out
 from .layout import with_all_sensors
@@ -27,7 +27,6 @@ from .settings import (
     POSE_FLOOR,
     SIMULATED_FLOOR,
 )
-from .start import Start
 from .starts import best_start, with_other_sensors
 from .structure import Structure
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.rows import row_lengths
+from .fit import Start
 from .rows import Rows
 from .settings import START
 from .spatial import SpatialStructure
-from .start import Start
 
 
 def chains(structure: SpatialStructure, rows: Rows) -> list[Start]:
@@ -86,7 +86,8 @@ def _after_steps(start: Start, rows: Rows, steps: int) -> Start:
 
 def _agreeing(ends: list[Start], near: float) -> int:
     """Return how many ends explain the rows as well as the best of these, but for some nats."""
-    costs = [end.cost for end in ends if end.noise <= START.explained_share]
+    share = START.explained_share
+    costs = [end.cost for end in ends if end.noise <= share]
     best = min(costs, default=0.0)
     return sum(cost < best + near for cost in costs)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from .covariance import autocorrelation_time
 from .normal import Factor
 from .parameters import Hyper, Indices, Prior
 from .rows import Readings, Rows
-from .settings import FIT
+from .settings import FIT, SIMULATED_FLOOR, STUDENT
 from .structure import Structure
 
 
@@ -61,8 +61,9 @@ class Fit:
         self._precision = prior.precision
         self.sd = prior.sd[self.active].copy()
         self.beta = np.where(prior.sd > 0, beta, prior.mean)
+        count = len(self.active)
         place = np.full(len(prior.sd), -1)
-        place[self.active] = np.arange(len(self.active))
+        place[self.active] = np.arange(count)
         self.hypers: list[Hyper] = []  # their indices are places in `active`
         for hyper in prior.hypers:
             index = place[hyper.indices]
@@ -78,6 +79,11 @@ class Fit:
     def noise(self) -> Array:
         """Noise sd (m,) of each output."""
         return self.readings[0].noise
+
+    @property
+    def residuals(self) -> list[Array]:
+        """Residuals (n, m) of each sensor."""
+        return [readings.residual for readings in self.readings]
 
     @property
     def prior_precision(self) -> Array:
@@ -105,7 +111,8 @@ class Fit:
         p = self.structure.blocks[0]
         share = 1.0 / self.autocorrelation
         if np.isfinite(self.nu):
-            share *= (self.nu + p) / (self.nu + p + 2)
+            freedom = self.nu + p
+            share *= freedom / (freedom + 2)
         return share
 
     @property
@@ -160,8 +167,7 @@ class Fit:
         if np.isfinite(self.nu):
             # rows that err together count once for the time that they do
             self.autocorrelation = max(
-                autocorrelation_time(readings.residual)
-                for readings in self.readings
+                map(autocorrelation_time, self.residuals)
             )
         self.evidence = self._log_evidence()
         return self
@@ -171,7 +177,8 @@ class Fit:
         prior = Factor(self.prior_precision)
         posterior = Factor(self.precision)
         shrinkage = posterior.log_determinant() - prior.log_determinant()
-        return -self._energy(self.beta) - 0.5 * shrinkage
+        energy = self._energy(self.beta, self.residuals)
+        return -energy - 0.5 * shrinkage
 
     def settle(self, steps: int) -> tuple[Array, float, float]:
         """Damped steps from anywhere, until one gains next to nothing.
@@ -194,7 +201,7 @@ class Fit:
         for readings in self.readings:
             readings.learn_noise()
         shares = self.noise / self.structure.extents
-        cost = self._energy(self.beta)
+        cost = self._energy(self.beta, self.residuals)
         return self.beta, cost, float(shares.max())
 
     def descend(
@@ -207,7 +214,7 @@ class Fit:
             1973)
         Returns the gain [nats], 0 where none gains, the step (k,) and its damping.
         """
-        before = self._energy(self.beta)
+        before = self._energy(self.beta, self.residuals)
         damped = self.precision.copy()
         diagonal = np.diag(self.precision)
         strength = diagonal.copy()
@@ -262,9 +269,8 @@ class Fit:
 
     def _linearise(self) -> None:
         """Set what each block of rows tells, the precision and the gradient."""
-        residuals = [readings.residual for readings in self.readings]
         self.grams, self.moments = self._information(
-            self.beta, residuals, self.active
+            self.beta, self.residuals, self.active
         )
         gram = self.grams.sum(axis=0)
         self.precision = gram + self.prior_precision
@@ -301,13 +307,15 @@ class Fit:
             index = hyper.indices
             # MacKay's (1992) fixed point: that of EM, in a third of the steps
             shares = variance[index] / self.sd[index] ** 2
-            count = len(index) - float(shares.sum()) + hyper.pseudo
+            count = len(index) - float(shares.sum())
+            count += hyper.pseudo
             if count <= 0.0:  # the rows tell nothing of it
                 continue
             squares = deviation[index] ** 2 / hyper.shape
             total = float(squares.sum())
             total += hyper.pseudo * hyper.scale**2
-            smallest, largest = hyper.scale * np.array(hyper.within)
+            within = np.array(hyper.within)
+            smallest, largest = hyper.scale * within
             scale = np.sqrt(total / count)
             scale = float(np.clip(scale, smallest, largest))
             self.scales[hyper.name] = scale
@@ -321,12 +329,8 @@ class Fit:
         """Gradient (k,) of the prior's energy."""
         return self.prior_precision @ (beta - self.mean)[self.active]
 
-    def _energy(
-        self, beta: Array, residuals: list[Array] | None = None
-    ) -> float:
+    def _energy(self, beta: Array, residuals: list[Array]) -> float:
         """Negative log posterior of parameters and residuals, up to a constant, or infinite."""
-        if residuals is None:
-            residuals = [readings.residual for readings in self.readings]
         with np.errstate(all="ignore"):
             energy = 0.0
             for readings, residual in zip(
@@ -336,3 +340,20 @@ class Fit:
             deviation = (beta - self.mean)[self.active]
             energy += 0.5 * float(deviation @ self._pull(beta))
         return energy if np.isfinite(energy) else np.inf
+
+
+@dataclass(frozen=True)
+class Start:
+    """Parameters that damped steps carry on from."""
+
+    structure: Structure  # with its signs and mirror
+    beta: Array  # (d,)
+    cost: float = 0.0  # negative log posterior at the start's own noise
+    noise: float = 0.0  # share of the extents that the residuals have
+
+    def run(self, rows: Rows, prior: Prior, steps: int) -> Start:
+        """Return the start carried on by damped steps, with Student noise."""
+        floor = SIMULATED_FLOOR * self.structure.extents
+        rows = replace(rows, floor=floor)
+        fit = Fit(self.structure, [rows], self.beta, prior, nu=STUDENT)
+        return Start(self.structure, *fit.settle(steps))

@@ -14,12 +14,12 @@ from ..arm.rotations import exponential, logarithm, nearest_rotation, similarity
 from ..common.arrays import Array
 from ..common.rows import median_length, row_lengths
 from ..errors import LogError
+from .fit import Start
 from .parameters import Prior
 from .rows import Rows
 from .sensors import PLACE
 from .settings import START
 from .spatial import SpatialStructure
-from .start import Start
 
 
 def best_frame(structure: SpatialStructure, rows: Rows, arm: Array) -> Start:

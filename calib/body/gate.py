@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array
-from .fit import Fit
+from .fit import Fit, Start
 from .held_out import block_scores
 from .rows import Rows
 from .settings import FIT, NATS, STUDENT
-from .start import Start
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ class Layout:
     # whether the geometry is as drawn, and only joints' zeros are not
     zeros_alone: bool
     sensors: tuple[Sensor, ...]  # all that see the arm
-    # what else is measured of it: touches, corners
+    # what else is measured of it: touches
     others: tuple[Measurement, ...]
     place: int  # number, in both together, of that which it sees as
 

@@ -149,25 +149,30 @@ class PlanarStructure(Structure):
         return {"elastic": PlanarLoads(turns)}
 
     @property
-    def _link(self) -> tuple[float, str]:
-        """What a link's length may be where no drawing says, and the unit of lengths."""
+    def _unit_of_lengths(self) -> str:
+        """Metres, or the first length where neither drawing nor view knows metres."""
         first = self.sensors[0]
-        length = 0.5 * first.extent / first.metre
-        scaled = first.view_kind.has_scale
-        if scaled:
-            length = 1.0
-        unit = "1"
-        if self.nominal is not None or (first.unit in METRES and not scaled):
-            unit = "m"
-        return length, unit
+        if self.nominal is not None:
+            return "m"
+        if first.unit in METRES and not first.view_kind.has_scale:
+            return "m"
+        return "1"
+
+    @property
+    def _link_size(self) -> float:
+        """What a link's length may be where no drawing says."""
+        first = self.sensors[0]
+        if first.view_kind.has_scale:
+            return 1.0
+        return 0.5 * first.extent / first.metre
 
     @property
     def arm_size(self) -> ArmSize:
         """What the prior of a sensor rests on."""
-        link, unit = self._link
+        unit = self._unit_of_lengths
         drawing = self.nominal
         if drawing is None:
-            return ArmSize(2.0 * link, unit)
+            return ArmSize(2.0 * self._link_size, unit)
         reach = max(sum(drawing.lengths), 1e-12)
         return ArmSize(reach, unit, drawing.rotation, drawing.shift)
 
@@ -210,7 +215,7 @@ class PlanarStructure(Structure):
     def _joints_of_drawing(self, drawing: PlanarDrawing) -> tuple[Block, ...]:
         """Lengths, offsets and gains near those of a drawing."""
         names = self.joint_names
-        _, unit = self._link
+        unit = self._unit_of_lengths
         size = Hyper("length", SHIFT, PRIOR.wider)
         zero = Hyper("offset", TURN, PRIOR.servos, indices=self._has_offset)
         gain = Hyper("gain", PRIOR.gain, PRIOR.wider)
@@ -225,8 +230,8 @@ class PlanarStructure(Structure):
     def _unknown_joints(self) -> tuple[Block, ...]:
         """Lengths, offsets and gains of which no drawing tells."""
         names = self.joint_names
-        size, unit = self._link
-        length = np.where(self.is_revolute, size, 0.0)
+        unit = self._unit_of_lengths
+        length = np.where(self.is_revolute, self._link_size, 0.0)
         sd = 2.0 * length
         if self.sensors[0].view_kind.has_scale and all(self.revolute):
             sd[0] = 0.0  # the view's scale is the first length

@@ -15,10 +15,10 @@ import numpy as np
 from ..arm.rotations import similarity
 from ..common.arrays import Array
 from .drawing import Complex, PlanarDrawing, offsets_of
+from .fit import Start
 from .planar import PlanarStructure
 from .rows import Rows
 from .settings import FIT, START
-from .start import Start
 
 
 def planar_starts(structure: PlanarStructure, rows: Rows) -> list[Start]:

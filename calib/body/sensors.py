@@ -198,9 +198,11 @@ class InPlane(Sensor):
         angle = beta["view.rotation"][0]
         turn = exponential([0.0, 0.0, angle])[:2, :2]
         stretch, shear = beta["view.shear"]
-        sides = np.array([[1 + stretch, shear], [shear, 1 - stretch]])
+        sides = np.array([[stretch, shear], [shear, -stretch]])
+        sides += np.eye(2)
         scale = self.metre * np.exp(beta["view.scale"][0])
-        linear = scale * turn @ sides @ np.diag([1.0, self.mirror])
+        mirror = np.diag([1.0, self.mirror])
+        linear = scale * turn @ sides @ mirror
         tilt = beta["view.tilt"]
         if not radial and not tilt.any() and self.view != "homography":
             return Projection(np.column_stack([linear, shift]))

@@ -14,6 +14,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..errors import LogError
 from .chain_starts import chains
+from .fit import Start
 from .frame_starts import best_frame, frame_of_drawing
 from .planar import PlanarStructure
 from .planar_starts import planar_starts, side_and_frame
@@ -21,7 +22,6 @@ from .rows import Rows
 from .sensors import PLACE
 from .settings import START
 from .spatial import SpatialStructure
-from .start import Start
 from .structure import Structure
 
 

@@ -178,8 +178,9 @@ class Structure(Layout):
         """
         out = np.asarray(z - predicted)
         if len(self.blocks) == 2:
+            observed = z[:, 3:]
             back = -predicted[:, 3:]
-            out[:, 3:] = compose(z[:, 3:], back)
+            out[:, 3:] = compose(observed, back)
         return out
 
     def retract(self, beta: Array, delta: Array) -> Array:
@@ -216,7 +217,8 @@ class Structure(Layout):
         """Parameters, and how outputs (..., m, n) move with them."""
         groups = self.groups
         for name in self.sensor_blocks:
-            yield groups[name], partial(self._by_sensor, name, q, motion, beta)
+            by_sensor = partial(self._by_sensor, name, q, motion, beta)
+            yield groups[name], by_sensor
         chain_slope = sight.push(*motion.joints())
         for block in self.loads:
             by_loads = partial(self._by_loads, block, q, beta, chain_slope)
@@ -297,7 +299,8 @@ class Structure(Layout):
         bent = constants.bent
         if bent:
             rates = np.repeat(rates, len(q), axis=1)
-            rates[bent] += curve_slope(joints.T[bent], constants.curves)
+            logged = joints.T[bent]
+            rates[bent] += curve_slope(logged, constants.curves)
         joint_slope = self.joint_slope(chain_slope)
         moved = joint_slope * rates[:, None]
         coupling = constants.coupling

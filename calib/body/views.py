@@ -175,8 +175,8 @@ class Projection:
         if not self.has_orientation:
             values = np.ascontiguousarray(point.T)
             return Sight(values, linear)
-        orientation = self.rotation @ np.moveaxis(motion.rotation, 2, 0)
-        turn = logarithm(orientation)
+        orientation = np.moveaxis(motion.rotation, 2, 0)
+        turn = logarithm(self.rotation @ orientation)
         values = np.concatenate([point.T, turn], axis=1)
         apart = np.zeros((3, 3))
         slope = np.block([[linear, apart], [apart, self.rotation]])
@@ -204,7 +204,8 @@ def pixels(lens: Array, point: Array) -> Sight:
 
 def lens_slope(lens: Array, point: Array) -> Array:
     """Derivative (4, 2, n) of pixels by focal length, centre and k1."""
-    ideal = point[:2] / np.maximum(point[2], LEAST_DEPTH)
+    depth = np.maximum(point[2], LEAST_DEPTH)
+    ideal = point[:2] / depth
     square = (ideal**2).sum(axis=0)
     slope = np.zeros((4, *ideal.shape))
     slope[0] = ideal * (1 + lens[3] * square)

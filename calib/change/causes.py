@@ -5,8 +5,9 @@ They know an arm only by the groups of its structure's parameters: one table ser
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,8 +50,8 @@ class Cause:
     # ``"mirror"``, ``"sign:JOINT"``, ``"lost:JOINT"``, ``"backlash:JOINT"``, ``"noise"``,
     # ``"noise:JOINT"`` or ``"unknown"``
     cause: str
-    group: str  # group of parameters: ``"view.rotation"``, ``"offset"``, ``"length"``,
-    words: str  # the same in words
+    group: str  # of parameters, such as ``"view.rotation"`` or ``"offset"``
+    words: str  # the change in words
     # size of the change, None where no number tells it
     value: float | None = None
     interval: tuple[float, float] | None = None  # 95 % interval of the value
@@ -272,9 +273,8 @@ def sd_if_changed(
     void : parameters of a frame that was fitted to the log: a narrow prior would count rows
         twice
     """
-    sizes = {name: group.freed for name, group in GROUPS.items()}
-    link = _mean_length(body)
-    sd = _sd_of_groups(body, groups, sizes, link=link, curve=BUILT_CURVE)
+    freed = attrgetter("freed")
+    sd = _sd_of_groups(body, groups, freed, curve=BUILT_CURVE)
     if void is not None:
         frame = indices_of(body.structure, FRAME)
         sd[np.intersect1d(frame, void)] *= ANYWHERE
@@ -287,9 +287,8 @@ def sd_of_creep(body: Body, wave_size: float = CREEP_WAVES) -> Array:
     wave_size : that of the joints' curves over their prior's; beyond `CREEP_WAVES` of those too
         that the belief leaves out
     """
-    sizes = {name: group.creep for name, group in GROUPS.items()}
-    link = _mean_length(body)
-    sd = _sd_of_groups(body, _arms(body), sizes, link=link, curve=wave_size)
+    creep = attrgetter("creep")
+    sd = _sd_of_groups(body, _arms(body), creep, curve=wave_size)
     sd[frame_twin(body)] = 0.0
     creeping = body.active
     if wave_size > CREEP_WAVES:
@@ -307,8 +306,8 @@ def as_built(body: Body) -> Body:
     body = replace(body, tau=np.maximum(body.tau, least))
     if not body.simulated:
         return body
-    sizes = {name: group.built for name, group in GROUPS.items()}
-    sd = _sd_of_groups(body, _arms(body), sizes, link=1.0, curve=BUILT_CURVE)
+    built = attrgetter("built")
+    sd = _sd_of_groups(body, _arms(body), built, curve=BUILT_CURVE, link=1.0)
     sd[frame_twin(body)] = 0.0
     # the first origin's place is the frame's own
     if isinstance(structure, SpatialStructure):
@@ -336,25 +335,18 @@ def _arms(body: Body) -> tuple[str, ...]:
     return tuple(g for g in body.structure.groups if not is_sensors(g))
 
 
-def _mean_length(body: Body) -> float:
-    """Mean length of the links, 1 where no parameter is one."""
-    lengths = indices_of(body.structure, ("length",))
-    links = np.abs(body.beta[lengths])
-    return float(links.mean()) if len(links) else 1.0
-
-
 def _sd_of_groups(
     body: Body,
     groups: Iterable[str],
-    sizes: Mapping[str, float],
+    size: Callable[[Group], float],
     *,
-    link: float,
     curve: float,
+    link: float | None = None,
 ) -> Array:
     """Standard deviation (d,) of the parameters of some groups by their sizes, else 0.
 
-    link : what lengths are counted in
     curve : that of the joints' curves, over their prior's
+    link : what lengths are counted in, the mean of the links where not given
     """
     structure = body.structure
     extent = float(structure.extents[0])
@@ -362,14 +354,16 @@ def _sd_of_groups(
     links = np.abs(body.beta[lengths])
     # what is tilted is the chain, in its own unit: a log may be in another
     chain = float(links.sum()) or extent
-    times = {"view.shift": extent, "view.tilt": 1.0 / chain, "length": link}
+    if link is None:
+        link = float(links.mean()) if len(links) else 1.0
+    units = {"view.shift": extent, "view.tilt": 1.0 / chain, "length": link}
     sd = np.zeros(structure.size)
     for name in groups:
         indices = indices_of(structure, (name,))
         if name.startswith("curve"):
             sd[indices] = curve * structure.prior((name,)).sd[indices]
         elif name in GROUPS:
-            sd[indices] = sizes[name] * times.get(name, 1.0)
+            sd[indices] = size(GROUPS[name]) * units.get(name, 1.0)
         if isinstance(structure, SpatialStructure) and name == "placement":
             # A chain without a drawing has flat priors of its joint origins.  What was learned has
             # taken their place: shares of them let origins creep by a tenth of the reach.

@@ -305,13 +305,13 @@ def with_orientations(
 def _by_orientations(evidence: Evidence) -> tuple[Explanation, ...]:
     """The explanations, first the best change by which the tool stands as it should."""
     structure = evidence.reference.structure
-    changes = [some for some in evidence.explanations if some.causes]
+    changes = [e for e in evidence.explanations if e.causes]
     least = evidence.best.evidence - MARGIN
     for change in changes:
         tool = tool_turn(
             evidence.rows, structure, change.beta, change.deviation
         )
         if change.evidence > least and tool.score <= 1.0:
-            others = [some for some in changes if some is not change]
+            others = [other for other in changes if other is not change]
             return (change, *others)
     return evidence.explanations

@@ -14,9 +14,10 @@ best sets to convergence, and where that leads far the system is linearised agai
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, product
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -124,10 +125,10 @@ class PlaceOfSet(Place):
 class Search:
     """Sets of causes of a log beside a reference.
 
-    always : groups that are free in every set: a frame that was fitted to the log, a turned tool
+    free_groups : those free in every set: a frame that was fitted to the log, a turned tool
     correlation_time : of the rows; likelihoods are raised to the power 1 / of it
     sd : (d,), by which the parameters may have changed
-    always_free : parameters of `always`
+    always_free : parameters of `free_groups`
     free : those that are free in any set
     """
 
@@ -135,7 +136,7 @@ class Search:
         self,
         system: System,
         cause: str | None,
-        always: Sequence[str],
+        free_groups: Sequence[str],
         correlation_time: float,
     ) -> None:
         reference = system.reference
@@ -144,16 +145,18 @@ class Search:
         self.correlation_time = correlation_time
         groups = changeable(structure)
         self.sd = sd_if_changed(reference.body, groups, reference.void)
-        self.always_free = np.sort(indices_of(structure, always))
+        self.always_free = np.sort(indices_of(structure, free_groups))
         singles = single_causes(structure, cause)
         allowed = np.concatenate([*singles.values()])
         self.free = np.union1d(self.always_free, allowed).astype(np.intp)
-        self.sets = self._sets(singles)
-        self.singles = [name for name in singles if name in self.sets]
-        self.cost = float(np.log(max(len(self.sets), 1)))
+        self.cause_sets = self._cause_sets(singles)
+        self.single_names = [
+            name for name in singles if name in self.cause_sets
+        ]
+        self.cost = float(np.log(max(len(self.cause_sets), 1)))
         self.informations: dict[float, Information] = {}
 
-    def _sets(self, singles: Mapping[str, Indices]) -> dict[str, Indices]:
+    def _cause_sets(self, singles: Mapping[str, Indices]) -> dict[str, Indices]:
         """Parameters of each cause, and of sets that belong together, that may be free."""
         reference = self.system.reference
         sets = dict(singles)
@@ -183,13 +186,15 @@ class Search:
     def _for_noises(self, wave_size: float) -> Information:
         """What rows tell for sizes of the noise all over their range."""
         x = self.system.x[:, self.free] * self.sd[self.free]
-        products = self.system.nuisance(wave_size).products(self.system.y, x)
-        noises, likelihood = products.noises()
-        some = slice(None, None, SEARCH.coarser)
-        by_noise = map(products.information, noises[some].tolist())
+        statistics = self.system.nuisance(wave_size).statistics(
+            self.system.y, x
+        )
+        noises, likelihood = statistics.noises()
+        sparse = slice(None, None, SEARCH.coarser)
+        by_noise = map(statistics.information, noises[sparse].tolist())
         matrices, vectors = zip(*by_noise, strict=True)
         return Information(
-            likelihood[some] / self.correlation_time,
+            likelihood[sparse] / self.correlation_time,
             np.stack(matrices) / self.correlation_time,
             np.stack(vectors) / self.correlation_time,
         )
@@ -207,7 +212,7 @@ class Search:
 
     def candidates_of(self, causes: tuple[str, ...]) -> list[Candidate]:
         """Return a set of causes with each size of waves, the best first."""
-        parts = [self.sets[cause] for cause in causes]
+        parts = [self.cause_sets[cause] for cause in causes]
         indices = np.unique(np.concatenate([self.always_free, *parts]))
         places = np.searchsorted(self.free, indices)
         cost = self.cost * len(causes)
@@ -224,39 +229,42 @@ class Search:
         """Nothing, sets that belong together, and causes added one by one, best first."""
         nothing = self.candidates_of(())
         tried: Tried = {
-            (name,): self.candidates_of((name,)) for name in self.sets
+            (name,): self.candidates_of((name,)) for name in self.cause_sets
         }
         least = nothing[0].evidence
         beam: list[CauseNames] = [()]
         for _ in range(SEARCH.causes):
-            longer = self._extended(beam, tried)
-            tried |= longer
+            longer = self._longer(beam, tried)
             if not longer:
                 break
-            best_first = sorted(
-                longer.values(),
-                key=lambda some: some[0].evidence,
-                reverse=True,
-            )
-            beam = [some[0].causes for some in best_first[: SEARCH.beam]]
-            best = best_first[0][0].evidence
+            tried |= longer
+            best_of_sets = [candidates[0] for candidates in longer.values()]
+            best_of_sets.sort(key=_evidence, reverse=True)
+            best = best_of_sets[0].evidence
+            beam = [
+                candidate.causes for candidate in best_of_sets[: SEARCH.beam]
+            ]
             if best < least + SEARCH.better:
                 break
             least = best
         every = chain(nothing, *tried.values())
         return sorted(every, key=_evidence, reverse=True)
 
-    def _extended(self, beam: Sequence[CauseNames], tried: Tried) -> Tried:
+    def _longer(self, beam: Sequence[CauseNames], tried: Tried) -> Tried:
         """Sets of a beam with one more cause each, with each size of waves."""
         longer: Tried = {}
-        for causes in beam:
-            for name in self.singles:
-                if name in causes:
-                    continue
-                key = tuple(sorted((*causes, name)))
-                if key not in longer:
-                    longer[key] = tried.get(key) or self.candidates_of(key)
+        for causes, name in product(beam, self.single_names):
+            key = tuple(sorted({*causes, name}))
+            if len(key) > len(causes) and key not in longer:
+                longer[key] = tried.get(key) or self.candidates_of(key)
         return longer
+
+    def relinearised(self, beta: Array) -> Search:
+        """The same of the system linearised at parameters (d,)."""
+        search = copy(self)
+        search.system = self.system.relinearised(beta)
+        search.informations = {}
+        return search
 
     def explanation_of(self, candidate: Candidate) -> Explanation:
         """Fit a set by damped Gauss-Newton steps, its noise by likelihood."""
@@ -284,10 +292,10 @@ class Search:
             return None
         y = self.system.whiten(residual)
         nuisance = self.system.nuisance(candidate.wave_size)
-        products = nuisance.products(y, columns * sd)
-        noise = products.most_likely_noise()
-        likelihood = float(products.likelihood(noise)[0])
-        matrix, vector = products.information(noise)
+        statistics = nuisance.statistics(y, columns * sd)
+        noise = statistics.most_likely_noise()
+        likelihood = float(statistics.likelihood(noise)[0])
+        matrix, vector = statistics.information(noise)
         return PlaceOfSet(
             normals=normals,
             beta=beta,
@@ -325,32 +333,6 @@ class Search:
             residual=place.residual,
         )
 
-    def explanations(self, *, calm: bool) -> list[Explanation]:
-        """Fit the best sets; linearise again at the best of them until its evidence is as promised.
-
-        calm : whether only nothing is fitted, with each size of waves
-        """
-        fits = [
-            self.explanation_of(candidate)
-            for candidate in self.candidates_of(())
-        ]
-        causes: tuple[str, ...] | None = None
-        for _ in range(0 if calm else SEARCH.rounds):
-            candidates = self.candidates()
-            promise = candidates[0].evidence
-            for candidate in candidates[: SEARCH.fits]:
-                if candidate.evidence > promise - SEARCH.near:
-                    fits.append(self.explanation_of(candidate))
-            fits.sort(key=_evidence, reverse=True)
-            near = abs(fits[0].evidence - promise) < MARGIN
-            if near or causes == fits[0].causes:
-                break
-            causes = fits[0].causes
-            self.system = self.system.relinearised(fits[0].beta)
-            self.informations = {}
-        alone = {(fit.causes, fit.wave_size): fit for fit in reversed(fits)}
-        return list(alone.values())
-
 
 def explain(
     systems: Sequence[System],
@@ -370,9 +352,34 @@ def explain(
     """
     explanations: list[Explanation] = []
     for system in systems:
-        always = turned
+        free_groups = turned
         if system.reference.is_fitted:
-            always = (*FRAME, *turned)
-        search = Search(system, cause, always, correlation_time)
-        explanations += search.explanations(calm=calm)
+            free_groups = (*FRAME, *turned)
+        search = Search(system, cause, free_groups, correlation_time)
+        nothing = map(search.explanation_of, search.candidates_of(()))
+        if calm:
+            explanations += nothing
+        else:
+            explanations += _with_best_sets(search, [*nothing])
     return tuple(sorted(explanations, key=_evidence, reverse=True))
+
+
+def _with_best_sets(
+    search: Search, fits: list[Explanation]
+) -> Iterable[Explanation]:
+    """Fits with those of the best sets, linearised at the best until it is as good as promised."""
+    causes: CauseNames | None = None
+    for _ in range(SEARCH.rounds):
+        candidates = search.candidates()
+        promise = candidates[0].evidence
+        for candidate in candidates[: SEARCH.fits]:
+            if candidate.evidence > promise - SEARCH.near:
+                fits.append(search.explanation_of(candidate))
+        fits.sort(key=_evidence, reverse=True)
+        best = fits[0]
+        is_as_promised = abs(best.evidence - promise) < MARGIN
+        if is_as_promised or best.causes == causes:
+            break
+        causes = best.causes
+        search = search.relinearised(best.beta)
+    return {(fit.causes, fit.wave_size): fit for fit in reversed(fits)}.values()

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import TypeVar
 
 import numpy as np
@@ -27,7 +28,7 @@ from ..common.arrays import Array
 from .causes import CALM_WAVES, CREEP_WAVES, FRAME
 from .frame import Reference
 from .rows import Observations
-from .system import frame_columns, prior_columns, residual_columns
+from .system import System, prior_columns
 
 # Share of each parameter's information that is added where a step does not gain, and of it after a
 # step that does
@@ -141,11 +142,11 @@ def with_least_waves(explanations: Sequence[Explanation]) -> Explanation:
     best = explanations[0]
     least = best.evidence - NATS
     alike = [
-        some
-        for some in explanations
-        if some.causes == best.causes and some.evidence > least
+        other
+        for other in explanations
+        if other.causes == best.causes and other.evidence > least
     ]
-    return min(alike, key=lambda some: some.wave_size)
+    return min(alike, key=attrgetter("wave_size"))
 
 
 @dataclass(frozen=True)
@@ -178,10 +179,11 @@ class Posterior:
     """The posterior of u and w after a log.
 
     residual : (m,), standard deviation of the log's own smooth residual [unit]
-    scale : (m,), standard deviation of e, of rows that err together [unit]
+    system : the rows beside the reference
+    scale : standard deviation of e, of rows that err together, in `Reference.sizes`
     active : (p,), parameters that u changes
     r : (p, number of u), R
-    w_columns : (n, m, number of w), W [unit]
+    w_columns : (n m, number of w), W over `Reference.sizes`
     place : where the posterior is greatest
     """
 
@@ -193,25 +195,19 @@ class Posterior:
     ) -> None:
         reference = explanation.reference
         self.residual = own_residual * reference.residual_sd
-        q = observations.q
         self.explanation = explanation
         self.reference = reference
-        self.observations = observations
-        noise = math.sqrt(explanation.correlation_time) * explanation.noise
-        self.scale = noise * reference.sizes
+        self.system = System(reference, observations)
+        self.scale = math.sqrt(explanation.correlation_time) * explanation.noise
         self.active, self.r = prior_columns(
             reference, explanation.wave_size, change_sd=explanation.sd
         )
         # without kappa, by which the bound inflates the residual as well
-        smooth = residual_columns(reference, observations)
-        smooth *= own_residual / reference.body.kappa
-        predicted = reference.structure.predict(q, explanation.beta)
-        shared = frame_columns(reference, observations, predicted)
-        self.w_columns = np.concatenate([smooth, shared], axis=2)
+        self.w_columns = self.system.log_columns(self.residual)
 
         # from the explanation: R u = its change
         self.size = self.r.shape[1]
-        start = np.zeros(self.size + self.w_columns.shape[2])
+        start = np.zeros(self.size + self.w_columns.shape[1])
         change = (explanation.beta - reference.beta)[self.active]
         start[: self.size] = np.linalg.pinv(self.r, rcond=1e-12) @ change
         self.place = climb(
@@ -229,17 +225,12 @@ class Posterior:
         step = np.zeros(structure.size)
         step[self.active] = self.r @ u
         beta = structure.retract(self.reference.beta, step)
-        with np.errstate(all="ignore"):
-            predicted, moves = structure.linearise(
-                self.observations.q, beta, self.active
-            )
-            residual = structure.residual(self.observations.z, predicted)
+        residual, moves = self.system.residual(beta, self.active)
         if not np.isfinite(residual).all():
             return None
-        columns = np.concatenate([moves @ self.r, self.w_columns], axis=2)
-        columns /= self.scale[:, None]
-        columns = columns.reshape(residual.size, -1)
-        rest = (residual / self.scale).ravel()
+        columns = np.concatenate([moves @ self.r, self.w_columns], axis=1)
+        columns /= self.scale
+        rest = self.system.whiten(residual) / self.scale
         rest -= columns[:, self.size :] @ w
         return PlaceOfRows(
             normals=normals,
@@ -289,7 +280,7 @@ class Posterior:
         place = self.place
         y = place.rest + place.columns @ place.normals
         vector = place.columns.T @ y
-        residual = np.empty_like(self.observations.z)
+        residual = np.empty_like(self.system.observations.z)
         outputs = residual.shape[1]
         for block in np.array_split(np.arange(len(residual)), POSTERIOR.blocks):
             rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
@@ -300,4 +291,4 @@ class Posterior:
             u = normals[: self.size]
             rest = y_block - a_block[:, : self.size] @ u
             residual[block] = rest.reshape(-1, outputs)
-        return residual * self.scale
+        return residual * self.scale * self.reference.sizes

@@ -120,33 +120,37 @@ def _is_near(structure: Structure, beta: Array, q: Array, z: Array) -> bool:
 
 def _by_best_sense(body: Body, q: Array, z: Array, unit: str) -> Reference:
     """The belief with the axes, the joints and the unit that come nearest to a log."""
-    old = body.structure
-    best = _best_placement(body, q, z)
-    structure = best.sense.structure
-    causes = list(best.sense.causes)
+    # which axes, joints and unit come nearest?
+    placement = _best_placement(body, q, z)
+    sense = placement.sense
+    scale = 1.0
     fitted: tuple[str, ...] = FRAME
-    factor = 1.0
-    if best.in_other_unit:
-        factor = best.ratio
-        structure = _in_unit(structure, factor, z, unit)
-        causes.append(_other_unit(factor, old.unit))
+    if placement.in_other_unit:
+        scale = placement.ratio
+        sense = _in_other_unit(sense, scale, z, unit)
         fitted = (*FRAME, "view.scale")
-    start = _start(structure, best, factor, q, z)
+
+    # where is their frame?
+    structure = sense.structure
+    start = _frame_start(sense, placement.turn, q, z)
     beta = _frame_fit(structure, q, z, start, fitted)
+
+    # what of the old belief holds on?
+    void: tuple[str, ...] = FRAME
+    if sense.causes:
+        void = tuple(filter(is_sensors, structure.groups))
+    causes = list(sense.causes)
     if causes and causes[0].cause == "mirror":
-        before = old.predict(q, body.beta)
+        before = body.predict(q)
         after = structure.predict(q, beta)
         if Alignment.between(before, after).is_swapped:
             words = "x and y of the log are exchanged, compared with the model"
             causes[0] = replace(causes[0], words=words)
-    void: tuple[str, ...] = FRAME
-    if causes:
-        void = tuple(filter(is_sensors, structure.groups))
     return Reference(
-        body=_scaled(body, structure, factor),
+        body=_scaled(body, structure, scale),
         beta=beta,
         causes=tuple(causes),
-        scale=factor,
+        scale=scale,
         void=indices_of(structure, void),
     )
 
@@ -164,23 +168,21 @@ def _best_placement(body: Body, q: Array, z: Array) -> _Placement:
     return min(placements, key=lambda placement: placement.cost(extent))
 
 
-def _in_unit(
-    structure: Structure, factor: float, z: Array, unit: str
-) -> Structure:
-    """The structure in the unit of positions (n, m), which are `factor` times the model's."""
+def _in_other_unit(sense: _Sense, factor: float, z: Array, unit: str) -> _Sense:
+    """A sense in the unit of positions (n, m), which are `factor` times the model's."""
+    structure = sense.structure
+    hint = unit_hint(factor, structure.unit)
+    words = f"the log's positions are {factor:.4g} times the model's{hint}"
+    cause = Cause("scale", "view.scale", words, factor, unit="1")
     extent = factor * float(structure.extent)
     name = "sensor" if unit == structure.unit else unit
     if isinstance(structure, PlanarStructure):
         middle = z.mean(axis=0)
         structure = structure.with_sensor(centre=tuple(middle.tolist()))
-    return structure.with_sensor(extent=extent, unit=name)
-
-
-def _other_unit(factor: float, unit: str) -> Cause:
-    """Positions that are `factor` times the model's, in its unit."""
-    hint = unit_hint(factor, unit)
-    words = f"the log's positions are {factor:.4g} times the model's{hint}"
-    return Cause("scale", "view.scale", words, factor, unit="1")
+    structure = structure.with_sensor(extent=extent, unit=name)
+    beta = sense.beta.copy()
+    beta[indices_of(structure, ("view.scale",))] += np.log(factor)
+    return _Sense(structure, beta, (*sense.causes, cause))
 
 
 def _scaled(body: Body, structure: Structure, factor: float) -> Body:
@@ -309,16 +311,13 @@ def _camera_anew(
     return beta
 
 
-def _start(
-    structure: Structure, best: _Placement, factor: float, q: Array, z: Array
-) -> Array:
-    """Parameters (d,) with the frame turned, scaled and shifted as it fits best."""
+def _frame_start(sense: _Sense, turn: Array, q: Array, z: Array) -> Array:
+    """Parameters (d,) with the frame turned, and shifted as it fits best."""
+    structure = sense.structure
     step = np.zeros(structure.size)
-    scale = indices_of(structure, ("view.scale",))
-    step[scale] = np.log(factor)
     rotation = structure.groups["view.rotation"]
-    step[rotation] = structure.turn_parameters(best.turn)
-    start = structure.retract(best.sense.beta, step)
+    step[rotation] = structure.turn_parameters(turn)
+    start = structure.retract(sense.beta, step)
     shift = structure.groups["view.shift"]
     residual = structure.residual(z, structure.predict(q, start))
     middle = np.median(residual, axis=0)
@@ -334,8 +333,8 @@ def _frame_fit(
     groups: tuple[str, ...],
 ) -> Array:
     """Parameters (d,) with some groups fitted to the rows, from a start (d,)."""
+    from ..body.fit import Start
     from ..body.rows import Rows
-    from ..body.start import Start
 
     free = indices_of(structure, groups)
     extent = float(structure.extents[0])

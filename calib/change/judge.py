@@ -37,7 +37,7 @@ from .frame import Reference, reference_of
 from .noise import find_play, noise_of, noise_with_joint
 from .rows import LogRows, Observations, rows_of, sound_observations
 from .significance import bound_test, group_tests
-from .system import System, frame_variance
+from .system import System, frame_variance, system_of
 from .update import update
 from .verdict import Episode, Verdict, notes_of, verdict_on_maps
 from .words import causes_of
@@ -116,17 +116,17 @@ def _verdict_on_body(
     if reference.has_discrete_cause:
         model_frame = reference
     log_frame = reference if reference.is_fitted else model_frame
-    noise = noise_of(System(log_frame, observations))
+    noise = noise_of(system_of(log_frame, observations))
     play = find_play(noise, rows.model.approach)
     if play is not None:
         q = observations.q - play.half * observations.side
         observations = replace(observations, q=q)
-        noise = noise_of(System(log_frame, observations))
+        noise = noise_of(system_of(log_frame, observations))
 
     # 3. p: the chance of such rows where nothing changed, by groups of parameters and by the bound
     noise_in_model_frame = noise
     if model_frame is not log_frame:
-        noise_in_model_frame = noise_of(System(model_frame, observations))
+        noise_in_model_frame = noise_of(system_of(model_frame, observations))
     tests = group_tests(noise_with_joint(noise_in_model_frame), rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
     shared_variance = frame_variance(reference, observations)
@@ -180,10 +180,10 @@ def _systems(
     prior: Body, reference: Reference, observations: Observations
 ) -> list[System]:
     """The observations in the frame of the log, and in that of the belief if it may be the same."""
-    systems = [System(reference, observations)]
+    systems = [system_of(reference, observations)]
     if reference.is_fitted and not reference.has_discrete_cause:
         old_frame = Reference(prior, prior.beta)
-        systems.insert(0, System(old_frame, observations))
+        systems.insert(0, system_of(old_frame, observations))
     return systems
 
 

@@ -78,11 +78,11 @@ def noise_of(system: System) -> NoiseFit:
     nuisance = Nuisance(
         system, CREEP_WAVES, CREEP_SHARE, sd_of_changes(reference)
     )
-    products = nuisance.products(system.y, system.x[:, :0])
+    statistics = nuisance.statistics(system.y, system.x[:, :0])
     usual = usual_noise(reference)
-    size = products.most_likely_noise(usual)
+    size = statistics.most_likely_noise(usual)
     sizes = np.array([size, usual])
-    likelihood, likelihood_of_usual = products.likelihood(sizes).tolist()
+    likelihood, likelihood_of_usual = statistics.likelihood(sizes).tolist()
     residual = nuisance.rest(system.y, size)
     correlation_time = autocorrelation_time(residual)
     return NoiseFit(
@@ -94,7 +94,7 @@ def noise_of(system: System) -> NoiseFit:
         likelihood_of_usual=likelihood_of_usual,
         residual=residual,
         correlation_time=correlation_time,
-        freedom=products.noise_freedom(size) / correlation_time,
+        freedom=statistics.noise_freedom(size) / correlation_time,
     )
 
 

@@ -5,8 +5,8 @@ For the columns X of a group and C = K + s^2 I::
     d = (X' C^-1 X)^-1 X' C^-1 y,    y' C^-1 X d / k ~ F(k, f)    where nothing changed
 
 k are the directions that the rows tell apart, f the degrees of freedom that they leave to the noise
-(`Products.noise_freedom`).  The noise s is the most likely one where all groups may have changed,
-or where the encoder of one joint is noisy: as it is estimated, a group has the chance of an F test.
+(`Statistics.noise_freedom`).  The noise s is the most likely one where all groups may have
+changed, or where one encoder is noisy: as it is estimated, a group has the chance of an F test.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ..common.arrays import Array, Mask
 from .causes import CREEP_WAVES, FRAME, indices_of, single_causes
 from .noise import FALSE_ALARM, NoiseFit, f_chance, score_of
 from .rows import LogRows
-from .system import CREEP_SHARE, NoisyJoint, Nuisance, Products
+from .system import CREEP_SHARE, NoisyJoint, Nuisance, Statistics
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def groups_of(structure: Structure) -> dict[str, Indices]:
 class FTests:
     """F tests of columns beside the noise s and K."""
 
-    products: Products
+    statistics: Statistics
     noise: float  # s
     # degrees of freedom: directions of the rows that tell the noise
     noise_freedom: float
@@ -150,7 +150,7 @@ class FTests:
 
         moves : (k,), root mean square displacement by one of each parameter [unit]
         """
-        matrix, vector = self.products.information(self.noise)
+        matrix, vector = self.statistics.information(self.noise)
         precision = np.diag(matrix)
         tests = []
         for name, indices in groups.items():
@@ -192,8 +192,8 @@ class FTests:
         freedom = len(values)
         chance = f_chance(statistic, freedom, self.noise_freedom)
         # the least displacement by one parameter, by its standard deviation 1 / scale
-        some = precision > 0.0
-        move = float((moves[some] / scale[some]).min())
+        tells = precision > 0.0
+        move = float((moves[tells] / scale[tells]).min())
         return GroupTest(
             name=SHOWN.get(name, name),
             p_value=min(1.0, self.count * chance),
@@ -245,7 +245,7 @@ def group_tests(noise: NoiseFit, probes: Array) -> GroupTests:
     groups = groups_of(reference.structure)
     nuisance = Nuisance(system, CREEP_WAVES, CREEP_SHARE)
     tests = FTests(
-        products=nuisance.products(system.y, system.x),
+        statistics=nuisance.statistics(system.y, system.x),
         noise=noise.size,
         noise_freedom=noise.freedom,
         correlation_time=noise.correlation_time,

@@ -4,7 +4,7 @@
 
 A `System` has y and X, whitened by the sensor's usual noise.  A `Nuisance` has the axes U and the
 variances v of what a log shows of an arm that has not changed: the posterior of the belief, a
-creep, a smooth residual of this log, and what all rows share.  `Products` are the sufficient
+creep, a smooth residual of this log, and what all rows share.  `Statistics` are the sufficient
 statistics of both: X'X, X'y, U'X and so on, from which likelihood and information follow.
 """
 
@@ -17,6 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..body.belief import Body
 from ..body.information import lengths_of, matern
 from ..body.parameters import Indices
 from ..common.arrays import Array
@@ -70,12 +71,12 @@ class System:
     ) -> None:
         structure = reference.structure
         self.reference = reference
-        self.observations = observations.some(SYSTEM.rows)
+        self.observations = observations
         self.noisy = noisy
-        q = self.observations.q
+        q = observations.q
         self.slope = structure.slope(q, reference.beta)
         self.predicted, columns = structure.linearise(q, reference.beta)
-        residual = structure.residual(self.observations.z, self.predicted)
+        residual = structure.residual(observations.z, self.predicted)
         self.y = self.whiten(residual)
         self.x = self.whiten(columns)
         # nuisances are those at the reference, wherever the system is linearised
@@ -139,6 +140,19 @@ class System:
         system.y = self.whiten(residual) + system.x @ change
         return system
 
+    def log_columns(self, sd: Array) -> Array:
+        """Columns (N, r) of what a log shows of its own: a smooth residual, and a shared frame.
+
+        sd : (m,), standard deviation of the smooth residual [unit]
+        """
+        q = self.observations.q
+        nodes = q[spread_rows(len(q), SYSTEM.nodes)]
+        smooth = smooth_columns(self.reference.body, sd, q, nodes)
+        shared = frame_columns(
+            self.reference, self.observations, self.predicted
+        )
+        return self.whiten(np.concatenate([smooth, shared], axis=2))
+
     def nuisance(self, wave_size: float) -> Nuisance:
         """What an unchanged arm may show whose joints may have waves of a size of `WAVE_SIZES`."""
         if wave_size not in self._nuisance:
@@ -146,43 +160,37 @@ class System:
         return self._nuisance[wave_size]
 
 
+def system_of(reference: Reference, observations: Observations) -> System:
+    """The system of at most so many observations as tests need."""
+    return System(reference, observations.some(SYSTEM.rows))
+
+
 @dataclass(frozen=True)
-class Products:
+class Statistics:
     """Sufficient statistics of residuals y (N,), columns X (N, k) and K = U diag(v) U'.
 
     So much is the same whether rows are at hand or were forgotten one by one.
     """
 
     count: float  # N
-    yy: float  # y'y
-    xy: Array  # (k,), X'y
-    xx: Array  # (k, k), X'X
+    gram: Array  # (k + 1, k + 1), [X y]'[X y]
     variances: Array  # (r,), v
-    uy: Array  # (r,), U'y
-    ux: Array  # (r, k), U'X
+    along: Array  # (r, k + 1), U'[X y]
     log_determinant: float = 0.0  # of the rows' noise, over the usual one
 
     @staticmethod
-    def of_gram(count: float, gram: Array, nuisances: int) -> Products:
-        """Products of the gram (r + k + 1)^2 of nuisance columns (r), columns and residuals.
+    def of_gram(count: float, gram: Array, nuisances: int) -> Statistics:
+        """Statistics of the gram (r + k + 1)^2 of nuisance columns (r), columns and residuals.
 
         Nuisance columns B, of K = B B', have the principal axes of B'B.
         """
-        variances, turns = np.linalg.eigh(gram[:nuisances, :nuisances])
-        some = variances > SYSTEM.nothing
-        variances = variances[some]
-        along = turns[:, some].T @ gram[:nuisances, nuisances:]
+        variances, vectors = np.linalg.eigh(gram[:nuisances, :nuisances])
+        telling = variances > SYSTEM.nothing
+        variances = variances[telling]
+        along = vectors[:, telling].T @ gram[:nuisances, nuisances:]
         along /= np.sqrt(variances)[:, None]
         rest = gram[nuisances:, nuisances:]
-        return Products(
-            count=count,
-            yy=float(rest[-1, -1]),
-            xy=rest[:-1, -1],
-            xx=rest[:-1, :-1],
-            variances=variances,
-            uy=along[:, -1],
-            ux=along[:, :-1],
-        )
+        return Statistics(count, rest, variances, along)
 
     def likelihood(self, noise: Array | float) -> Array:
         """Log likelihood (l,) [nats] of y ~ N(0, K + s^2 I), without columns, for sizes s (l,).
@@ -194,7 +202,7 @@ class Products:
         size = np.log1p(self.variances / column).sum(axis=1)
         size += self.count * np.log(variance)
         share = self.variances / (column + self.variances)
-        square = self.yy - share @ self.uy**2
+        square = self.gram[-1, -1] - share @ self.along[:, -1] ** 2
         rest = square / variance
         likelihood: Array = -0.5 * (size + rest + self.log_determinant)
         return likelihood
@@ -205,17 +213,16 @@ class Products:
         C^-1 = (I - U diag(v / (s^2 + v)) U') / s^2
         """
         share = self.variances / (noise**2 + self.variances)
-        along = self.ux.T * share
-        matrix = self.xx - along @ self.ux
-        vector = self.xy - along @ self.uy
-        return matrix / noise**2, vector / noise**2
+        left_over = self.gram - (self.along.T * share) @ self.along
+        left_over /= noise**2
+        return left_over[:-1, :-1], left_over[:-1, -1]
 
     def noises(self, least: float | None = None) -> tuple[Array, Array]:
         """Sizes (l,) of the noise, and the log likelihood of each.
 
         least : of the sizes; where that is not given the usual noise counts for some rows
         """
-        usual = math.sqrt(self.yy / self.count)
+        usual = math.sqrt(self.gram[-1, -1] / self.count)
         high = 2.0 * max(usual, least or 1.0)
         low = least or SYSTEM.least
         sizes = np.geomspace(low, high, SYSTEM.noises)
@@ -253,30 +260,23 @@ class Nuisance:
         change_sd: Array | None = None,
     ) -> None:
         reference = system.reference
+        sd = reference.body.kappa * reference.residual_sd
         active, root = prior_columns(
             reference, wave_size, creep_share, change_sd
         )
-        smooth = residual_columns(reference, system.observations)
-        shared = frame_columns(reference, system.observations, system.predicted)
-        parts = [
-            system.whiten(smooth),
-            system.x_at_reference[:, active] @ root,
-            system.whiten(shared),
-        ]
-        columns = np.concatenate(parts, axis=1)
+        of_arm = system.x_at_reference[:, active] @ root
+        columns = np.concatenate([system.log_columns(sd), of_arm], axis=1)
         self.system = system
         self.axes, self.variances = principal_axes(columns)
 
-    def products(self, y: Array, x: Array) -> Products:
-        """Products of residuals (N,) and columns (N, k)."""
-        return Products(
+    def statistics(self, y: Array, x: Array) -> Statistics:
+        """Statistics of residuals (N,) and columns (N, k)."""
+        columns = np.column_stack([x, y])
+        return Statistics(
             count=len(y),
-            yy=float(y @ y),
-            xy=x.T @ y,
-            xx=x.T @ x,
+            gram=columns.T @ columns,
             variances=self.variances,
-            uy=self.axes.T @ y,
-            ux=self.axes.T @ x,
+            along=self.axes.T @ columns,
             log_determinant=self.system.log_determinant,
         )
 
@@ -301,28 +301,24 @@ def principal_axes(columns: Array) -> tuple[Array, Array]:
     if rows <= nuisance:
         values, axes = np.linalg.eigh(columns @ columns.T)
         return axes, np.maximum(values, 0.0)
-    values, turns = np.linalg.eigh(columns.T @ columns)
-    some = values > SYSTEM.nothing
-    values = values[some]
-    axes = columns @ turns[:, some]
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    telling = values > SYSTEM.nothing
+    values = values[telling]
+    axes = columns @ vectors[:, telling]
     return axes / np.sqrt(values), values
 
 
-def residual_columns(reference: Reference, observations: Observations) -> Array:
-    """Outputs (n, m, p m) by a smooth residual of one log, by its values at p of its rows."""
-    nodes = observations.q[spread_rows(len(observations.q), SYSTEM.nodes)]
-    return smooth_columns(reference, observations.q, nodes)
+def smooth_columns(body: Body, sd: Array, q: Array, nodes: Array) -> Array:
+    """A smooth residual (a Gaussian process): (n, m, p m) by its values at joints (p, dof).
 
-
-def smooth_columns(reference: Reference, q: Array, nodes: Array) -> Array:
-    """A smooth residual (a Gaussian process): (n, m, p m) by its values at joints (p, dof)."""
-    lengths = lengths_of(reference.body, nodes)
+    sd : (m,), its standard deviation [unit]
+    """
+    lengths = lengths_of(body, nodes)
     alike = matern(nodes, nodes, lengths)
     alike[np.diag_indices(len(alike))] += 1e-6
     root = np.linalg.cholesky(alike)
     features = np.linalg.solve(root, matern(nodes, q, lengths))
-    sd = np.diag(reference.body.kappa * reference.residual_sd)
-    columns: Array = np.einsum("kn,ij->nikj", features, sd)
+    columns: Array = np.einsum("kn,ij->nikj", features, np.diag(sd))
     return columns.reshape(len(q), len(sd), -1)
 
 

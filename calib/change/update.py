@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from operator import attrgetter
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from .causes import CREEP_WAVES
 from .evidence import Evidence, tool_turn
 from .explain import SEARCH
 from .explanation import POSTERIOR, Explanation, Posterior, with_least_waves
-from .rows import Observations
 from .significance import BEYOND
 
 
@@ -74,49 +73,40 @@ class Update:
         return row_lengths(self.residual)
 
 
-class _Belief(NamedTuple):
-    """A belief after a log, with the rows that it was judged by."""
-
-    body: Body
-    rows: Indices  # (k,), of the log
-    residual: Array  # (k, m), of these rows where they were held out [unit]
-
-    @property
-    def missed(self) -> Array:
-        """Distances (k,) of these rows [unit]."""
-        return row_lengths(self.residual)
-
-
 def update(evidence: Evidence, *, learn: bool) -> Update:
     """Update a belief by the rows of a log.
 
     learn : whether the best belief is wanted, or whether there is a better one than before
     """
     explanation = _basis(evidence)
-    belief = _posterior_belief(evidence, explanation)
-    improved = _is_better(evidence, belief)
-    if (learn or not improved) and _is_trainable(evidence, explanation):
-        trained = _belief_of_training(explanation, evidence.observations)
-        trained_is_better = _is_better(evidence, trained)
-        nearer = trained.missed.mean() < belief.missed.mean()
-        if nearer and (trained_is_better or not improved):
-            belief = trained
-            improved = trained_is_better
+    best = _update_by_posterior(evidence, explanation)
+    if (learn or not best.improved) and _is_trainable(evidence, explanation):
+        trained = _update_by_training(evidence, explanation)
+        is_nearer = trained.after.mean() < best.after.mean()
+        if is_nearer and (trained.improved or not best.improved):
+            best = trained
     if evidence.tool.score > 1.0:
-        if not improved:  # the tool alone
-            belief = _as_it_was(evidence)
-        structure = evidence.reference.structure
-        tool = tool_turn(evidence.rows, structure, belief.body.beta)
-        belief = belief._replace(body=tool.of(belief.body))
-        improved = True
-    return Update(
-        body=belief.body,
+        best = _with_tool(evidence, best)
+    return best
+
+
+def _update(
+    evidence: Evidence,
+    explanation: Explanation,
+    body: Body,
+    rows: Indices,
+    residual: Array,
+) -> Update:
+    """An update, with whether it is better by rows (k,) of the log, of residuals (k, m) [unit]."""
+    made = Update(
+        body=body,
         explanation=explanation,
-        rows=belief.rows,
-        before=evidence.rows.distance[belief.rows],
-        residual=belief.residual,
-        improved=improved,
+        rows=rows,
+        before=evidence.rows.distance[rows],
+        residual=residual,
+        improved=False,
     )
+    return replace(made, improved=_is_better(evidence, made))
 
 
 def _basis(evidence: Evidence) -> Explanation:
@@ -124,21 +114,23 @@ def _basis(evidence: Evidence) -> Explanation:
     explanations = evidence.explanations
     if evidence.is_attributed:
         return with_least_waves(explanations)
-    explanations = tuple(some for some in explanations if not some.causes)
+    explanations = tuple(e for e in explanations if not e.causes)
     if evidence.score > 1.0 or evidence.prior.simulated:
         return with_least_waves(explanations)
     # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere
-    return next(some for some in explanations if some.wave_size <= CREEP_WAVES)
+    return next(e for e in explanations if e.wave_size <= CREEP_WAVES)
 
 
-def _posterior_belief(evidence: Evidence, explanation: Explanation) -> _Belief:
+def _update_by_posterior(
+    evidence: Evidence, explanation: Explanation
+) -> Update:
     """The posterior of the parameters under an explanation, with a bound that the rows confirm."""
     rows = spread_rows(len(evidence.rows), UPDATING.rows)
     observations = evidence.observations.some(UPDATING.rows)
     is_clear = evidence.is_attributed or evidence.score > UPDATING.clearly
     sizes = (1.0,) if is_clear else UPDATING.own_residuals
     posteriors = [Posterior(explanation, observations, size) for size in sizes]
-    posterior = max(posteriors, key=lambda some: some.evidence)
+    posterior = max(posteriors, key=attrgetter("evidence"))
     body = posterior.body
     # of play that was taken up no model knows
     logged = evidence.rows.q[rows]
@@ -147,23 +139,29 @@ def _posterior_belief(evidence: Evidence, explanation: Explanation) -> _Belief:
     if evidence.is_attributed:
         body = _as_uncertain(body, explanation, evidence.explanations)
     body = _with_sound_bound(body, logged, row_lengths(residual))
-    return _Belief(body, rows, residual)
+    return _update(evidence, explanation, body, rows, residual)
 
 
-def _as_it_was(evidence: Evidence) -> _Belief:
-    """The belief before the log, judged by the rows as the model predicts them."""
-    rows = spread_rows(len(evidence.rows), UPDATING.rows)
-    measured = evidence.rows.x - evidence.rows.predicted
-    return _Belief(evidence.prior, rows, measured[rows])
+def _with_tool(evidence: Evidence, belief: Update) -> Update:
+    """An update with the tool turned, or the tool turned alone where it is no better."""
+    log = evidence.rows
+    if not belief.improved:
+        rows = spread_rows(len(log), UPDATING.rows)
+        residual = (log.x - log.predicted)[rows]
+        belief = _update(
+            evidence, belief.explanation, evidence.prior, rows, residual
+        )
+    body = belief.body
+    tool = tool_turn(log, evidence.reference.structure, body.beta)
+    return replace(belief, body=tool.of(body), improved=True)
 
 
-def _is_better(evidence: Evidence, belief: _Belief) -> bool:
+def _is_better(evidence: Evidence, belief: Update) -> bool:
     """Whether held-out rows gain by more than chance, and by the share that is needed."""
     changed = evidence.score > 1.0
-    before = evidence.rows.distance[belief.rows]
-    gain = before - belief.missed
+    gain = belief.before - belief.after
     share = UPDATING.changed if changed else UPDATING.refined
-    needed = max(_chance(gain), (1.0 - share) * float(before.mean()))
+    needed = max(_chance(gain), (1.0 - share) * float(belief.before.mean()))
     gains = evidence.is_explained and float(gain.mean()) > needed
     if changed or not gains:
         return gains
@@ -206,9 +204,7 @@ def _is_trainable(evidence: Evidence, explanation: Explanation) -> bool:
     return is_open and evidence.score <= 1.0
 
 
-def _belief_of_training(
-    explanation: Explanation, observations: Observations
-) -> _Belief:
+def _update_by_training(evidence: Evidence, explanation: Explanation) -> Update:
     """The belief of training: its members by held-out rows, noise and scales by evidence.
 
     In the plane the old belief is its drawing.  A simulation tells neither how noisy the sensor is
@@ -217,10 +213,11 @@ def _belief_of_training(
     structure = explanation.reference.structure
     if isinstance(structure, PlanarStructure):
         structure = _drawn_as_believed(structure, explanation.reference.body)
+    observations = evidence.observations
     rows = spread_rows(len(observations.q), UPDATING.rows_of_training)
     measured = [Rows(observations.q[rows], observations.z[rows])]
     fitted = fit(structure, measured, begin=explanation.beta)
-    return _Belief(fitted.body, rows, fitted.held_out)
+    return _update(evidence, explanation, fitted.body, rows, fitted.held_out)
 
 
 def _drawn_as_believed(
@@ -249,16 +246,17 @@ def _as_uncertain(
     them alone was wrong by 2 mm elsewhere, under a bound of .5 mm.  Two causes pay twice for their
     number: of those within 3 nats alone bounds in corners covered 40 %.
     """
-    least = max(some.evidence for some in explanations) - SEARCH.near
-    beside = [
-        some
-        for some in explanations
-        if some.reference is best.reference and some.evidence > least
-    ]
-    apart = np.stack([some.beta - best.beta for some in beside])
-    changed = np.flatnonzero(apart.any(axis=0))
+    least = max(e.evidence for e in explanations) - SEARCH.near
+    differences = np.stack(
+        [
+            other.beta - best.beta
+            for other in explanations
+            if other.reference is best.reference and other.evidence > least
+        ]
+    )
+    changed = np.flatnonzero(differences.any(axis=0))
     # each may be as likely as the best
-    scaled = apart[:, changed] / (math.sqrt(2.0) * body.kappa)
+    scaled = differences[:, changed] / (math.sqrt(2.0) * body.kappa)
     return body.with_covariance(changed, scaled.T @ scaled)
 
 

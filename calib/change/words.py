@@ -244,8 +244,8 @@ def _half_width(evidence: Evidence, best: _Estimate, k: int) -> float:
     least = evidence.explanations[0].evidence - NATS
     for other in evidence.explanations if evidence.is_attributed else ():
         if other.evidence > least:
-            apart = abs(float(other.beta[k] - best.beta[k]))
-            half = max(half, apart + 1.96 * float(other.deviation[k]))
+            distance = abs(float(other.beta[k] - best.beta[k]))
+            half = max(half, distance + 1.96 * float(other.deviation[k]))
     return half
 
 

@@ -52,15 +52,7 @@ FRAMES: tuple[str, ...] = get_args(FrameWord)
 CAUSES: tuple[str, ...] = get_args(CauseWord)
 EYES: tuple[str, ...] = get_args(Eye)
 # of flange poses
-ROTATIONS = (
-    "xyzw",
-    "wxyz",
-    "vector",
-    "rpy",
-    "kuka",
-    "fanuc",
-    "matrix",
-)
+ROTATIONS = ("xyzw", "wxyz", "vector", "rpy", "kuka", "fanuc", "matrix")
 METHODS: tuple[str, ...] = get_args(MethodWord)
 
 DICTIONARY = "apriltag_36h11"  # of tags, if none is named

@@ -77,11 +77,7 @@ def query_rows(
 
 
 def joint_numbers(
-    name: str,
-    value: object,
-    joints: Sequence[str],
-    *,
-    zero: bool = True,
+    name: str, value: object, joints: Sequence[str], *, zero: bool = True
 ) -> Array:
     """Return an option's numbers (dof,), one for each joint, from one for all or one each.
 
@@ -157,12 +153,7 @@ def numbers(name: str, values: object, count: int) -> list[float]:
     return [float(item) for item in items]
 
 
-def whole(
-    name: str,
-    value: object,
-    least: int,
-    most: int,
-) -> int:
+def whole(name: str, value: object, least: int, most: int) -> int:
     """Return a whole number within bounds, NumPy's too; True and 3.0 are none."""
     good = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (good and least <= value <= most):  # type: ignore[operator]

@@ -44,7 +44,7 @@ def group_means(
     """Return the means as `group_sums` the sums; NaN of a group without rows."""
     count = np.bincount(group, minlength=groups)
     sums = group_sums(group, values, groups)
-    return np.asarray((sums.T / np.where(count > 0, count, np.nan)).T)
+    return (sums.T / np.where(count > 0, count, np.nan)).T
 
 
 def solve_least_squares(features: Array, x: Array) -> Array:

@@ -175,9 +175,7 @@ def compact_belief(
         for k in range(structure.dof)
     ]
     curved = np.concatenate(groups)
-    root = np.zeros((structure.size, belief.root.shape[1]))
-    root[belief.active] = belief.root
-    shared, of_curves = _split(root, curved)
+    shared, of_curves = _split(belief.full_root, curved)
     moves = _moves(structure, belief, q)
     directions = _principal_root(shared, moves)[:, : COMPACT.ways]
     moves[:, curved] = 0.0

@@ -16,7 +16,7 @@ from ..common.parallel import side_by_side
 from ..common.rows import group_sums
 from .clusters import Clusters
 from .linear_models import LinearModels, regress
-from .links import WIRINGS, SparseRows, Wiring
+from .links import WIRINGS, SparseRows, Wiring, entry_rows
 from .map import Map
 from .settings import READOUT
 
@@ -158,7 +158,9 @@ class Association:
         }
 
     def _partners_on_branch(
-        self, nodes: Index, anchor: Array
+        self,
+        nodes: Index,
+        anchor: Array,
     ) -> tuple[Array, Array]:
         """Of sensory nodes (n, k) the clusters on the branch of places (n, dof).
 
@@ -225,12 +227,16 @@ class Association:
         return Clusters.of(self.partners, self.motor)
 
 
-def _shifts(network: Map, activity: csr_array, u: Array) -> Array:
+def _shifts(
+    network: Map,
+    activity: csr_array,
+    u: Array,
+) -> Array:
     """Mean offsets (nodes, d) [node spacings] of samples `u` (n, d) from the nodes active at them.
 
     activity : (n, nodes); a node that was never active has none
     """
-    rows = np.repeat(np.arange(len(u)), np.diff(activity.indptr))
+    rows = entry_rows(activity.indptr)
     nodes = activity.indices
     a = activity.data
     gap = network.scale.difference(u[rows], network.units[nodes])

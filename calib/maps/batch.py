@@ -23,7 +23,11 @@ Density = Literal["even", "varying", "growing"]
 """How a gain acts: not, on the full lattice alone, or on the coarse ones too (the default)."""
 
 
-def decay(start: float, end: float, n: int) -> Array:
+def decay(
+    start: float,
+    end: float,
+    n: int,
+) -> Array:
     """`n` values that decay exponentially from `start` to `end` (eq. 4)."""
     return (
         start * (end / start) ** np.linspace(0.0, 1.0, n)
@@ -68,43 +72,63 @@ def coarse_to_fine(
     only one, from a random start.
     """
     whole = max(lattice.shape) / 2
-    varies = density != "even"
+    coarse = _coarse_lattices(lattice)
     if epochs is not None or sigma is not None:
-        last = BATCH.last_radius_varying if varies else BATCH.last_radius
+        last = BATCH.last_radius
+        if density != "even":
+            last = BATCH.last_radius_varying
         first, last = sigma or (max(whole, last), last)
         return [_alone(lattice, decay(first, last, epochs or 20))]
-    coarse = _coarse_lattices(lattice)
     if not coarse:
-        first = max(whole, 1.0)
         last = BATCH.last_radius
         if density == "varying":
             last = BATCH.last_radius_varying
-        return [_alone(lattice, decay(first, min(last, first), 20))]
+        return [_alone(lattice, decay(whole, min(last, whole), 20))]
     ordered = Stage(coarse[0], decay(2.0, 0.7, 8))
-    finer = [Stage(small, decay(2.0, 1.5, 6), BATCH.step) for small in coarse]
-    smoothed = Stage(lattice, np.array([1.5]), BATCH.step)
-    if density == "even":
-        radii = decay(1.0, BATCH.last_radius, 3)
-        return [ordered, *finer, smoothed, _alone(lattice, radii)]
-    if density == "varying":
-        # the gain draws nodes to the border: that takes wide radii and more epochs, so wide that
-        # one coarse lattice will do; at the end a smooth map whose border the gain holds in place
-        # is more accurate than one that follows each sample
-        last = BATCH.last_radius_varying
-        radii = decay(max(2 * last, 2 * whole / 5), last, 14)
-        return [ordered, finer[0], _alone(lattice, radii)]
-    # the gain grows on the coarse lattices, where an epoch costs little
-    growing = [*finer, smoothed]
-    ends = np.linspace(0.0, BATCH.grown, len(growing) + 1).tolist()
+    refined = {"even": _evenly, "varying": _varying, "growing": _growing}
+    return [ordered, *refined[density](lattice, coarse)]
+
+
+def _evenly(lattice: Lattice, coarse: list[Lattice]) -> list[Stage]:
+    """Stages after the first whose density does not vary."""
+    last = _alone(lattice, decay(1.0, BATCH.last_radius, 3))
+    return [*_refinement(lattice, coarse), last]
+
+
+def _varying(lattice: Lattice, coarse: list[Lattice]) -> list[Stage]:
+    """Stages after the first with a gain on the full lattice alone.
+
+    The gain draws nodes to the border: that takes wide radii and more epochs, so wide that one
+    coarse lattice will do; at the end a smooth map whose border the gain holds in place is more
+    accurate than one that follows each sample.
+    """
+    last = BATCH.last_radius_varying
+    radii = decay(max(2 * last, max(lattice.shape) / 5), last, 14)
+    return [_refinement(lattice, coarse)[0], _alone(lattice, radii)]
+
+
+def _growing(lattice: Lattice, coarse: list[Lattice]) -> list[Stage]:
+    """Stages after the first with a gain that grows on the coarse lattices.
+
+    An epoch costs little there.
+    """
+    stages = _refinement(lattice, coarse)
+    times = np.linspace(0.0, BATCH.grown, len(stages) + 1).tolist()
     growing = [
-        replace(stage, progress=part)
-        for stage, part in zip(growing, pairwise(ends), strict=True)
+        replace(stage, progress=span)
+        for stage, span in zip(stages, pairwise(times), strict=True)
     ]
     side = lattice.size ** (1 / lattice.dim)
     wider = BATCH.last_radius + 0.22 * math.log2(side / 20)
     last = float(np.clip(wider, BATCH.last_radius, 0.8))
     radii = decay(BATCH.first_radius_growing, last, BATCH.epochs_growing)
-    return [ordered, *growing, Stage(lattice, radii, progress=(BATCH.grown, 1))]
+    return [*growing, Stage(lattice, radii, progress=(BATCH.grown, 1.0))]
+
+
+def _refinement(lattice: Lattice, coarse: list[Lattice]) -> list[Stage]:
+    """Stages of coarse lattices, and one of the full one, that follow the winners' steps."""
+    finer = [Stage(small, decay(2.0, 1.5, 6), BATCH.step) for small in coarse]
+    return [*finer, Stage(lattice, np.array([1.5]), BATCH.step)]
 
 
 def _alone(lattice: Lattice, radii: Array) -> Stage:
@@ -164,6 +188,7 @@ def learn_batch(
             rows = rng.choice(len(u), most, replace=False, shuffle=False)
             rows.sort()
         samples = u[rows]
+        with_ones = np.column_stack([samples, np.ones(len(rows))])
         # a gain sees samples in the log's order
         log_order = np.argsort(order[rows])
         wrong = None if residual is None else residual[order[rows[log_order]]]
@@ -174,7 +199,7 @@ def learn_batch(
             distances, winners = nearest_nodes(tree, samples)  # eq. 1
             distance = distances[:, 0]
             winner = winners[:, 0]
-            g = np.ones(len(samples))
+            g = np.ones(len(rows))
             if gain is not None and progress is not None:
                 visit = Visit(
                     progress,
@@ -188,9 +213,7 @@ def learn_batch(
                 )
                 g[log_order] = gain(visit)  # eq. 7 and 8
             topographic = topographic_error(samples, tree, lattice)
-            ones = np.ones(len(samples))
-            weighted = g[:, None] * np.column_stack([samples, ones])
-            sums = group_sums(winner, weighted, lattice.size)
+            sums = group_sums(winner, g[:, None] * with_ones, lattice.size)
             weights = next_weights(weights, sums, lattice, sigma, stage.step)
             error = float(distance.mean())
             yield Epoch(weights, lattice, sigma, error, topographic)
@@ -200,10 +223,9 @@ def _by_place(u: Array) -> Index:
     """An order in which close samples follow each other: their winners are found sooner."""
     per_axis = int(BATCH.sorting_cells ** (1 / u.shape[1]))
     cell = np.zeros(len(u), dtype=np.uint16)
-    for c in u.T:
-        cell = cell * np.uint16(per_axis) + (
-            np.clip(c, 0.0, 0.999) * per_axis
-        ).astype(np.uint16)
+    for coordinate in u.T:
+        step = np.clip(coordinate, 0.0, 0.999) * per_axis
+        cell = cell * np.uint16(per_axis) + step.astype(np.uint16)
     # in linear time, as they have 16 bits
     return np.argsort(cell, kind="stable")
 
@@ -223,7 +245,11 @@ def spread_out(u: Array, lattice: Lattice) -> Array:
     return np.asarray(middle + (2.0 * place - 1.0) * wide @ axes)
 
 
-def spread(sums: Array, lattice: Lattice, sigma: float) -> Array:
+def spread(
+    sums: Array,
+    lattice: Lattice,
+    sigma: float,
+) -> Array:
     """Sum over all nodes i of h_ji times the rows of `sums` (size, ...), one axis after another."""
     from scipy.ndimage import correlate1d
 
@@ -232,12 +258,7 @@ def spread(sums: Array, lattice: Lattice, sigma: float) -> Array:
         reach = min(int(REACH * sigma) + 1, n - 1)
         steps = np.arange(-reach, reach + 1)
         h = np.exp(steps**2 / (-2.0 * sigma * sigma))  # eq. 3
-        grid = correlate1d(
-            grid,
-            h,
-            axis,
-            mode="constant",
-        )
+        grid = correlate1d(grid, h, axis, mode="constant")
     return grid.reshape(sums.shape)
 
 
@@ -258,9 +279,8 @@ def next_weights(
     """
     if step is not None:
         counts = sums[:, -1:]
-        sums = np.concatenate(
-            [step * (sums[:, :-1] - counts * weights), counts], axis=1
-        )
+        steps = step * (sums[:, :-1] - counts * weights)
+        sums = np.concatenate([steps, counts], axis=1)
     sums = spread(sums, lattice, sigma)
     count = sums[:, -1:]
     active = count > 1e-12 * count.max()

@@ -49,6 +49,11 @@ class Blend:
         """Offsets (n, m, d) of the points from the nodes."""
         return self._gaps[:, :-1]
 
+    def mean(self, values: Array) -> Array:
+        """Weighted means (n, ...) of values (n, m, ...) of the nodes."""
+        means: Array = np.einsum("nm,nm...->n...", self.weight, values)
+        return means
+
     def tilt(self) -> Array:
         """Derivatives (n, m, d) of the weights by the coordinates of the points."""
         # both distances of a ratio move with the point
@@ -73,4 +78,4 @@ def blend_nodes(
 ) -> Array:
     """Values of the nodes (nodes,) blended at the points `u` (n, dof), (n,)."""
     blend = Blend(motor, u)
-    return np.asarray(np.einsum("nm,nm->n", blend.weight, values[blend.index]))
+    return blend.mean(values[blend.index])

@@ -40,7 +40,8 @@ class Clusters:
         # the link-weighted mean of each cluster, of the nodes around its core
         place = motor.units[core]
         gap = motor.scale.difference(motor.units[motor_node], place[label])
-        inside = np.linalg.norm(gap, axis=1) <= READOUT.core * motor.spacing
+        distance = np.linalg.norm(gap, axis=1)
+        inside = distance <= READOUT.core * motor.spacing
         weight = np.where(inside, links.data, 0.0)
         total = group_sums(label, weight)
         center = (

@@ -59,7 +59,8 @@ class Visit:
         """Sum over the neighbours i of |w_j - w_i|^2, for each node j, (nodes,): that of eq. 7."""
         ends = self.lattice.edges().T
         a, b = ends
-        square = np.sum((self.weights[a] - self.weights[b]) ** 2, axis=1)
+        gaps = self.weights[a] - self.weights[b]
+        square = np.sum(gaps**2, axis=1)
         return group_sums(ends.ravel(), np.tile(square, 2), len(self.weights))
 
 
@@ -114,7 +115,8 @@ def rho(visit: Visit) -> Array:
     With the sum over "each node in the lattice" rho is smallest at the border.
     """
     # sum over i of |w_j - w_i|^2, up to the factor n: |w_j - mean|^2 + variance
-    total = np.sum((visit.weights - visit.weights.mean(axis=0)) ** 2, axis=1)
+    gaps = visit.weights - visit.weights.mean(axis=0)
+    total = np.sum(gaps**2, axis=1)
     total = total + total.mean()
     rho = np.exp(-total / max(float(total.mean()), 1e-300))  # eq. 7
     gain: Array = 1.0 + (visit.progress * rho.mean() / rho) ** 4  # eq. 8

@@ -129,7 +129,11 @@ def present_gng(
     return float(distance.sum())
 
 
-def _move_nodes(gas: Gas, wins: Array, sums: Array) -> None:
+def _move_nodes(
+    gas: Gas,
+    wins: Array,
+    sums: Array,
+) -> None:
     """Move each node towards the samples that it and its neighbours won.
 
     wins, sums : (nodes,), (nodes, d), number and sum of the samples that each node won

@@ -116,8 +116,9 @@ class Lattice:
 
     def beside(self, i: int) -> Index:
         """Nodes around node `i`, diagonal ones included, (k,): O of eq. 7."""
-        apart = np.abs(self.positions() - self.positions()[i]).max(axis=1)
-        return np.flatnonzero(apart == 1.0)
+        positions = self.positions()
+        steps = np.abs(positions - positions[i]).max(axis=1)
+        return np.flatnonzero(steps == 1.0)
 
     def edges(self) -> Index:
         """Pairs of nodes that are neighbours along an axis, (m, 2)."""
@@ -125,19 +126,27 @@ class Lattice:
         pairs = []
         for axis in range(self.dim):
             ahead = np.moveaxis(index, axis, 0)
-            pairs.append(
-                np.stack([ahead[:-1].ravel(), ahead[1:].ravel()], axis=1)
-            )
+            first = ahead[:-1].ravel()
+            second = ahead[1:].ravel()
+            pairs.append(np.stack([first, second], axis=1))
         return np.concatenate(pairs)
 
-    def adjacent(self, i: Index, j: Index) -> Mask:
+    def adjacent(
+        self,
+        i: Index,
+        j: Index,
+    ) -> Mask:
         """Whether nodes `i` and `j` are neighbours, diagonal ones included, (n,)."""
         steps = np.subtract(
             np.unravel_index(i, self.shape), np.unravel_index(j, self.shape)
         )
         return np.asarray(np.abs(steps).max(axis=0) <= 1)
 
-    def resample(self, weights: Array, finer: Lattice) -> Array:
+    def resample(
+        self,
+        weights: Array,
+        finer: Lattice,
+    ) -> Array:
         """Multilinear interpolation of `weights` (size, d) onto another lattice.
 
         The nodes keep the middle of their cells: node i of n stands at (i + 1/2) / n of
@@ -190,7 +199,11 @@ class Graph:
         """Pairs of joined nodes, (m, 2)."""
         return self.pairs
 
-    def adjacent(self, i: Index, j: Index) -> Mask:
+    def adjacent(
+        self,
+        i: Index,
+        j: Index,
+    ) -> Mask:
         """Whether nodes `i` and `j` are the same or joined, (n,)."""
         low = np.minimum(i, j)
         high = np.maximum(i, j)

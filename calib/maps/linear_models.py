@@ -17,7 +17,9 @@ from .settings import READOUT
 
 
 def regress(
-    place: Array, value: Array, weight: Array
+    place: Array,
+    value: Array,
+    weight: Array,
 ) -> tuple[Array, Array, Array]:
     """Weighted ridge regressions of values on places, one for each row.
 
@@ -34,11 +36,9 @@ def regress(
     power = weighted @ gap
     diagonal = np.einsum("ndd->nd", power)
     diagonal += READOUT.ridge * diagonal.mean(axis=1, keepdims=True) + 1e-300
-    return (
-        middle,
-        mean,
-        np.linalg.solve(power, weighted @ (value - mean[:, None])),
-    )
+    moments = weighted @ (value - mean[:, None])
+    slope = np.linalg.solve(power, moments)
+    return middle, mean, slope
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +57,7 @@ class LinearModels(ReadOnly):
     def value(self, u: Array) -> Array:
         """Positions (n, o) at the points `u` (n, d) of the unit box."""
         blend = self._blend(u)
-        of_nodes = self._of_nodes(blend)
-        return np.asarray(np.einsum("nm,nmo->no", blend.weight, of_nodes))
+        return blend.mean(self._of_nodes(blend))
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:
         """Positions (n, o) and their derivatives by the unit coordinates (n, o, d)."""
@@ -67,7 +66,7 @@ class LinearModels(ReadOnly):
         slopes = self.slopes[blend.index]
         slope = np.einsum("nm,nmdo->nod", blend.weight, slopes)
         slope += np.einsum("nmd,nmo->nod", blend.tilt(), of_nodes)
-        return np.einsum("nm,nmo->no", blend.weight, of_nodes), slope
+        return blend.mean(of_nodes), slope
 
     @staticmethod
     def of(

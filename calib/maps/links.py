@@ -65,7 +65,11 @@ class Wiring:
         shape = (len(u), network.size)
         return csr_array((a.ravel(), nodes.ravel(), rows), shape=shape)
 
-    def link(self, a_i: csr_array, a_j: csr_array) -> SparseRows:
+    def link(
+        self,
+        a_i: csr_array,
+        a_j: csr_array,
+    ) -> SparseRows:
         """Links (motor nodes, sensory nodes) at the fixed point of Oja's rule (eq. 5).
 
         Where its mean change vanishes, c_ij = <a_i a_j> / <a_j^2>, or with both sides
@@ -75,7 +79,7 @@ class Wiring:
         a_i, a_j : activities (n, nodes) of the motor and of the sensory nodes
         """
         links = (a_i.T @ a_j).tocsr()  # sums of a_i a_j
-        rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
+        rows = entry_rows(links.indptr)
         factor = _oja_factor(a_j)[links.indices]
         if self.mutual:
             factor = np.sqrt(factor * _oja_factor(a_i)[rows])
@@ -108,7 +112,7 @@ def without_weak(links: csr_array | NDArray[np.floating]) -> SparseRows:
     links = csr_array(links)
     row_max = links.max(axis=1).toarray().ravel()
     column_max = links.max(axis=0).toarray().ravel()
-    rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
+    rows = entry_rows(links.indptr)
     weak = links.data < LINKS.weak * np.minimum(
         row_max[rows], column_max[links.indices]
     )
@@ -124,6 +128,11 @@ def without_weak(links: csr_array | NDArray[np.floating]) -> SparseRows:
         links.indptr,
         links.shape,
     )
+
+
+def entry_rows(indptr: NDArray[np.integer]) -> Index:
+    """Row of each entry (nnz,) of a sparse matrix by rows, from where each row begins."""
+    return np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
 
 
 def _oja_factor(a: csr_array) -> Array:
@@ -147,7 +156,7 @@ class SparseRows(ReadOnly):
     @property
     def rows(self) -> Index:
         """Row of each entry, (nnz,)."""
-        return np.repeat(np.arange(self.shape[0]), np.diff(self.indptr))
+        return entry_rows(self.indptr)
 
     def transposed(self) -> SparseRows:
         """The transpose; entries of a row stay in ascending order."""

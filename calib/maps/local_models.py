@@ -27,12 +27,7 @@ class LocalModels(ReadOnly):
     coefficients: Annotated[Array, Shape("nodes", "terms", "width")]
 
 
-NO_MODELS = LocalModels(
-    -1,
-    0,
-    np.zeros(0),
-    np.zeros((0, 0, 2)),
-)
+NO_MODELS = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, 2)))
 
 
 @lru_cache(maxsize=32)
@@ -72,55 +67,68 @@ def fit(
     """
     degree, samples = shape
     places = motor.units[nodes]
-    scale = motor.scale
-    dof = u.shape[1]
-    outputs = residual.shape[1]
-    distance, index = nearest_points(
-        u,
-        scale,
-        places,
-        samples + 1,
-    )
+    distance, index = nearest_points(u, motor.scale, places, samples + 1)
     near = index[:, :-1]
     radius = np.maximum(distance[:, -1:], 1e-12)
-    z = scale.difference(u[near], places[:, None]) / radius[..., None]
+    offsets = motor.scale.difference(u[near], places[:, None])
+    z = offsets / radius[..., None]
     kernel = (1.0 - (distance[:, :-1] / radius) ** 2) ** 2
     ring = _ring(motor, nodes) / radius[..., None]
-    coefficients = np.zeros((motor.size, len(exponents(dof, degree)), outputs))
+    dof = u.shape[1]
+    terms = len(exponents(dof, degree))
+    coefficients = np.zeros((motor.size, terms, residual.shape[1]))
     shaky = np.arange(len(nodes))
     for lower in range(degree, -1, -1):
-        terms = exponents(dof, lower)
-        features = monomials(z[shaky], terms)
-        weighted = np.swapaxes(features * kernel[shaky, :, None], 1, 2)
-        moments = weighted @ features
-        # rows on a line leave moments singular; the ring then finds the model shaky
-        diagonal = np.einsum("nii->ni", moments)
-        diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
-        on_ring = np.swapaxes(monomials(ring[shaky], terms), 1, 2)
-        values = weighted @ residual[near[shaky]]
-        solution = np.linalg.solve(moments, np.dstack([values, on_ring]))
-        models, spread = np.split(solution, [outputs], axis=2)
-        variance = np.einsum("nta,nta->na", on_ring, spread)
+        models, variance = _polynomials(
+            exponents(dof, lower),
+            z[shaky],
+            kernel[shaky],
+            residual[near[shaky]],
+            ring[shaky],
+        )
         firm = (variance < LOCAL.firm).all(axis=1)
-        coefficients[nodes[shaky[firm]], : len(terms)] = models[firm]
+        coefficients[nodes[shaky[firm]], : models.shape[1]] = models[firm]
         shaky = shaky[~firm]
     reach = np.full(motor.size, motor.spacing)
     reach[nodes] = radius[:, 0]
-    return LocalModels(
-        degree,
-        near.shape[1],
-        reach,
-        coefficients,
-    )
+    return LocalModels(degree, near.shape[1], reach, coefficients)
+
+
+def _polynomials(
+    terms: Index,
+    z: Array,
+    kernel: Array,
+    residual: Array,
+    ring: Array,
+) -> tuple[Array, Array]:
+    """Weighted least squares around k nodes, and how firm they are on a ring around each.
+
+    terms : (terms, d), exponents
+    z, kernel, residual : (k, s, d), (k, s), (k, s, o), samples around each node, their weights
+    ring : (k, places, d)
+    Returns (k, terms, o), (k, places), coefficients, and variances of answers over a sample's.
+    """
+    features = monomials(z, terms)
+    weighted = np.swapaxes(features * kernel[..., None], 1, 2)
+    moments = weighted @ features
+    # rows on a line leave moments singular: the variance on the ring is large then
+    diagonal = np.einsum("nii->ni", moments)
+    diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
+    on_ring = np.swapaxes(monomials(ring, terms), 1, 2)
+    values = np.dstack([weighted @ residual, on_ring])
+    solution = np.linalg.solve(moments, values)
+    models, spread = np.split(solution, [residual.shape[2]], axis=2)
+    variance: Array = np.einsum("nta,nta->na", on_ring, spread)
+    return models, variance
 
 
 def _ring(motor: Map, nodes: Index) -> Array:
     """Offsets (k, places, d) from nodes to places half a spacing around them, within the box."""
     dof = motor.units.shape[1]
-    away = np.random.default_rng(0).standard_normal((LOCAL.ring, dof))
-    away *= 0.5 / np.linalg.norm(away, axis=1, keepdims=True)
+    directions = np.random.default_rng(0).standard_normal((LOCAL.ring, dof))
+    directions *= 0.5 / np.linalg.norm(directions, axis=1, keepdims=True)
     middle = motor.units[nodes][:, None]
-    ring = middle + motor.spacings[nodes][:, None, None] * away
+    ring = middle + motor.spacings[nodes][:, None, None] * directions
     inside = np.clip(ring, 0.0, 1.0)
     return np.where(motor.scale.periodic, ring, inside) - middle
 

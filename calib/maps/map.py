@@ -250,7 +250,9 @@ class Epoch:
 
 
 def topographic_error(
-    u: Array, tree: cKDTree, lattice: Lattice | Graph
+    u: Array,
+    tree: cKDTree,
+    lattice: Lattice | Graph,
 ) -> float:
     """Topographic error on some 500 of the samples `u`."""
     index = nearest_nodes(tree, u[:: max(1, len(u) // 500)], 2)[1]

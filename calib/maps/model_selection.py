@@ -12,6 +12,7 @@ from math import comb
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
+from ..common.rows import group_sums
 from ..common.scale import Scale
 from . import local_models as local
 from .blend import Blend
@@ -43,28 +44,24 @@ def follows_the_motion(x: Array, residual: Array) -> bool:
     length = np.linalg.norm(motion, axis=1, keepdims=True)
     along = np.einsum("no,no->n", residual, motion / np.maximum(length, 1e-300))
     size = float(np.median(np.linalg.norm(residual, axis=1)))
-    means = np.array(
-        [along[part].mean() for part in blocks(len(x), SELECTION.parts)]
-    )
+    parts = blocks(len(x), SELECTION.parts)
+    means = np.array([along[part].mean() for part in parts])
     chance = float(means.std()) / np.sqrt(len(means))
-    return bool(
-        abs(np.median(means))
-        > max(SELECTION.sure * chance, SELECTION.along * size)
-    )
+    threshold = max(SELECTION.sure * chance, SELECTION.along * size)
+    return bool(abs(np.median(means)) > threshold)
 
 
 @dataclass(frozen=True, eq=False)
-class Candidates:
-    """Wrong rows, which local models may mend, and the nodes that may carry such models."""
+class WrongRows:
+    """Rows that local models may mend, and the nodes that may carry such models."""
 
     motor: Map
     u: Array  # (n, dof), all samples in the unit box
     rows: Index  # (k,), those with a node among wrong rows in their blend
-    # (nodes,), which nodes lie among wrong rows and may carry a model
-    among_wrong: Mask
+    nodes: Mask  # (nodes,), which nodes lie among wrong rows
     held_out: Array  # (k, o), what the smooth part leaves over
     noise: float  # mean square of the noise
-    care: Array  # (k,), weight of each row's gain
+    weight: Array  # (k,), of each row's gain
 
     @staticmethod
     def of(
@@ -72,71 +69,51 @@ class Candidates:
         u: Array,
         x: Array,
         held_out: Array,
-    ) -> Candidates:
-        """Candidates by the held-out residuals (n, o) at positions (n, o), around each row.
+    ) -> WrongRows:
+        """Wrong rows by the held-out residuals (n, o) at positions (n, o), around each row.
 
         A row is wrong where the median of its neighbours' residuals exceeds the noise.
         """
-        _, near = nearest_points(
-            u,
-            motor.scale,
-            u,
-            SELECTION.rows_around,
-        )
+        _, near = nearest_points(u, motor.scale, u, SELECTION.rows_around)
         # neighbours share what a smooth part misses: their difference is noise
         difference = float(np.median(_square(held_out - held_out[near[:, 1]])))
         extent = float(np.linalg.norm(np.ptp(x, axis=0)))
         rounding = (SELECTION.rounding * extent) ** 2
         noise = max(difference / (2.0 * np.log(2.0)), rounding, 1e-300)
         median = np.median(_square(held_out)[near], axis=1)
-        calm = median < SELECTION.calm * noise
+        wrong = median >= SELECTION.calm * noise
         blend = Blend(motor, u)
-        wrongness = blend.weight * (~calm[:, None] - SELECTION.wrong_share)
-        among_wrong = _sum_by_node(motor, blend.index, wrongness) > 0.0
-        rows = np.flatnonzero(among_wrong[blend.index].any(axis=1))
-        care = np.where(calm[rows], SELECTION.harm, 1.0)
-        return Candidates(
-            motor,
-            u,
-            rows,
-            among_wrong,
-            held_out[rows],
-            noise,
-            care,
-        )
+        excess = blend.weight * (wrong[:, None] - SELECTION.wrong_share)
+        nodes = _sums_by_node(motor, blend.index, excess) > 0.0
+        rows = np.flatnonzero(nodes[blend.index].any(axis=1))
+        weight = np.where(wrong[rows], 1.0, SELECTION.harm)
+        return WrongRows(motor, u, rows, nodes, held_out[rows], noise, weight)
 
     @cached_property
     def blend(self) -> Blend:
         """The nodes nearest to each row."""
         return Blend(self.motor, self.u[self.rows])
 
-    def choice(
+    def mended(
         self,
         residual: Array,
         shape: tuple[int, int],
-    ) -> Choice:
-        """The nodes whose local models mend rows by more than chance.
+    ) -> Mended:
+        """The rows with local models at the nodes that mend them by more than chance.
 
         residual : (n, o), what the smooth part leaves over of all samples
         shape : degree, and number of samples that each model is fitted to
         """
         predictions = self._predictions(residual, shape)
-        remaining = self._remaining(predictions, self.among_wrong)
         part = self.rows * SELECTION.parts // len(self.u)
-        helps = self._helpful_nodes(self._gain(remaining), part)
-        has_model = self.among_wrong & helps
-        remaining = self._remaining(predictions, has_model)
-        gain = self._gain(remaining)
-        sums = np.bincount(part, gain, SELECTION.parts).astype(float)
-        sure = bool(_beyond_chance(sums, SELECTION.total_gain))
-        total = float(sums.sum()) if sure else 0.0
-        nodes = np.flatnonzero(has_model)
-        return Choice(
-            shape,
-            nodes,
-            remaining,
-            total,
-        )
+        gain = self._gain(self._residual(predictions, self.nodes))
+        nodes = self.nodes & self._helpful_nodes(gain, part)
+        held_out = self._residual(predictions, nodes)
+        gains = group_sums(part, self._gain(held_out), SELECTION.parts)
+        total = 0.0
+        if _beyond_chance(gains, SELECTION.total_gain):
+            total = float(gains.sum())
+        return Mended(shape, np.flatnonzero(nodes), held_out, total)
 
     def _helpful_nodes(
         self,
@@ -144,13 +121,12 @@ class Candidates:
         part: Index,
     ) -> Mask:
         """Which nodes (nodes,) gain in several parts of the log, from each row's gain and part."""
-        by_node = self.blend.weight * gain[:, None]
-        sums = []
-        for k in range(SELECTION.parts):
-            inside = part == k
-            nodes = self.blend.index[inside]
-            sums.append(_sum_by_node(self.motor, nodes, by_node[inside]))
-        return _beyond_chance(np.stack(sums), SELECTION.node_gain)
+        size = self.motor.size
+        parts = SELECTION.parts
+        cells = part[:, None] * size + self.blend.index
+        gains = self.blend.weight * gain[:, None]
+        sums = group_sums(cells.ravel(), gains.ravel(), parts * size)
+        return _beyond_chance(sums.reshape(parts, size), SELECTION.node_gain)
 
     def _predictions(
         self,
@@ -173,21 +149,20 @@ class Candidates:
             predictions.append(local.model_values(models, blend))
         return np.concatenate(predictions)
 
-    def _remaining(
+    def _residual(
         self,
         predictions: Array,
-        has_model: Mask,
+        nodes: Mask,
     ) -> Array:
         """What the models of some nodes (nodes,) leave of the held-out residuals, (k, o)."""
-        of_row = has_model[self.blend.index]
-        weight = local.model_weights(self.blend.weight, of_row)
+        has_model = nodes[self.blend.index]
+        weight = local.model_weights(self.blend.weight, has_model)
         corrections = np.einsum("nm,nmo->no", weight, predictions)
         return np.asarray(self.held_out - corrections)
 
-    def _gain(self, remaining: Array) -> Array:
+    def _gain(self, residual: Array) -> Array:
         """By how much each row's cost falls, (k,), harm of calm rows counted more."""
-        gain = self._cost(self.held_out) - self._cost(remaining)
-        return self.care * gain
+        return self.weight * (self._cost(self.held_out) - self._cost(residual))
 
     def _cost(self, residual: Array) -> Array:
         """Cost of each row: to halve a large error counts the same wherever it is."""
@@ -195,12 +170,12 @@ class Candidates:
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
-    """Nodes that carry local models of one shape."""
+class Mended:
+    """Wrong rows with local models of one shape."""
 
     shape: tuple[int, int]  # degree, number of samples of each model
-    nodes: Index
-    remaining: Array  # (k, o), what is left of the candidates' rows
+    nodes: Index  # those that carry models
+    held_out: Array  # (k, o), what these leave of the rows' residuals
     gain: float  # of all rows, 0 where it may be chance
 
 
@@ -230,28 +205,17 @@ def select(
     ]
     if not shapes or follows_the_motion(x, held_out):
         return plain, held_out
-    candidates = Candidates.of(
-        motor,
-        u,
-        x,
-        held_out,
-    )
-    if not len(candidates.rows):
+    wrong = WrongRows.of(motor, u, x, held_out)
+    if not len(wrong.rows):
         return plain, held_out
     residual = x - smooth.value(u)
-    choices = [candidates.choice(residual, shape) for shape in shapes]
+    choices = [wrong.mended(residual, shape) for shape in shapes]
     best = max(choices, key=lambda choice: choice.gain)
     if best.gain <= 0.0:
         return plain, held_out
     mended = held_out.copy()
-    mended[candidates.rows] = best.remaining
-    models = local.fit(
-        motor,
-        best.nodes,
-        u,
-        residual,
-        best.shape,
-    )
+    mended[wrong.rows] = best.held_out
+    models = local.fit(motor, best.nodes, u, residual, best.shape)
     return Predictor(motor, smooth, models), mended
 
 
@@ -259,21 +223,19 @@ def _square(residual: Array) -> Array:
     return np.asarray(np.einsum("...o,...o->...", residual, residual))
 
 
-def _sum_by_node(
+def _sums_by_node(
     motor: Map,
     index: Index,
     values: Array,
 ) -> Array:
-    """Sum of values (n, m) over the rows, by the nodes `index` (n, m) that they belong to."""
-    return np.asarray(
-        np.bincount(index.ravel(), values.ravel(), motor.size), dtype=float
-    )
+    """Sums of values (n, m) over the rows, by the nodes `index` (n, m) that they belong to."""
+    return group_sums(index.ravel(), values.ravel(), motor.size)
 
 
-def _beyond_chance(parts: Array, errors: float) -> Mask:
-    """Whether sums of parts (k, ...) of a log exceed zero by so many standard errors."""
-    chance = errors * parts.std(axis=0) / np.sqrt(len(parts))
-    return np.asarray(parts.mean(axis=0) > chance)
+def _beyond_chance(sums: Array, errors: float) -> Mask:
+    """Whether sums (parts, ...) of parts of a log exceed zero by so many standard errors."""
+    chance = errors * sums.std(axis=0) / np.sqrt(len(sums))
+    return np.asarray(sums.mean(axis=0) > chance)
 
 
 def misfit(
@@ -295,12 +257,7 @@ def misfit(
     """
     square = np.maximum(_square(held_out), (SELECTION.rounding * extent) ** 2)
     k = min(SELECTION.rows_averaged, len(u) // 4)
-    _, index = nearest_points(
-        u,
-        scale,
-        at,
-        k,
-    )
+    _, index = nearest_points(u, scale, at, k)
     # without the largest: an outlier is no misfit
     ascending = np.sort(square[index], axis=1)
     here = ascending[:, : k - k // 5].mean(axis=1)

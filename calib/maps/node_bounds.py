@@ -26,21 +26,14 @@ def learn_bounds(
     floor = max(1e-9 * largest, 1e-15)
     k = max(1, min(BOUNDS.around, len(u) // 2))
     places = np.clip(motor.units, 0.0, 1.0)
-    near = nearest_points(
-        u,
-        motor.scale,
-        places,
-        k,
-    )[1]
+    _, near = nearest_points(u, motor.scale, places, k)
     bound = np.maximum(errors[near].mean(axis=1), floor)
     blend = Blend(motor, u)
     groups = _groups(motor, u)
     # both groups' nodes speak for samples between them: again, until both fit
     for _ in range(BOUNDS.passes):
         for members, rows in groups:
-            stated = np.einsum(
-                "nm,nm->n", blend.weight[rows], bound[blend.index[rows]]
-            )
+            stated = blend.mean(bound[blend.index])[rows]
             ratio = np.sort(errors[rows] / stated)
             # the finite-sample quantile of conformal prediction
             rank = int(np.ceil((len(ratio) + 1) * BOUNDS.coverage)) - 1

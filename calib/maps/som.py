@@ -106,7 +106,9 @@ class SOM:
         """
         x = _training_samples(x)
         scale = scale or Scale.of_data(x)
-        epochs, total = self._training(scale.to_unit(x), scale, residual)
+        epochs, total = self._epochs_and_count(
+            scale.to_unit(x), scale, residual
+        )
         history = []
         # small products of matrices: threads would only wait for each other
         with one_blas_thread():
@@ -116,7 +118,11 @@ class SOM:
                     progress(len(history) / total, epoch.error)
         return Map(epoch.weights, epoch.lattice, scale, np.array(history))
 
-    def fit_pair(self, q: Array, x: Array) -> Association:
+    def fit_pair(
+        self,
+        q: Array,
+        x: Array,
+    ) -> Association:
         """Train two maps of this kind on paired samples, and the links between them.
 
         Parameters
@@ -162,13 +168,13 @@ class SOM:
         """
         wiring = wiring_of(self.links)
         lattices = [Lattice(shape_of(s)) for s in shapes or [self.size] * 2]
-        net, epochs = self._online(lattices, points, scales, wiring)
+        net, epochs = self._network_and_epochs(lattices, points, scales, wiring)
         history = []
         with one_blas_thread():
             for of_maps in epochs:
                 history.append([epoch.row for epoch in of_maps])
                 if progress is not None:
-                    progress(len(history) / self._passes, of_maps[1].error)
+                    progress(len(history) / self._pass_count, of_maps[1].error)
         by_map = np.array(history).swapaxes(0, 1)
         motor, sensory = (
             replace(layer.map, history=rows)
@@ -176,7 +182,7 @@ class SOM:
         )
         return Association(motor, sensory, without_weak(net.links), wiring)
 
-    def _online(
+    def _network_and_epochs(
         self,
         lattices: Sequence[Lattice],
         points: Sequence[Array],
@@ -193,7 +199,7 @@ class SOM:
         net = VDSOM(layers, wiring)
         last = 0.5 if self.map == "som" else BATCH.last_radius_varying
         radii = self.sigma or (max(lattices[0].shape) / 2, last)
-        return net, passes(net, points, self._passes, radii, rng)
+        return net, passes(net, points, self._pass_count, radii, rng)
 
     @property
     def _gain(self) -> Gain | None:
@@ -202,11 +208,11 @@ class SOM:
         return guard_gain(self.map)
 
     @property
-    def _passes(self) -> int:
+    def _pass_count(self) -> int:
         """Passes over the samples of the rules that do not go from coarse to fine."""
         return self.epochs or (10 if kind_of(self.map) == "gng" else 5)
 
-    def _training(
+    def _epochs_and_count(
         self,
         u: Array,
         scale: Scale,
@@ -216,14 +222,14 @@ class SOM:
         rng = np.random.default_rng(self.seed)
         lattice = Lattice(shape_of(self.size))
         gain = self._gain
-        count = self._passes
+        count = self._pass_count
         kind = kind_of(self.map)
         if kind == "gng":
             return learn_gng(u, lattice.size, gain, count, rng), count
         if kind == "dsom":
             return learn_dsom(u, lattice, count, rng), count
         if self.rule == "online":
-            _, epochs = self._online([lattice], [u], [scale])
+            _, epochs = self._network_and_epochs([lattice], [u], [scale])
             return (epoch for (epoch,) in epochs), count
         densities: dict[str | Gain, Density] = {
             "som": "even",

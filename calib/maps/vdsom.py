@@ -99,7 +99,8 @@ class Layer:
         sample: 10x10 nodes of 2,000 samples of the unit square end within .02 of each other.
         """
         around = self._w[:, self.lattice.beside(winner)]
-        rho = np.exp(-np.sum((self._w[:, winner, None] - around) ** 2))  # eq. 7
+        gaps = self._w[:, winner, None] - around
+        rho = np.exp(-np.sum(gaps**2))  # eq. 7
         return float((progress / rho) ** 4 * np.exp(-progress / sigma**2))
 
     def gains(
@@ -124,7 +125,11 @@ class Layer:
         )
         return self.gain(visit)
 
-    def activity(self, x: Array, squared_widths: Array) -> tuple[Index, Array]:
+    def activity(
+        self,
+        x: Array,
+        squared_widths: Array,
+    ) -> tuple[Index, Array]:
         """The active nodes at a sample (d,), and how much they are beside the most active one."""
         gap = self._w - x[:, None]
         if self.scale.periodic.any():
@@ -158,7 +163,11 @@ class VDSOM:
             if links is not None:
                 self._c[:] = links.T
 
-    def show(self, samples: Sequence[Array], rates: Rates) -> list[Array]:
+    def show(
+        self,
+        samples: Sequence[Array],
+        rates: Rates,
+    ) -> list[Array]:
         """Learn from samples (n, d) of each map's space, in the unit boxes, in this order.
 
         Widths of eq. 6 and gains are those at the start of every 250 samples.
@@ -196,7 +205,10 @@ class VDSOM:
         return [self.wiring.widths(layer.map) ** 2 for layer in self.layers]
 
     def _gains(
-        self, samples: Sequence[Array], rates: Rates, chunk: range
+        self,
+        samples: Sequence[Array],
+        rates: Rates,
+        chunk: range,
     ) -> list[Array]:
         """Factor g on the update of some of the samples, (chunk,) for each map."""
         last = chunk[-1]

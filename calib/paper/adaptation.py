@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -76,23 +77,13 @@ def _episode(setting: Setting, change: str) -> Episode:
         }
         for readout in _READOUTS
     }
-    errors["rule"] = {
-        **errors["activity"],
-        "adapted": _error(rule, q, x, "activity"),
-    }
+    adapted = _error(rule, q, x, "activity")
+    errors["rule"] = {**errors["activity"], "adapted": adapted}
     distortion = {
         state: zeta(model.sensory.units, model.sensory.scale.to_unit(at))
         for state, (model, at) in states.items()
     }
-    return Episode(
-        before,
-        after,
-        tuple(steps),
-        q,
-        x,
-        errors,
-        distortion,
-    )
+    return Episode(before, after, tuple(steps), q, x, errors, distortion)
 
 
 def _error(model: Model, q: Array, x: Array, readout: str) -> dict[str, float]:
@@ -109,48 +100,64 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
         name: _episode(setting, change) for name, change in changes.items()
     }
     data: dict[str, object] = {}
-    summary: list[Cells] = []
-    curves: list[Cells] = []
-    for name, e in episodes.items():
-        noticed = [s.samples for s in e.steps if s.adapting]
+    for name, episode in episodes.items():
+        noticed = [step.samples for step in episode.steps if step.adapting]
         data[name] = {
             "change": changes[name],
-            "errors": e.errors,
-            "distortion": e.distortion,
+            "errors": episode.errors,
+            "distortion": episode.distortion,
             "samples_to_notice": noticed[0] if noticed else None,
-            "samples": e.steps[-1].samples,
+            "samples": episode.steps[-1].samples,
         }
-        for state in ("trained", "changed", "adapted"):
-            for readout in (*_READOUTS, "rule"):
-                error = e.errors[readout][state]
-                words = _RULE if readout == "rule" else readout
-                cells: Cells = [name, state, words, e.distortion[state]]
-                summary.append(
-                    [*cells, 1e3 * error["mean"], 1e3 * error["max"]]
-                )
-        for s in e.steps:
-            threshold = s.threshold if np.isfinite(s.threshold) else None
-            curves.append(
-                [
-                    *(name, s.samples, s.zeta_motor, s.zeta_sensory, threshold),
-                    *(1e3 * s.error, s.sigma, s.eta, s.beta, float(s.adapting)),
-                ]
-            )
-    header = ["change", "state", "readout", "zeta", "mean [mm]", "max [mm]"]
-    columns = [
-        *("change", "samples", "zeta motor", "zeta sensory", "threshold"),
-        *("error [mm]", "sigma [nodes]", "eta", "beta", "adapting"),
-    ]
-    words = " and ".join(f"{k}: {v}" for k, v in changes.items())
-    tables = (
-        Table(
-            "adaptation",
-            f"distortion and forward error, {words}",
-            header,
-            summary,
-        ),
-        Table(
-            "adaptation_curves", "along the stream of samples", columns, curves
-        ),
-    )
+    words = " and ".join(f"{name}: {by}" for name, by in changes.items())
+    title = f"distortion and forward error, {words}"
+    tables = (_summary(title, episodes), _curves(episodes))
     return Result(data, tables), episodes
+
+
+def _summary(title: str, episodes: Mapping[str, Episode]) -> Table:
+    """Distortion and errors of each readout, before a change, after it, and once adapted."""
+    rows: list[Cells] = []
+    for name, episode in episodes.items():
+        for state, distortion in episode.distortion.items():
+            for readout, errors in episode.errors.items():
+                error = errors[state]
+                words = _RULE if readout == "rule" else readout
+                millimetres = [1e3 * error["mean"], 1e3 * error["max"]]
+                rows.append([name, state, words, distortion, *millimetres])
+    header = ("change", "state", "readout", "zeta", "mean [mm]", "max [mm]")
+    return Table("adaptation", title, header, rows)
+
+
+def _curves(episodes: Mapping[str, Episode]) -> Table:
+    """Distortion, error and schedules along the stream of each change."""
+    rows: list[Cells] = [
+        [
+            name,
+            step.samples,
+            step.zeta_motor,
+            step.zeta_sensory,
+            step.threshold if np.isfinite(step.threshold) else None,
+            1e3 * step.error,
+            step.sigma,
+            step.eta,
+            step.beta,
+            float(step.adapting),
+        ]
+        for name, episode in episodes.items()
+        for step in episode.steps
+    ]
+    header = (
+        "change",
+        "samples",
+        "zeta motor",
+        "zeta sensory",
+        "threshold",
+        "error [mm]",
+        "sigma [nodes]",
+        "eta",
+        "beta",
+        "adapting",
+    )
+    title = "along the stream of samples"
+    return Table("adaptation_curves", title, header, rows)

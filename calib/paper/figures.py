@@ -41,54 +41,28 @@ def lattice_figure(setting: Setting, path: Path) -> None:
     q = simulation.draw(count, np.random.default_rng(seed + 5))
     x = simulation.exact(q)
     tops: list[float] = []
-    for k, network in enumerate(NETWORKS):
-        setting.report(0.5 * k, f"lattices of the {network}")
-        pair = association(
-            samples,
-            network,
-            SAME_SCHEDULE,
-            setting.side,
-            seed,
-        )
+    for row, network in enumerate(NETWORKS):
+        setting.report(0.5 * row, f"lattices of the {network}")
+        pair = association(samples, network, SAME_SCHEDULE, setting.side, seed)
         motor = pair.motor
         sensory = pair.sensory
         errors = activity_errors(pair, q, x)
-        forward = np.linalg.norm(errors[:, :2] * sensory.scale.span, axis=1)
-        inverse = np.linalg.norm(errors[:, 2:] * motor.scale.span, axis=1)
-        forward = 1e3 * forward
-        inverse = np.degrees(inverse)
+        reached = np.linalg.norm(errors[:, :2] * sensory.scale.span, axis=1)
+        turned = np.linalg.norm(errors[:, 2:] * motor.scale.span, axis=1)
+        forward = 1e3 * reached
+        inverse = np.degrees(turned)
         if not tops:  # the colours of the first network are those of both
-            tops = [np.quantile(part, 0.99) for part in (forward, inverse)]
-        ax = figure.add_subplot(2, 2, 2 * k + 1)
+            tops = [np.quantile(error, 0.99) for error in (forward, inverse)]
+        ax = figure.add_subplot(2, 2, 2 * row + 1)
         heat = _node_means(motor, q, forward)
-        _draw_map(
-            ax,
-            motor,
-            heat,
-            180 / np.pi,
-            tops[0],
-            "forward error [mm]",
-        )
-        ax.set(
-            title=f"{network.upper()}, motor map",
-            xlabel="shoulder [deg]",
-            ylabel="elbow [deg]",
-        )
-        ax = figure.add_subplot(2, 2, 2 * k + 2, aspect="equal")
+        _draw_map(ax, motor, heat, 180 / np.pi, tops[0], "forward error [mm]")
+        title = f"{network.upper()}, motor map"
+        ax.set(title=title, xlabel="shoulder [deg]", ylabel="elbow [deg]")
+        ax = figure.add_subplot(2, 2, 2 * row + 2, aspect="equal")
         heat = _node_means(sensory, x, inverse)
-        _draw_map(
-            ax,
-            sensory,
-            heat,
-            1e3,
-            tops[1],
-            "inverse error [deg]",
-        )
-        ax.set(
-            title=f"{network.upper()}, sensory map",
-            xlabel="x [mm]",
-            ylabel="y [mm]",
-        )
+        _draw_map(ax, sensory, heat, 1e3, tops[1], "inverse error [deg]")
+        title = f"{network.upper()}, sensory map"
+        ax.set(title=title, xlabel="x [mm]", ylabel="y [mm]")
     figure.suptitle(
         f"{setting.side}x{setting.side} nodes, {setting.samples:,} samples, {SAME_SCHEDULE}, "
         "readout activity",
@@ -103,33 +77,26 @@ def change_figure(episodes: Mapping[str, Episode], path: Path) -> None:
     rows = figure.subplots(
         len(episodes), 3, sharex="row", sharey="row", squeeze=False
     )
-    for row, (name, e) in zip(rows, episodes.items(), strict=True):
-        before = e.before.sensory
-        after = e.after.sensory
-        reached = e.after.forward(e.q, "activity")
-        error = 1e3 * np.linalg.norm(reached - e.x, axis=1)
-        seen = np.isfinite(error)
-        heat = _node_means(after, e.x[seen], error[seen])
-        old = _distortion(before, e.x)
+    for row, (name, episode) in zip(rows, episodes.items(), strict=True):
+        before = episode.before.sensory
+        after = episode.after.sensory
+        reached = episode.after.forward(episode.q, "activity")
+        error = 1e3 * np.linalg.norm(reached - episode.x, axis=1)
+        answered = np.isfinite(error)
+        heat = _node_means(after, episode.x[answered], error[answered])
+        old = _distortion(before, episode.x)
         top = float(np.nanquantile(old, 0.98))
         most = float(np.nanquantile(heat, 0.99))
         panels = {
             f"link {name}, before adapting": (before, old, top),
-            "after adapting": (after, _distortion(after, e.x), top),
+            "after adapting": (after, _distortion(after, episode.x), top),
             "error after adapting": (after, heat, most),
         }
         labels = ("distortion [mm]", "distortion [mm]", "forward error [mm]")
         for ax, title, label in zip(row, panels, labels, strict=True):
             net, values, highest = panels[title]
-            across, up = 1e3 * e.x[::20].T
-            ax.plot(
-                across,
-                up,
-                ".",
-                color="#b8c2cb",
-                markersize=1.2,
-                zorder=0,
-            )
+            across, up = 1e3 * episode.x[::20].T
+            ax.plot(across, up, ".", color="#b8c2cb", markersize=1.2, zorder=0)
             _draw_map(ax, net, values, 1e3, highest, label)
             ax.set(
                 title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal"
@@ -142,47 +109,27 @@ def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
     figure = _figure(9.6, 6.2)
     axes = figure.subplots(2, 2, sharex=True)
     (zeta, error), (sigma, rates) = axes
-    for colour, (name, e) in zip(
+    for colour, (name, episode) in zip(
         (ACCENT, SECOND), episodes.items(), strict=True
     ):
-        n = [s.samples for s in e.steps]
+        steps = episode.steps
+        samples = [step.samples for step in steps]
         series = (
-            (zeta, [s.zeta_sensory for s in e.steps], "-", ""),
-            (zeta, [s.threshold for s in e.steps], ":", ": threshold"),
-            (error, [1e3 * s.error for s in e.steps], "-", ""),
-            (sigma, [s.sigma for s in e.steps], "-", ""),
-            (rates, [s.eta for s in e.steps], "-", ": eta"),
-            (rates, [s.beta for s in e.steps], "--", ": beta"),
+            (zeta, [step.zeta_sensory for step in steps], "-", ""),
+            (zeta, [step.threshold for step in steps], ":", ": threshold"),
+            (error, [1e3 * step.error for step in steps], "-", ""),
+            (sigma, [step.sigma for step in steps], "-", ""),
+            (rates, [step.eta for step in steps], "-", ": eta"),
+            (rates, [step.beta for step in steps], "--", ": beta"),
         )
-        for ax, values, dash, what in series:
-            ax.plot(
-                n,
-                values,
-                dash,
-                color=colour,
-                label=name + what,
-            )
-        zeta.axhline(
-            e.distortion["trained"],
-            color=colour,
-            linewidth=0.6,
-        )
-    zeta.set(
-        ylabel="distortion zeta, eq. 9 [unit box]",
-        yscale="log",
-    )
-    error.set(
-        ylabel="error before learning a sample [mm]",
-        yscale="log",
-    )
-    sigma.set(
-        ylabel="sigma, eq. 10 [nodes]",
-        xlabel="samples after the change",
-    )
-    rates.set(
-        ylabel="eta and beta, eq. 12",
-        xlabel="samples after the change",
-    )
+        for ax, values, dash, label in series:
+            ax.plot(samples, values, dash, color=colour, label=name + label)
+        zeta.axhline(episode.distortion["trained"], color=colour, linewidth=0.6)
+    zeta.set(ylabel="distortion zeta, eq. 9 [unit box]", yscale="log")
+    error.set(ylabel="error before learning a sample [mm]", yscale="log")
+    after = "samples after the change"
+    sigma.set(ylabel="sigma, eq. 10 [nodes]", xlabel=after)
+    rates.set(ylabel="eta and beta, eq. 12", xlabel=after)
     for ax in axes.flat:
         ax.grid(alpha=0.3)
         ax.legend(frameon=False, fontsize=8)
@@ -190,10 +137,7 @@ def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
 
 
 def _save(figure: Figure, path: Path) -> None:
-    atomic_write(
-        path,
-        partial(figure.savefig, format="png", dpi=160),
-    )
+    atomic_write(path, partial(figure.savefig, format="png", dpi=160))
 
 
 def _distortion(net: Map, x: Array) -> Array:

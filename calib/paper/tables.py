@@ -64,6 +64,10 @@ _READOUTS = ("winner", "activity", "linear")
 _Columns = Mapping[str, Mapping[str, float]]
 
 
+# errors of a trial, and those that the paper has
+_Line = tuple[Row, Mapping[str, PaperErrors] | None]
+
+
 @dataclass(frozen=True)
 class Table:
     """A table as it is printed and as a CSV file."""
@@ -93,20 +97,22 @@ class Result:
 def table1(setting: Setting) -> Result:
     """SOM against VDSOM: each at its own best schedule, then both at the same one."""
     best: dict[str, Row] = {}
-    searched: dict[str, list[Candidate]] = {}
+    same: dict[str, Row] = {}
+    rankings: dict[str, list[Candidate]] = {}
     for network in NETWORKS:
-        trial, searched[network] = best_trial(setting, network)
+        trial, rankings[network] = best_trial(setting, network)
         best[network] = trial.row(setting)
-    same = {
-        n: NetworkTrial(n, SAME_SCHEDULE, setting.side).row(setting)
-        for n in NETWORKS
-    }
+    for network in NETWORKS:
+        same_trial = NetworkTrial(network, SAME_SCHEDULE, setting.side)
+        same[network] = same_trial.row(setting)
     paper = _in_si_units(TABLE1)
     setting.report(1.0, "the default varying density")
-    default = NetworkTrial("vdsom:residual", Schedule(), setting.side).row(
-        setting
-    )
-    schedules = {n: str(found[0].schedule) for n, found in searched.items()}
+    default_trial = NetworkTrial("vdsom:residual", Schedule(), setting.side)
+    default = default_trial.row(setting)
+    schedules = {
+        network: str(ranking[0].schedule)
+        for network, ranking in rankings.items()
+    }
     ratios = {
         "best": _ratios(best["som"]["activity"], best["vdsom"]["activity"]),
         "same_schedule": _ratios(
@@ -125,60 +131,56 @@ def table1(setting: Setting) -> Result:
         "ratios": ratios,
         **_size_of(setting),
     }
-    size = f"{setting.side}x{setting.side}"
     # small lattices are not the paper's
-    beside = dict.fromkeys(TABLE1) if setting.quick else TABLE1
-    lines = {
-        f"{n.upper()}, best: {schedules[n]}": (best[n], beside[n])
-        for n in NETWORKS
-    }
-    lines |= {
-        f"{n.upper()}, same: {SAME_SCHEDULE}": (same[n], beside[n])
-        for n in NETWORKS
-    }
-    lines["VDSOM:residual, the default"] = (default, beside["vdsom"])
-    tables = [
-        _comparison(
-            "table1", f"Table 1, {size} nodes, {_conditions(setting)}", lines
-        ),
+    printed = dict.fromkeys(TABLE1) if setting.quick else TABLE1
+    lines: dict[str, _Line] = {}
+    for network, row in best.items():
+        label = f"{network.upper()}, best: {schedules[network]}"
+        lines[label] = (row, printed[network])
+    for network, row in same.items():
+        label = f"{network.upper()}, same: {SAME_SCHEDULE}"
+        lines[label] = (row, printed[network])
+    lines["VDSOM:residual, the default"] = (default, printed["vdsom"])
+    size = f"{setting.side}x{setting.side}"
+    title = f"Table 1, {size} nodes, {_conditions(setting)}"
+    tables = (
+        _comparison("table1", title, lines),
         _ratio_table(ratios),
-        Table(
-            "schedules",
-            "validation error of each schedule, mean of the columns as a share of the range",
-            ("network", "schedule", "error"),
-            [
-                (n, str(f.schedule), f.score)
-                for n, found in searched.items()
-                for f in found
-            ],
-        ),
+        _schedule_table(rankings),
+    )
+    return Result(data, tables)
+
+
+def _schedule_table(rankings: Mapping[str, Sequence[Candidate]]) -> Table:
+    """Schedules of each network by their validation error."""
+    rows: list[Cells] = [
+        [network, str(candidate.schedule), candidate.score]
+        for network, ranking in rankings.items()
+        for candidate in ranking
     ]
-    return Result(data, tuple(tables))
+    title = "validation error of each schedule, mean of the columns as a share of the range"
+    return Table("schedules", title, ("network", "schedule", "error"), rows)
 
 
 def table2(setting: Setting) -> Result:
     """VDSOM of three sizes, at the best schedule of the largest."""
     trial, _ = best_trial(setting, "vdsom")
     data: dict[str, object] = {}
-    lines = {}
+    lines: dict[str, _Line] = {}
     for k, side in enumerate(setting.sides):
         setting.report(k / len(setting.sides), f"{side}x{side}")
         row = NetworkTrial("vdsom", trial.schedule, side).row(setting)
         data[f"{side}x{side}"] = row
         paper = None if setting.quick else TABLE2.get(side)
         lines[f"VDSOM {side}x{side}"] = (row, paper)
-    printed = {f"{n}x{n}": columns for n, columns in TABLE2.items()}
+    printed = {f"{side}x{side}": errors for side, errors in TABLE2.items()}
     data["paper"] = _in_si_units(printed)
     data |= {"schedule": str(trial.schedule), **_size_of(setting)}
     title = f"Table 2, {trial.schedule}, {_conditions(setting)}"
     return Result(data, (_comparison("table2", title, lines),))
 
 
-def _comparison(
-    name: str,
-    title: str,
-    lines: Mapping[str, tuple[Row, Mapping[str, PaperErrors] | None]],
-) -> Table:
+def _comparison(name: str, title: str, lines: Mapping[str, _Line]) -> Table:
     """Mean and largest errors, spread over the seeds and share of the range, beside the paper's."""
     header = ["network", "readout", "error", "mean", "+-", "max", "+-"]
     header += ["% of range", "max %", "paper mean", "paper max"]
@@ -199,10 +201,14 @@ def _comparison(
 
 def _ratios(columns: _Columns, others: _Columns) -> dict[str, dict[str, float]]:
     """Errors of `others` over those of `columns`, per column."""
-    return {
-        c: {k: others[c][k] / columns[c][k] for k in ("mean", "max")}
-        for c in COLUMNS
-    }
+    ratios: dict[str, dict[str, float]] = {}
+    for name in COLUMNS:
+        other = others[name]
+        column = columns[name]
+        ratios[name] = {
+            key: other[key] / column[key] for key in ("mean", "max")
+        }
+    return ratios
 
 
 def _ratio_table(ratios: Mapping[str, _Columns]) -> Table:

@@ -168,12 +168,7 @@ def association(
         seed=seed,
     )
     with one_blas_thread():
-        return associate(
-            scale,
-            scale.to_unit(samples.q),
-            samples.x,
-            options,
-        )
+        return associate(scale, scale.to_unit(samples.q), samples.x, options)
 
 
 def activity_errors(pair: Association, q: Array, x: Array) -> Array:
@@ -221,13 +216,7 @@ def best_schedule(setting: Setting, network: str) -> list[Candidate]:
         samples = setting.babble(seed)
         q, x = setting.validation(samples, seed)
         for n, schedule in enumerate(candidates):
-            pair = association(
-                samples,
-                network,
-                schedule,
-                setting.side,
-                seed,
-            )
+            pair = association(samples, network, schedule, setting.side, seed)
             scores[schedule].append(float(activity_errors(pair, q, x).mean()))
             share = (k + (n + 1) / len(candidates)) / len(setting.seeds)
             setting.report(share, f"{network}: {schedule}")

@@ -18,7 +18,6 @@ Hand-eye (camera and board from pictures and motions), in the order of the flow:
     notes             remarks, and what limits the accuracy
     rig               the result as JSON, lines and a file
     next_poses        poses that improve it most
-    rigid             rigid motions as matrices
 Tags and films (logs of a tag on the tip):
     pictures          pictures of a folder, frames of a video, a model's photo
     tags              tags and corners to .01 px

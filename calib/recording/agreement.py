@@ -9,7 +9,7 @@ import numpy as np
 from ..common.arrays import Array, Mask
 from ..errors import LogError
 from .board_pictures import LEAST
-from .fit import Fit
+from .fit import CornerFit
 from .problem import Problem
 
 
@@ -36,67 +36,82 @@ class Settings:
 SETTINGS = Settings()
 
 
-def consensus(problem: Problem) -> tuple[Fit, Mask]:
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """A fit, and the motions that agree with it."""
+
+    fit: CornerFit
+    agreeing: Mask  # (n,)
+    score: float  # rms miss of these [px] over their share of all
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether so many motions are as noisy as where camera or board were moved once."""
+        turn, _, _, shift, *_ = self.fit.noise.error
+        most_turn, most_shift = SETTINGS.doubtful
+        is_noisy = turn > most_turn or shift > most_shift
+        return bool(is_noisy and len(self.agreeing) // 2 >= SETTINGS.half)
+
+
+def consensus(problem: Problem) -> tuple[CornerFit, Mask]:
     """The fit of the pictures that agree, and which these are (n,).
 
     Raises LogError if too few do.
     """
-    number = np.arange(len(problem.rows))
-    half = len(number) // 2
-    fits = _fits_from(problem, number >= 0)
-    if not fits:  # begin without those that the closed form contradicts
+    count = len(problem.rows)
+    whole = _agreement(problem, np.ones(count, bool))
+    if whole is None:  # begin without those that the closed form contradicts
         misses = problem.bundle.misses(problem.predict(problem.start))
-        fits = _fits_from(problem, misses < SETTINGS.far * np.median(misses))
-    is_doubtful = not fits
-    if fits and half >= SETTINGS.half:
-        noise = fits[0][0].noise.error
-        turn, shift = SETTINGS.doubtful
-        is_doubtful = noise[0] > turn or noise[3] > shift
-    if is_doubtful:  # a board that was moved once leaves one half whole
-        fits += _fits_from(problem, number < half)
-        fits += _fits_from(problem, number >= half)
-    if not fits:
+        whole = _agreement(problem, misses < SETTINGS.far * np.median(misses))
+    attempts = [whole]
+    if whole is None or whole.is_doubtful:
+        # a board that was moved once leaves one half whole
+        is_early = np.arange(count) < count // 2
+        attempts += [
+            _agreement(problem, is_early),
+            _agreement(problem, ~is_early),
+        ]
+    agreements = [attempt for attempt in attempts if attempt is not None]
+    if not agreements:
         raise LogError(
             "no place of camera and board explains the pictures: check that each row is of its "
             "picture, that it is this robot and its tip carries what is in the hand, and that "
             "camera and board were not moved"
         )
-    scores = []
-    for fit, agreeing in fits:
-        misses = problem.bundle.misses(problem.predict(fit))
-        squares = misses[agreeing] ** 2
-        rms = np.sqrt(np.mean(squares))
-        scores.append(rms / agreeing.mean())
     # one half by itself has to fit far better, since few pictures always fit well
-    best = int(np.argmin(scores))
-    is_better = scores[best] < SETTINGS.better * scores[0]
-    return fits[best if is_better else 0]
+    first = agreements[0]
+    best = min(agreements, key=lambda agreement: agreement.score)
+    if best.score >= SETTINGS.better * first.score:
+        best = first
+    return best.fit, best.agreeing
 
 
-def _fits_from(problem: Problem, agreeing: Mask) -> list[tuple[Fit, Mask]]:
-    """The fit of all motions that agree with some (n,), and which agree; none where it fails."""
+def _agreement(problem: Problem, agreeing: Mask) -> Agreement | None:
+    """The fit of all motions that agree with some (n,); None where it fails."""
     for _ in range(SETTINGS.rounds):
         if agreeing.sum() < LEAST:
-            return []
+            return None
         try:
             fit = problem.solve(np.flatnonzero(agreeing), problem.start)
         except np.linalg.LinAlgError:
-            return []
+            return None
         misses = problem.bundle.misses(problem.predict(fit))
         usual = max(np.median(misses[agreeing]), fit.noise.corner.max())
         before = agreeing
         agreeing = misses < SETTINGS.far * usual
         if (agreeing == before).all():
             break
-    noise = fit.noise
-    is_arm = noise.error[0] < SETTINGS.turn and noise.error[3] < SETTINGS.shift
-    is_camera = noise.corner.max() < SETTINGS.corner
-    if is_arm and is_camera and before.mean() >= SETTINGS.share:
-        return [(fit, before)]
-    return []
+    turn, _, _, shift, *_ = fit.noise.error
+    is_arm = turn < SETTINGS.turn and shift < SETTINGS.shift
+    is_camera = fit.noise.corner.max() < SETTINGS.corner
+    share = before.mean()
+    if not is_arm or not is_camera or share < SETTINGS.share:
+        return None
+    rms = np.sqrt(np.mean(misses[before] ** 2))
+    return Agreement(fit, before, float(rms / share))
 
 
-def held_out_pixels(problem: Problem, fit: Fit, agreeing: Mask) -> Array:
+def held_out_pixels(problem: Problem, fit: CornerFit, agreeing: Mask) -> Array:
     """Pixels (N, 2) of all corners by fits that did not use their motions.
 
     Motions that do not agree are predicted by the fit itself.

@@ -11,20 +11,20 @@ from ..arm.rigid import (
     adjoint,
     along_parent,
     inverse,
+    rigid,
     shift_of,
     shifts_along_parents,
     turn_of,
 )
 from ..arm.rotations import quaternion_of
-from ..body.belief import Body
 from ..body.sensor_pose import SensorPose, hand_pose
 from ..common.arrays import Array, Index, Mask
 from ..samples.lens import Lens
 from ..samples.samples import Samples
 from .agreement import consensus, held_out_pixels
 from .bundle import shape_slopes
-from .fit import Fit
-from .joint_motions import JointMotions
+from .fit import CornerFit
+from .joint_motions import ArmBelief, JointMotions
 from .notes import limit_of, notes_of
 from .problem import Problem
 from .rig import CameraPlace, HandEye, LensFacts, Place
@@ -44,7 +44,7 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
     # errors of corners by the fit itself, and of motions by fits without them
     residuals = bundle.pixels - problem.predict(fit)
     used_corners = agreeing[bundle.motion]
-    off = np.linalg.norm(residuals[used_corners], axis=1)
+    distances = np.linalg.norm(residuals[used_corners], axis=1)
     misses = bundle.misses(held_out_pixels(problem, fit, agreeing))
     squares = misses[agreeing] ** 2
     rms = float(np.sqrt(np.mean(squares)))
@@ -69,7 +69,10 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
         used=int(used.sum()),
         hand=hand,
         base=base,
-        reprojection={"mean": float(off.mean()), "max": float(off.max())},
+        reprojection={
+            "mean": float(distances.mean()),
+            "max": float(distances.max()),
+        },
         lens=rig_fit.lens_facts(0),
         limited_by="",
         notes=(),
@@ -104,7 +107,7 @@ class RigFit:
     """A fit of pictures as places, lenses and a board, with intervals."""
 
     problem: Problem
-    fit: Fit
+    fit: CornerFit
     agreeing: Mask  # (n,), motions that the fit rests on
 
     @cached_property
@@ -130,7 +133,7 @@ class RigFit:
             return camera_frame, board_frame
         return board_frame, camera_frame
 
-    def body(self, camera: int) -> Body | None:
+    def body(self, camera: int) -> ArmBelief | None:
         """The arm with one camera as a belief; None of flange poses."""
         bundle = self.problem.bundle
         if not isinstance(bundle.motions, JointMotions):
@@ -184,29 +187,23 @@ class RigFit:
         covariance = self.fit.covariance[np.ix_(places, places)]
         variances = np.diag(slope @ covariance @ slope.T)
         sds = np.sqrt(np.maximum(variances, 0.0))
-        turn, shift = sds.reshape(2, 3)
-        quaternion = quaternion_of(turn_of(pose[None]))[0]
-        position = shift_of(pose)
-        return self._document(position, quaternion, shift, turn, shift, turn)
+        turn, shift = np.split(sds, 2)
+        sd = np.concatenate([shift, turn])
+        return self._place(pose, sd, sd)
 
     def _sensor_place(self, place: SensorPose | None) -> Place:
         """A place by joints, whose intervals count turns about the first and last axis apart."""
         assert place is not None  # noqa: S101 - the arm has a drawing
-        return self._document(
-            place.position,
-            place.quaternion,
-            *np.split(place.sd, 2),
-            *np.split(place.sd_up_to_gauge, 2),
-        )
+        pose = rigid(place.rotation, place.position)
+        return self._place(pose, place.sd, place.sd_up_to_gauge)
 
-    def _document(
-        self, position: Array, quaternion: Array, *sds: Array
-    ) -> Place:
-        """A place as JSON; sds are of shift and turn, then the same up to the gauge."""
-        shift, turn, sure_shift, sure_turn = self.half_width * np.array(sds)
+    def _place(self, pose: Array, sd: Array, sd_up_to_gauge: Array) -> Place:
+        """A pose (4, 4) [m] as JSON; sds (6,) are of shift and turn along the parent's axes."""
+        shift, turn = np.split(self.half_width * sd, 2)
+        sure_shift, sure_turn = np.split(self.half_width * sd_up_to_gauge, 2)
         return {
-            "position": position.tolist(),
-            "quaternion": quaternion.tolist(),
+            "position": shift_of(pose).tolist(),
+            "quaternion": quaternion_of(turn_of(pose)).tolist(),
             "position_95": shift.tolist(),
             "rotation_95": turn.tolist(),
             "position_95_up_to_gauge": sure_shift.tolist(),

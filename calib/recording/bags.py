@@ -206,7 +206,7 @@ def _offset(
     stamps: Array, x: Array, times: Array, values: Array
 ) -> tuple[float, list[str]]:
     """What has to be added to the stamps of positions [s], and what the user should be told."""
-    apart = float(times[0] - stamps[0])
+    gap = float(times[0] - stamps[0])
     is_common = min(times[-1], stamps[-1]) > max(times[0], stamps[0])
     track = np.where(np.isfinite(x).all(axis=1, keepdims=True), 1e3 * x, np.nan)
     try:
@@ -217,11 +217,11 @@ def _offset(
         if is_common:
             return 0.0, [UNSURE]
         raise LogError(
-            f"the clocks of joints and positions are {abs(apart):.10g} s apart: the joints start "
+            f"the clocks of joints and positions are {abs(gap):.10g} s apart: the joints start "
             f"at {times[0]:.10g} s, the positions at {stamps[0]:.10g} s, and {error}",
             parameter="time_offset",
         ) from None
-    offset = clocks.offset + apart
+    offset = clocks.offset + gap
     if is_common and abs(offset) < max(_IN_TIME, 3.0 * clocks.doubt):
         return 0.0, []
     interval = f"{offset:+.4f} +- {2.0 * max(clocks.doubt, SURE):.2g} s"

@@ -151,7 +151,7 @@ class Chessboard(Pattern):
 
 
 @dataclass(frozen=True)
-class Board(Pattern):
+class CharucoPattern(Pattern):
     """A chessboard with tags in its white squares; the origin is a corner of the print."""
 
     marker: float  # side of a tag within a square [m]
@@ -318,7 +318,7 @@ def parse_board(board: Pattern | str) -> Pattern:
     families = [family] if family else []
     if grid:
         return TagGrid(*size, side, other, *families)
-    return Board(*size, side, other, *families)
+    return CharucoPattern(*size, side, other, *families)
 
 
 def parse_length(

@@ -90,26 +90,11 @@ class BoardPictures:
         poses = self.poses(lens)
         hand = hand_poses(poses, in_hand)
         turns = turn_of(hand)
-
-        # the point in what is in the hand, and a turn and shift of the board, which are in the
-        # camera's axes, in those of the log
+        point = self.board.points().mean(axis=0)
         if in_hand:
             diagonal = float(np.hypot(*self.board.size))
             point = np.array([0.0, 0.0, AHEAD * diagonal])
-            to_log = -turns
-            lever = point - np.array([pose.shift for pose in poses])
-        else:
-            point = self.board.points().mean(axis=0)
-            to_log = np.broadcast_to(np.eye(3), turns.shape)
-            lever = turns @ point
-
-        # covariance (p, 6, 6) of the point and of the turn
-        slopes = np.zeros((len(turns), 6, 6))
-        slopes[:, :3, :3] = -to_log @ cross_matrix(lever)
-        slopes[:, :3, 3:] = to_log
-        slopes[:, 3:, :3] = to_log
-        of_poses = np.array([pose.covariance[:6, :6] for pose in poses])
-        covariance = slopes @ of_poses @ np.swapaxes(slopes, 1, 2)
+        covariance = _log_covariance(poses, point, in_hand)
         variances = np.einsum("njj->n", covariance[:, :3, :3])
         noise = np.sqrt(variances.mean() / 3)
         source = {
@@ -136,6 +121,29 @@ class BoardPictures:
             if self.episodes is None
             else self.episodes.astype(float),
         )
+
+
+def _log_covariance(
+    poses: Sequence[Pose], point: Array, in_hand: bool
+) -> Array:
+    """Covariance (p, 6, 6) of the place of a point (3,) of what is in the hand, and of its turn.
+
+    Both are along the axes of what stands still; a board's turn and shift are along the camera's.
+    """
+    boards = matrices(poses)
+    if in_hand:
+        axes = -np.swapaxes(turn_of(boards), 1, 2)
+        lever = point - shift_of(boards)
+    else:
+        axes = np.broadcast_to(np.eye(3), (len(poses), 3, 3))
+        lever = turn_of(boards) @ point
+    slopes = np.zeros((len(poses), 6, 6))
+    slopes[:, :3, :3] = -axes @ cross_matrix(lever)
+    slopes[:, :3, 3:] = axes
+    slopes[:, 3:, :3] = axes
+    of_boards = np.array([pose.covariance[:6, :6] for pose in poses])
+    covariance: Array = slopes @ of_boards @ np.swapaxes(slopes, 1, 2)
+    return covariance
 
 
 def hand_poses(poses: Sequence[Pose], in_hand: bool) -> Array:
@@ -188,47 +196,56 @@ def find_board(
         rows, shots, notes = read_shots(table, pictures)
     else:
         rows, shots = _shots_of(table, pictures)
+    return _corners_in(shots, rows, table, board, notes)
 
-    # the corners that each picture shows
+
+def _corners_in(
+    shots: Iterator[Shot],
+    rows: Sequence[int],
+    table: JointTable,
+    board: Pattern,
+    notes: list[str],
+) -> BoardPictures:
+    """The corners of a board in shots, whose rows of joints are given; notes grow as shots come."""
     corners: dict[int, dict[int, Array]] = {}  # by row
-    shown: list[str] = []
-    without: dict[str, int] = {}
-    looked: list[Picture] = []
+    names: list[str] = []
+    few: dict[str, int] = {}  # corners of pictures that do not show the board
+    without: list[Picture] = []
     grey = np.zeros((0, 0), np.uint8)
     for number, name, grey in shots:
         marks = board.find(grey)
         if len(marks) < LEAST_CORNERS:
-            without[name] = len(marks)
-            looked.append(grey)
+            few[name] = len(marks)
+            without.append(grey)
         else:
             corners[rows[number]] = marks
-            shown.append(name)
-    count = len(shown) + len(without)
-    if len(shown) < LEAST:
-        most = max([*without.values(), *map(len, corners.values())], default=0)
+            names.append(name)
+    count = len(names) + len(few)
+    if len(names) < LEAST:
+        most = max([*few.values(), *map(len, corners.values())], default=0)
         raise LogError(
-            f"the board is in {len(shown)} of {count} pictures, expected {LEAST} with "
+            f"the board is in {len(names)} of {count} pictures, expected {LEAST} with "
             f"{LEAST_CORNERS} corners or more (at most {most} found): "
-            f"{_instead(looked[:LEAST], board)}"
+            f"{_instead(without[:LEAST], board)}"
         )
-    if without:
+    if few:
         notes.append(
-            f"no board, or fewer than {LEAST_CORNERS} corners of it, in {len(without)} pictures, "
-            f"left out: {listing(without)}"
+            f"no board, or fewer than {LEAST_CORNERS} corners of it, in {len(few)} pictures, "
+            f"left out: {listing(few)}"
         )
-    places = np.array([*corners])
+    shown = np.array([*corners])
     episodes = table.episodes
     return BoardPictures(
         board=board,
         joint_names=table.names,
-        names=tuple(shown),
-        q=table.q[places],
+        names=tuple(names),
+        q=table.q[shown],
         corners=tuple(corners.values()),
         size=(grey.shape[1], grey.shape[0]),
         count=count,
         notes=tuple(notes),
-        episodes=None if episodes is None else episodes[places],
-        rows=places,
+        episodes=None if episodes is None else episodes[shown],
+        rows=shown,
     )
 
 
@@ -251,7 +268,7 @@ def _instead(looked: Sequence[Picture], board: Pattern) -> str:
     rows = board.rows
     turned = replace(board, columns=rows, rows=columns)
     mirrored = [np.ascontiguousarray(grey[:, ::-1]) for grey in looked]
-    ways = [
+    explanations = [
         (turned, looked, f"they show a board of {rows}x{columns} squares"),
         (
             board,
@@ -260,14 +277,14 @@ def _instead(looked: Sequence[Picture], board: Pattern) -> str:
         ),
     ]
     if isinstance(board, Chessboard):  # it looks the same turned and mirrored
-        more = replace(board, columns=columns + 1, rows=rows + 1)
+        larger = replace(board, columns=columns + 1, rows=rows + 1)
         words = (
             f"they show {columns}x{rows} corners, which are {columns + 1}x{rows + 1} squares: "
-            f"give `board={more.text!r}`"
+            f"give `board={larger.text!r}`"
         )
-        ways = [(more, looked, words)]
-    for other, pictures, words in ways:
-        if any(len(other.find(grey)) >= LEAST_CORNERS for grey in pictures):
+        explanations = [(larger, looked, words)]
+    for pattern, pictures, words in explanations:
+        if any(len(pattern.find(grey)) >= LEAST_CORNERS for grey in pictures):
             return words
     return "check the board's columns and rows of squares, its dictionary, that it is in focus"
 

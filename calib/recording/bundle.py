@@ -17,6 +17,7 @@ import numpy as np
 
 from ..arm.rigid import adjoint, inverse, shift_of, step_from, turn_of
 from ..common.arrays import Array, Index
+from ..samples.lens import Lens
 from .pictures import opencv
 
 LENS = 9
@@ -61,7 +62,7 @@ class Motions:
         return replace(self, values=self.values[rows])
 
 
-class Layout:
+class CornerLayout:
     """Where the unknowns stand: frames, lenses, shapes of boards, the arm; then a motion's errors.
 
     frames : (cameras + boards, 6);  lenses : (cameras, 9);  shapes : (boards, SHAPE);  arm : (k,)
@@ -105,7 +106,7 @@ class Unknowns:
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class CornerSight:
     """What cameras see of all corners, and how that follows the unknowns."""
 
     pixels: Array  # (N, 2)
@@ -131,10 +132,10 @@ class Bundle:
         return [int(in_hand != first) for in_hand in self.in_hand]
 
     @cached_property
-    def layout(self) -> Layout:
+    def layout(self) -> CornerLayout:
         """Where the unknowns stand."""
         cameras = len(self.in_hand)
-        return Layout(cameras, max(self.boards) + 1, self.motions.size)
+        return CornerLayout(cameras, max(self.boards) + 1, self.motions.size)
 
     @cached_property
     def pictures(self) -> list[Index]:
@@ -168,7 +169,7 @@ class Bundle:
         rms: Array = np.sqrt(total / np.bincount(self.motion))
         return rms
 
-    def look(self, unknowns: Unknowns) -> Sight:
+    def look(self, unknowns: Unknowns) -> CornerSight:
         """Pixels of all corners and their slopes at some values of the unknowns."""
         arm = unknowns.values[self.layout.arm]
         poses = self.motions.poses(arm)
@@ -176,7 +177,7 @@ class Bundle:
         by_arm = self.motions.slopes(arm)
         cameras = range(len(self.in_hand))
         sights = [self._look(k, unknowns, flange, by_arm) for k in cameras]
-        return Sight(*map(np.concatenate, zip(*sights, strict=True)))
+        return CornerSight(*map(np.concatenate, zip(*sights, strict=True)))
 
     def _look(
         self, camera: int, unknowns: Unknowns, flange: Array, by_arm: Array
@@ -282,11 +283,10 @@ def project(
     lens : (9,);  focus : (N,), factors of the focal lengths;  slopes : (N, 2, 3) and (N, 2, 9)
     """
     origin = np.zeros(3)
-    centre = lens[2:4]
-    matrix = np.diag([*lens[:2], 1.0])
-    matrix[:2, 2] = centre
+    camera = Lens.of((0, 0), lens)
+    centre = camera.centre
     pixels, slopes = opencv().projectPoints(
-        points[:, None], origin, origin, matrix, lens[4:]
+        points[:, None], origin, origin, camera.matrix, camera.distortion
     )
     factors = focus[:, None]
     pixels = pixels[:, 0] - centre

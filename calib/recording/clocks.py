@@ -145,12 +145,13 @@ class _Pair:
 
         most : rows and steps;  rate : whether the clocks' rate is free
         """
+        count, steps = most
         clocks = start
         best = replace(start, error=np.inf)
         rate_sd = CLOCK.rate_sd if rate else 1e-12
-        for _ in range(most[1]):
+        for _ in range(steps):
             # how late the track is, and how rate and chain change
-            when, track = self.sample(clocks, most[0])
+            when, track = self.sample(clocks, count)
             if len(when) < 16:
                 break
             rows = TrackRows(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Index
-from .bundle import POSE, Bundle, Sight, Unknowns
+from .bundle import POSE, Bundle, CornerSight, Unknowns
 
 
 @dataclass(frozen=True)
@@ -52,11 +52,19 @@ class Scale:
 
 
 @dataclass(frozen=True, eq=False)
-class Prior:
+class CornerPrior:
     """What is known before any picture; an unknown of no scale is free."""
 
     mean: Array  # (s,)
     scales: Sequence[Scale]
+
+    @property
+    def sizes(self) -> Array:
+        """Sd (s,) that the evidence begins with."""
+        sizes = np.full(len(self.mean), np.inf)
+        for scale in self.scales:
+            sizes[scale.indices] = scale.start
+        return sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +90,7 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class CornerFit:
     """Unknowns and noise: where a fit begins, or ends."""
 
     unknowns: Unknowns
@@ -93,8 +101,8 @@ class Fit:
 
 
 def solve(
-    bundle: Bundle, prior: Prior, start: Fit, *, learn: bool = True
-) -> Fit:
+    bundle: Bundle, prior: CornerPrior, start: CornerFit, *, learn: bool = True
+) -> CornerFit:
     """Fit the unknowns, and where `learn` the noise at each step.
 
     Raises LinAlgError where the corners do not determine the unknowns.
@@ -125,7 +133,7 @@ def solve(
 
 
 def information(
-    bundle: Bundle, noise: Noise, sight: Sight
+    bundle: Bundle, noise: Noise, sight: CornerSight
 ) -> tuple[Array, Array]:
     """Normal equations of unknowns and errors at each motion, by its corners alone.
 
@@ -149,7 +157,7 @@ def information(
 
 
 def _residuals(
-    bundle: Bundle, noise: Noise, sight: Sight
+    bundle: Bundle, noise: Noise, sight: CornerSight
 ) -> tuple[Array, Array]:
     """Residuals (N, 2) [px] of corners, and Huber's weights (N,)."""
     residuals = bundle.pixels - sight.pixels
@@ -159,7 +167,9 @@ def _residuals(
     return residuals, np.minimum(1.0, ratios)
 
 
-def _step(bundle: Bundle, prior: Prior, fit: Fit, sight: Sight) -> Step:
+def _step(
+    bundle: Bundle, prior: CornerPrior, fit: CornerFit, sight: CornerSight
+) -> Step:
     """A step in which the motions' errors are eliminated (Schur complement)."""
     noise = fit.noise
     size = bundle.layout.size
@@ -199,8 +209,12 @@ def _inverse(normal: Array) -> Array:
 
 
 def _learn(
-    bundle: Bundle, prior: Prior, fit: Fit, sight: Sight, variances: Array
-) -> Fit:
+    bundle: Bundle,
+    prior: CornerPrior,
+    fit: CornerFit,
+    sight: CornerSight,
+    variances: Array,
+) -> CornerFit:
     """The fit with the noise that its residuals show.
 
     variances : (n, e), of the motions' errors
@@ -211,7 +225,7 @@ def _learn(
     return replace(fit, noise=noise, freedom=freedom)
 
 
-def _error_noise(fit: Fit, variances: Array) -> tuple[Array, float]:
+def _error_noise(fit: CornerFit, variances: Array) -> tuple[Array, float]:
     """Sd (e,) of the motions' errors, and the degrees of freedom of their turns and shifts."""
     noise = fit.noise
     columns = len(noise.error)
@@ -232,11 +246,11 @@ def _error_noise(fit: Fit, variances: Array) -> tuple[Array, float]:
     return np.repeat(sizes, widths), freedom
 
 
-def _prior_noise(prior: Prior, fit: Fit) -> Array:
+def _prior_noise(prior: CornerPrior, fit: CornerFit) -> Array:
     """Prior sd (s,) of the unknowns."""
     sizes = fit.noise.prior.copy()
-    away = fit.unknowns.values - prior.mean
-    squares = away**2
+    deviations = fit.unknowns.values - prior.mean
+    squares = deviations**2
     variances = np.diag(fit.covariance)
     for scale in prior.scales:
         sd = sizes[scale.indices]
@@ -249,7 +263,7 @@ def _prior_noise(prior: Prior, fit: Fit) -> Array:
 
 
 def _corner_noise(
-    bundle: Bundle, fit: Fit, sight: Sight, freedom: float
+    bundle: Bundle, fit: CornerFit, sight: CornerSight, freedom: float
 ) -> Array:
     """Sd (c,) [px] of corners, the larger of two estimates.
 

@@ -17,18 +17,29 @@ from ..arm.rigid import (
     turn_of,
 )
 from ..arm.rotations import logarithm
-from ..body.belief import Body
+from ..body.covariance import root_of
 from ..body.settings import FINER, SHIFT, TURN
 from ..body.spatial import SpatialStructure
+from ..body.structure import OfStructure
 from ..common.arrays import Array, Index
-from .bundle import Layout, Motions
-from .fit import Fit, Scale
+from .bundle import CornerLayout, Motions
+from .fit import CornerFit, Scale
 
 FREE = ("placement", "offset")
 """Groups of the arm's parameters that the pictures correct."""
 
 SIZE_SD = 2e-3
 """Drawn arms are as large as they say to .2 %."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArmBelief(OfStructure):
+    """A drawn arm, with what is in its hand and what stands still, as pictures say."""
+
+    structure: SpatialStructure
+    beta: Array  # (d,)
+    active: Index  # (k,), parameters that are uncertain
+    root: Array  # (k, k), of their covariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,67 +113,42 @@ class JointMotions(Motions):
         return scales
 
     def body(
-        self, fit: Fit, layout: Layout, hand_number: int, base_number: int
-    ) -> Body:
+        self,
+        fit: CornerFit,
+        layout: CornerLayout,
+        hand_number: int,
+        base_number: int,
+    ) -> ArmBelief:
         """The fit as a belief whose readings are poses of what is in the hand.
 
         hand_number, base_number : frames of what is in the hand and of what stands still
         """
-        hand = fit.unknowns.frames[hand_number]
-        base = fit.unknowns.frames[base_number]
-        beta = self.beta(fit.unknowns.values[layout.arm])
-        self._set_sensor(beta, hand, inverse(base))
-
-        # slope (d, s) of the structure's parameters by the unknowns
         groups = self.structure.groups
         tool = [*groups["tool.rotation"], *groups["tool"]]
         view = [*groups["view.rotation"], *groups["view.shift"]]
+        hand = fit.unknowns.frames[hand_number]
+        base = fit.unknowns.frames[base_number]
+        # the view is the inverse of its frame
+        poses = np.stack([hand, inverse(base)])
+        beta = self.beta(fit.unknowns.values[layout.arm])
+        turns = logarithm(turn_of(poses))
+        beta[tool + view] = np.concatenate(
+            [turns, shift_of(poses)], axis=1
+        ).ravel()
+
+        # slope (d, s) of the structure's parameters by the unknowns
         slope = np.zeros((self.structure.size, layout.size))
         slope[self.active, layout.arm[:-1]] = 1.0
         by_hand = shifts_along_parents(hand[None])
-        slope[np.ix_(tool, layout.frames[hand_number])] = by_hand
-        # the view is the inverse of its frame
         by_base = -along_parent(inverse(base)) @ adjoint(base)
+        slope[np.ix_(tool, layout.frames[hand_number])] = by_hand
         slope[np.ix_(view, layout.frames[base_number])] = by_base
 
-        active, root = _root_of(slope @ fit.covariance @ slope.T)
-        zeros = np.zeros(6)
-        return Body(
-            self.structure,
-            beta,
-            active,
-            root=root,
-            noise=np.ones(6),
-            kappa=1.0,
-            tau=zeros,
-            residual=zeros,
-            nu=np.inf,
-            autocorrelation=0.0,
-            scales={},
-            rows=self.count,
-            simulated=False,
-            member="chain",
-        )
-
-    def _set_sensor(self, beta: Array, tool: Array, view: Array) -> None:
-        """Write the tool in the tip and the base in the view (4, 4) [m] into parameters (d,)."""
-        groups = self.structure.groups
-        turns = turn_of(np.stack([tool, view]))
-        tool_turn, view_turn = logarithm(turns)
-        beta[groups["tool"]] = shift_of(tool)
-        beta[groups["tool.rotation"]] = tool_turn
-        beta[groups["view.shift"]] = shift_of(view)
-        beta[groups["view.rotation"]] = view_turn
+        covariance = slope @ fit.covariance @ slope.T
+        active = np.flatnonzero(np.diag(covariance) > 0.0)
+        root = root_of(covariance[np.ix_(active, active)])
+        return ArmBelief(self.structure, beta, active, root)
 
     @cached_property
     def _base(self) -> SpatialStructure:
         return self.structure.with_sensor(view="base pose")
-
-
-def _root_of(covariance: Array) -> tuple[Index, Array]:
-    """Which parameters of a covariance (d, d) are uncertain (a,), and the root (a, a) of theirs."""
-    active = np.flatnonzero(np.diag(covariance) > 0.0)
-    uncertain = covariance[np.ix_(active, active)]
-    values, vectors = np.linalg.eigh(uncertain)
-    sds = np.sqrt(np.maximum(values, 0.0))
-    return active, vectors * sds

@@ -44,9 +44,8 @@ class Rests:
 
     window: float = 0.2  # of which the slowest frame is taken [s]
     speed: float = 0.05  # [rad/s]
-    apart: float = float(
-        np.radians(1.0)
-    )  # two rests of one place tell no more than one [rad]
+    # [rad]; two rests of one place tell no more than one
+    distance: float = float(np.radians(1.0))
     most: int = 80  # frames that are taken
     least: int = 12  # frames, below which it hardly stands still
 
@@ -286,7 +285,10 @@ def _resting(q: Array, time: Array, episode: Index) -> Index:
     slowest = order[first]
     resting: list[int] = []
     for frame in slowest[speed[slowest] < RESTS.speed].tolist():
-        if not resting or np.abs(q[frame] - q[resting[-1]]).max() > RESTS.apart:
+        if (
+            not resting
+            or np.abs(q[frame] - q[resting[-1]]).max() > RESTS.distance
+        ):
             resting.append(frame)
     some = spread_rows(len(resting), RESTS.most)
     return np.array(resting, np.intp)[some]
@@ -332,9 +334,8 @@ class Motors:
         label = os.fspath(path)
         try:
             motors = cls(json.loads(Path(path).read_text(encoding="utf-8")))
-            motors.angles(
-                tuple(motors.document), np.zeros(1)
-            )  # reads the ranges
+            # reads the ranges
+            motors.angles(tuple(motors.document), np.zeros(1))
             for entry in motors.document.values():
                 int(entry["homing_offset"])
         except OSError as error:

@@ -11,7 +11,7 @@ from ..arm.arm import SpatialArm
 from ..common.arrays import Mask
 from ..common.wording import listing, two_digits
 from .bundle import POSE
-from .fit import Fit
+from .fit import CornerFit
 from .joint_motions import JointMotions
 from .problem import Problem, turning
 from .rig import HandEye
@@ -62,7 +62,7 @@ def limit_of(problem: Problem, rig: HandEye, agreeing: Mask) -> str:
 
 
 def notes_of(
-    problem: Problem, fit: Fit, rig: HandEye, agreeing: Mask
+    problem: Problem, fit: CornerFit, rig: HandEye, agreeing: Mask
 ) -> tuple[str, ...]:
     """All that has to be known."""
     notes: list[str] = []
@@ -108,7 +108,7 @@ def _open(rig: HandEye, agreeing: Mask) -> Iterator[str]:
     if max(rig.hand["position_95_up_to_gauge"]) < LIMITS.open:
         return
     squares, directions = np.linalg.eigh(rig.covariance[3:6, 3:6])
-    off = 1.96e3 * float(np.sqrt(max(squares[-1], 0.0)))
+    half = 1.96e3 * float(np.sqrt(max(squares[-1], 0.0)))
     turns, axes = turning(rig.flange[agreeing])
     first, second, third = map(two_digits, np.degrees(turns).tolist())
     along, one, other = (
@@ -116,7 +116,7 @@ def _open(rig: HandEye, agreeing: Mask) -> Iterator[str]:
         for axis in (directions[:, -1], axes[1], axes[2])
     )
     yield (
-        f"what is in the hand is open along ({along}) of the flange, to ± {two_digits(off)} mm: "
+        f"what is in the hand is open along ({along}) of the flange, to ± {two_digits(half)} mm: "
         f"the hand turns by {first} deg about one axis, by {second} and {third} about the others. "
         f"Two poses more tell it: turned by 30 deg about ({one}) and about ({other}) of the flange"
     )
@@ -134,7 +134,7 @@ def _size(rig: HandEye) -> Iterator[str]:
         )
 
 
-def _lenses(problem: Problem, fit: Fit) -> Iterator[str]:
+def _lenses(problem: Problem, fit: CornerFit) -> Iterator[str]:
     lenses = problem.bundle.layout.lenses
     for number, view in enumerate(problem.views):
         focus = float(fit.noise.error[POSE + number])
@@ -178,7 +178,7 @@ def _nearness(rig: HandEye) -> Iterator[str]:
 
 
 def _arm(
-    problem: Problem, arm: SpatialArm, fit: Fit, rig: HandEye
+    problem: Problem, arm: SpatialArm, fit: CornerFit, rig: HandEye
 ) -> Iterator[str]:
     """How good the arm is, whether it is this one, and what no picture tells of joints."""
     bundle = problem.bundle

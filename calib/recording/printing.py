@@ -18,9 +18,8 @@ MARGIN = 8e-3
 def print_tag(number: int, size: float, dictionary: str = DICTIONARY) -> str:
     """Return a tag as SVG whose black square has the side `size` [m]."""
     cells = tag_cells(number, dictionary)
-    border = max(
-        MARGIN, size / len(cells)
-    )  # a tag needs a cell of white around it
+    # a tag needs a cell of white around it
+    border = max(MARGIN, size / len(cells))
     words = f"{dictionary} {number}, black square {1e3 * size:g} mm"
     return _page(
         [BlackSquare(0.0, 0.0, size, cells)], (size, size), border, words

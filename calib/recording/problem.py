@@ -17,12 +17,12 @@ from ..common.wording import listing
 from ..errors import LogError
 from ..samples.motion import pose_index
 from .board_pictures import LEAST
-from .bundle import Bundle, Motions, Unknowns, shape_slopes
-from .fit import Fit, Noise, Prior, Scale, solve
+from .bundle import Bundle, CornerLayout, Motions, Unknowns, shape_slopes
+from .fit import CornerFit, CornerPrior, Noise, Scale, solve
 from .joint_motions import JointMotions
 from .motion_tables import FlangeTable
 from .readings import Choice, choose, refuse_readings
-from .start import Start, find_start
+from .start import RigStart, find_start
 from .view import View
 
 
@@ -56,8 +56,8 @@ class Problem:
     views: Sequence[View]  # with the boards numbered alike
     rows: Index  # (n,), of joints or poses that some camera has a picture of
     bundle: Bundle
-    prior: Prior
-    start: Fit
+    prior: CornerPrior
+    start: CornerFit
     arm: SpatialArm | None = None
     choice: Choice | None = None  # what poses mean
 
@@ -81,13 +81,15 @@ class Problem:
             names |= dict.fromkeys(view.pictures.names[k] for k in chosen)
         return tuple(names)
 
-    def solve(self, motions: Index, start: Fit, *, learn: bool = True) -> Fit:
+    def solve(
+        self, motions: Index, start: CornerFit, *, learn: bool = True
+    ) -> CornerFit:
         """The fit to the pictures of some motions."""
         exact = start.unknowns.exact(len(motions))
         start = replace(start, unknowns=exact)
         return solve(self.bundle.take(motions), self.prior, start, learn=learn)
 
-    def predict(self, fit: Fit) -> Array:
+    def predict(self, fit: CornerFit) -> Array:
         """Pixels (N, 2) of all corners where the motions alone put them."""
         return self.bundle.look(fit.unknowns.exact(len(self.rows))).pixels
 
@@ -165,7 +167,7 @@ def _refuse_one_axis(flange: Array) -> None:
         )
 
 
-def _refuse_mirrored(view: View, start: Start) -> None:
+def _refuse_mirrored(view: View, start: RigStart) -> None:
     """Refuse a board that the closed form puts behind the camera."""
     if start.size == -np.inf:
         raise LogError(
@@ -174,7 +176,7 @@ def _refuse_mirrored(view: View, start: Start) -> None:
         )
 
 
-def _refuse_late(flange: Array, view: View, start: Start) -> None:
+def _refuse_late(flange: Array, view: View, start: RigStart) -> None:
     """Refuse poses (n, 4, 4) if those of the row before or behind explain the pictures better."""
     for by in (1, -1):
         other = find_start(np.roll(flange, by, axis=0), view, start.unit)
@@ -238,48 +240,56 @@ def _problem(views: Sequence[View], rows: Index, motions: Motions) -> Problem:
         starts[bundle.boards.index(k)] for k in sorted(set(bundle.boards))
     ]
 
-    # values to begin with, prior means, and the scales of priors
-    begin = np.zeros(layout.size)
+    prior = _prior(numbered, boards, motions, layout)
+    values = np.zeros(layout.size)
+    for view, lens in zip(numbered, layout.lenses, strict=True):
+        values[lens] = view.lens.parameters
+    for start, shape in zip(boards, layout.shapes, strict=True):
+        values[shape[-1]] = start.size
+    frames = [start.camera for start in starts]
+    frames += [start.board for start in boards]
+    exact = np.zeros((len(rows), layout.errors))
+    noise = Noise(
+        corner=np.full(len(views), PRIORS.corner),
+        error=np.repeat([*PRIORS.motion, PRIORS.focus], [3, 3, len(views)]),
+        prior=prior.sizes,
+    )
+    unknowns = Unknowns(np.array(frames), values, exact)
+    fit = CornerFit(unknowns, noise, np.zeros((0, 0)))
+    return Problem(numbered, rows, bundle, prior, fit)
+
+
+def _prior(
+    views: Sequence[View],
+    boards: Sequence[RigStart],
+    motions: Motions,
+    layout: CornerLayout,
+) -> CornerPrior:
+    """What is known of lenses, boards and the arm before the pictures."""
     mean = np.zeros(layout.size)
     scales: list[Scale] = []
-    for view, lens in zip(numbered, layout.lenses, strict=True):
-        begin[lens] = view.lens.parameters
-        mean[lens] = begin[lens]
+    for view, lens in zip(views, layout.lenses, strict=True):
+        mean[lens] = view.lens.parameters
         if view.given is None:
             mean[lens[4:]] = 0.0
         scales += _lens_scales(view, lens)
     for start, shape in zip(boards, layout.shapes, strict=True):
-        begin[shape[-1]] = start.size
         scales += _board_scales(start, shape)
     if isinstance(motions, JointMotions):
         scales += motions.scales(layout.arm)
-    sizes = np.full(layout.size, np.inf)
-    for scale in scales:
-        sizes[scale.indices] = scale.start
-
-    noise = Noise(
-        corner=np.full(len(views), PRIORS.corner),
-        error=np.repeat([*PRIORS.motion, PRIORS.focus], [3, 3, len(views)]),
-        prior=sizes,
-    )
-    frames = [start.camera for start in starts]
-    frames += [start.board for start in boards]
-    exact = np.zeros((len(rows), layout.errors))
-    unknowns = Unknowns(np.array(frames), begin, exact)
-    fit = Fit(unknowns, noise, np.zeros((0, 0)))
-    return Problem(numbered, rows, bundle, Prior(mean, scales), fit)
+    return CornerPrior(mean, scales)
 
 
 def _starts(
     views: Sequence[View], rows: Index, motions: Motions
-) -> list[Start]:
+) -> list[RigStart]:
     """Where each camera and its board begin; cameras at one place number a board from one end."""
     flange = motions.poses(np.zeros(motions.size))
-    starts: list[Start] = []
-    firsts: dict[bool, Start] = {}
+    starts: list[RigStart] = []
+    firsts: dict[bool, RigStart] = {}
     for view in views:
-        there = flange[np.searchsorted(rows, view.rows)]
-        start = find_start(there, view, "m")
+        flange_of_view = flange[np.searchsorted(rows, view.rows)]
+        start = find_start(flange_of_view, view, "m")
         _refuse_mirrored(view, start)
         first = firsts.setdefault(view.in_hand, start)
         starts.append(_from_same_end(start, first, view.board.half_turn))
@@ -287,8 +297,8 @@ def _starts(
 
 
 def _from_same_end(
-    start: Start, other: Start, half_turn: Array | None
-) -> Start:
+    start: RigStart, other: RigStart, half_turn: Array | None
+) -> RigStart:
     """A start with its board numbered from the end that another camera's is."""
     if half_turn is None:
         return start
@@ -329,7 +339,7 @@ def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
     )
 
 
-def _board_scales(start: Start, shape: Index) -> list[Scale]:
+def _board_scales(start: RigStart, shape: Index) -> list[Scale]:
     """Priors of a board, whose size may be another than stated."""
     lowest, highest = PRIORS.printed
     size = abs(start.size)
@@ -353,14 +363,14 @@ def _lens_scales(view: View, places: Index) -> Iterator[Scale]:
         (slice(6, 8), 0.05 / edge),
         (slice(8, 9), edge**-6),
     )
-    for part, highest in groups:
+    for numbers, highest in groups:
         lowest = 1e-6 * highest
         start = 0.3 * highest
         if view.given is not None:
-            variances = np.diag(view.given.covariance)[part]
+            variances = np.diag(view.given.covariance)[numbers]
             lowest = max(float(np.sqrt(variances.max())), lowest)
             start = max(lowest, 1e-2 * highest)
-        elif part.stop <= 4:
+        elif numbers.stop <= 4:
             start = highest
             lowest = highest
-        yield Scale(places[part], start, lowest, highest)
+        yield Scale(places[numbers], start, lowest, highest)

@@ -24,7 +24,7 @@ from ..samples.findings import Finding
 from ..samples.other_readings import readings as joint_readings
 from ..samples.settings import DIAGNOSIS
 from .motion_tables import FlangeTable
-from .start import Start, find_start
+from .start import RigStart, find_start
 from .view import View
 
 AXES = ["".join(axes) for axes in permutations("xyz")]
@@ -97,19 +97,19 @@ class Choice:
     """The reading that fits best."""
 
     reading: Reading
-    start: Start
+    start: RigStart
     convention: Convention
     ties: tuple[str, ...]  # readings that fit as well
 
 
 def pose_readings(table: FlangeTable) -> list[Reading]:
     """All ways to read a table."""
-    ways = []
+    readings = []
     for rotation, angles, matrices in _turns(table.numbers[:, 3:]):
         flange = rigid(matrices, table.numbers[:, :3])
-        ways.append(Reading(rotation, angles, False, flange))
-        ways.append(Reading(rotation, angles, True, inverse(flange)))
-    return ways
+        readings.append(Reading(rotation, angles, False, flange))
+        readings.append(Reading(rotation, angles, True, inverse(flange)))
+    return readings
 
 
 def _turns(numbers: Array) -> list[tuple[str, str, Array]]:
@@ -148,32 +148,33 @@ def choose(
     """
     alike = ALIKE.get(rotation or "", rotation)
     angles = None if degrees is None else ("deg" if degrees else "rad")
-    some = [
+    readings = [
         reading
         for reading in pose_readings(table)
         if alike in (None, reading.rotation)
         and angles in (None, reading.angles or angles)
     ]
-    if not some:
+    if not readings:
         raise OptionError(
             f"rotation {rotation!r} is none of the poses: expected one of {', '.join(ROTATIONS)} "
             "that has as many numbers"
         )
     starts = [
-        find_start(reading.flange[view.rows], view, unit) for reading in some
+        find_start(reading.flange[view.rows], view, unit)
+        for reading in readings
     ]
-    order = sorted(range(len(some)), key=lambda k: starts[k].rank)
+    order = sorted(range(len(readings)), key=lambda k: starts[k].rank)
     least = starts[order[0]].rank
     tied = [k for k in order if starts[k].rank < TIED * least]
 
     def unusual(k: int) -> tuple[bool, bool, bool]:
         """Whether it is base in flange, of no name in the header, and of no maker."""
-        rotation = some[k].rotation
+        rotation = readings[k].rotation
         is_named = rotation == table.named
-        return some[k].inverse, not is_named, rotation not in MAKERS
+        return readings[k].inverse, not is_named, rotation not in MAKERS
 
     best = min(tied, key=unusual)
-    reading = some[best]
+    reading = readings[best]
     start = starts[best]
     others = [starts[k].rank for k in order if k != best]
     convention = Convention(
@@ -183,7 +184,7 @@ def choose(
         inverse=reading.inverse,
         ratio=min([*others, np.inf]) / max(start.rank, 1e-12),
     )
-    ties = tuple(some[k].words for k in tied if k != best)
+    ties = tuple(readings[k].words for k in tied if k != best)
     return Choice(reading, start, convention, ties)
 
 
@@ -196,25 +197,25 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     neutral = structure.neutral()
     q = view.pictures.q
 
-    def start(values: Array, seen: View) -> Start:
+    def start(values: Array, view_of_finding: View) -> RigStart:
         places, turns = base.pose(values, neutral)
-        return find_start(rigid(turns, places), seen, "m")
+        return find_start(rigid(turns, places), view_of_finding, "m")
 
     usual = start(q, view)
     is_board = abs(np.expm1(usual.size)) < _MISSAID
     if usual.misfit < _FAR and is_board:
         return
-    some = spread_rows(len(q), _TRIED)
-    few = replace(view, boards=view.boards[some])
-    other_eye = replace(few, in_hand=not view.in_hand)
+    rows = spread_rows(len(q), _TRIED)
+    thinned = replace(view, boards=view.boards[rows])
+    other_eye = replace(thinned, in_hand=not view.in_hand)
     best = usual.misfit
     words = ""
     hint = ""
     for values, finding in _others(structure, view):
-        seen = other_eye if finding.kind == "eye" else few
-        there = start(values[some], seen).misfit
-        if there < _CLEAR * best:
-            best = there
+        view_of_finding = other_eye if finding.kind == "eye" else thinned
+        misfit = start(values[rows], view_of_finding).misfit
+        if misfit < _CLEAR * best:
+            best = misfit
             words = finding.words
             hint = finding.hint
             if finding.kind == "exchanged":

@@ -19,7 +19,7 @@ from ..common.arrays import Array
 from ..errors import LogError
 from ..samples.lens import Lens
 from ..samples.tables import open_source
-from .board import LEAST_CORNERS, Board
+from .board import LEAST_CORNERS, CharucoPattern
 from .pictures import opencv
 
 
@@ -168,7 +168,7 @@ class MarkLayout:
     least: int  # marks that must be seen
 
     @staticmethod
-    def of_board(board: Board) -> MarkLayout:
+    def of_board(board: CharucoPattern) -> MarkLayout:
         """The corners of a board."""
         return MarkLayout(
             "the board", dict(enumerate(board.corners()[:, :2])), LEAST_CORNERS

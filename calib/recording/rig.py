@@ -13,11 +13,11 @@ import numpy as np
 
 from ..arm.rigid import rigid
 from ..arm.rotations import logarithm, matrix_of
-from ..body.belief import Body
+from ..body.structure import OfStructure
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from ..common.choices import Eye
-from ..common.wording import two_digits
+from ..common.wording import by_name, two_digits
 from ..errors import ModelError
 from ..model.model import Model
 from ..model_file.container import check_sum, pack, unpack
@@ -102,7 +102,7 @@ class HandEye:
     covariance: Array
     # of joints: the pictures as `calib log --eye` writes
     poses: Samples | None = None
-    body: Body | None = None
+    body: OfStructure | None = None
 
     def __repr__(self) -> str:
         """Say in two lines how good the calibration is, and what limits it."""
@@ -134,12 +134,10 @@ class HandEye:
     def document(self) -> dict[str, object]:
         """All but the log and the body, as plain values."""
         names = [field.name for field in fields(self)]
-        document = {name: getattr(self, name) for name in names}
-        for name in UNWRITTEN:
-            del document[name]
-        for name in ARRAYS:
-            document[name] = document[name].tolist()
-        return document
+        document = {
+            name: getattr(self, name) for name in names if name not in UNWRITTEN
+        }
+        return document | {name: document[name].tolist() for name in ARRAYS}
 
     def to_json(self) -> dict[str, object]:
         """What `calib handeye --json` prints."""
@@ -262,25 +260,30 @@ def transform_files(
             eye = camera["eye"]
             parent = tip if eye == "hand" else base
             places[f"{camera['name']}_frame"] = (parent, camera[eye])
-    # geometry_msgs/TransformStamped
-    stamped = []
+    transforms = []
     lines: list[str] = []
     for child, (parent, place) in places.items():
-        transform = {
-            "translation": dict(zip("xyz", place["position"], strict=True)),
-            "rotation": dict(zip("xyzw", place["quaternion"], strict=True)),
-        }
-        stamped.append(
-            {
-                "header": {"frame_id": parent},
-                "child_frame_id": child,
-                "transform": transform,
-            }
+        transforms.append(
+            stamped(parent, child, place["position"], place["quaternion"])
         )
         lines += _lines(parent, child, place)
     return {
-        Path(path): json.dumps(stamped, indent=2) + "\n",
+        Path(path): json.dumps(transforms, indent=2) + "\n",
         Path(path).with_suffix(".txt"): "\n".join(lines) + "\n",
+    }
+
+
+def stamped(
+    parent: str, child: str, position: list[float], quaternion: list[float]
+) -> dict[str, object]:
+    """A frame in its parent as a geometry_msgs/TransformStamped."""
+    return {
+        "header": {"frame_id": parent},
+        "child_frame_id": child,
+        "transform": {
+            "translation": by_name("xyz", position),
+            "rotation": by_name("xyzw", quaternion),
+        },
     }
 
 

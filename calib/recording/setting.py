@@ -16,7 +16,7 @@ from ..common.choices import DICTIONARY
 from ..common.wording import listing
 from ..errors import LogError, OptionError
 from ..samples.lens import Lens
-from .board import Board
+from .board import CharucoPattern
 from .lens import UNSTATED
 from .pictures import Picture, Shot, opencv
 from .reference import MarkLayout, Marks, PlaneReference, find_reference
@@ -42,7 +42,7 @@ class Setup:
     tag: int  # id of the tag on the tip
     dictionary: str = DICTIONARY  # of the tags on the tip and around the arm
     # what lies on the desk, a board or tags at known places: positions are in its frame [m]
-    board: Board | None = None
+    board: CharucoPattern | None = None
     tags_at: MarkLayout | None = None
     lens: Lens | None = None  # the camera's
     # side of the tip's tag [m]; with it, z and the orientation are told too
@@ -124,9 +124,8 @@ class Sightings:
     numbers: Array  # pictures in which the tag is sharp (n,)
     names: tuple[str, ...]  # and theirs
     tags: tuple[Tag, ...]  # the tag in each of them
-    marks: dict[
-        int, Marks
-    ]  # what some pictures show of the reference, by number
+    # what some pictures show of the reference, by number
+    marks: dict[int, Marks]
     reasons: Counter[str]  # why pictures have no tag, and how many
     count: int  # pictures in all
     size: tuple[int, int]  # width and height of the pictures [px]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,7 +35,7 @@ NEAREST = 0.06
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class RigStart:
     """Camera and board where motions and boards are as they are read."""
 
     camera: Array  # (4, 4), X [m]
@@ -56,7 +57,7 @@ class Start:
         return self.misfit if self.is_sized else 10.0 * self.misfit
 
 
-def find_start(flange: Array, view: View, unit: str | None = None) -> Start:
+def find_start(flange: Array, view: View, unit: str | None = None) -> RigStart:
     """Solve for camera and board; where the motions tell no lengths, with the board as stated.
 
     A flange that turns on the spot fits in any unit: then it is as far from its base as usual.
@@ -97,12 +98,12 @@ def _nearest(length: float, units: Sequence[str]) -> str:
 
 
 def _solve(
-    flange: Array, view: View, units: Sequence[str], length: float | None
-) -> Start:
+    flange: Array, view: View, units: Sequence[str], metre: float | None
+) -> RigStart:
     """Camera X and board Y of flange poses (n, 4, 4), in closed form.
 
     units : of which the flange's lengths may be
-    length : of a metre in the flange's unit; None where the boards tell it
+    metre : of the boards, in the flange's unit; None where the motions tell it
     """
     motions = inverse(flange) if view.in_hand else flange
     boards = view.boards
@@ -114,47 +115,57 @@ def _solve(
         boards = np.where(turned[:, None, None], other_ends, boards)
     points = view.board.points()
     every = max(len(points) // 8, 1)
-    points = points[::every]
+    form = _robust_closed_form(motions, boards, points[::every], metre)
+    board = form.board
+    if half_turn is not None and turned[0]:
+        # the first picture tells from which end boards are numbered
+        board = board @ half_turn
+        turned = ~turned
 
-    # X, Y and a metre's length; pictures that contradict are weighed down
+    # metres of the flange's unit, by which the board may be of another size than stated
+    unit = _nearest(max(form.metre, 1e-9), units)
+    factor = form.metre / METRES[unit]
+    frames = np.stack([form.camera, board])
+    frames[:, :3, 3] *= factor
+    size = float(np.log(factor)) if factor > 0.0 else -np.inf
+    return RigStart(frames[0], frames[1], unit, size, form.misfit, turned)
+
+
+class ClosedForm(NamedTuple):
+    """X and Y of X B = M Y."""
+
+    camera: Array  # (4, 4), X [m of the boards]
+    board: Array  # (4, 4), Y [m of the boards]
+    metre: float  # of the boards, in the motions' unit
+    misfit: float = np.inf  # of a usual picture [rad]
+
+
+def _robust_closed_form(
+    motions: Array, boards: Array, points: Array, metre: float | None
+) -> ClosedForm:
+    """X and Y, with pictures that contradict the others weighed down.
+
+    motions M, boards B : (n, 4, 4);  points : (k, 3), of the board [m]
+    """
     weights = np.ones(len(motions))
     for _ in range(ROUNDS):
-        camera, board, scale = _closed_form(motions, boards, weights, length)
-        predicted = inverse(camera) @ motions @ board
-        shifts = shift_of(predicted)
-        shifts /= scale if abs(scale) > 1e-12 else 1e-12
+        form = _closed_form(motions, boards, weights, metre)
+        in_metres = rigid(turn_of(motions), shift_of(motions) / form.metre)
+        predicted = inverse(form.camera) @ in_metres @ form.board
         misses = _gaps(predicted, boards, points)
         misfit = _usual(misses)
         far = misses / (3.0 * misfit + 1e-9)
         growth = 1.0 + far**2
         weights = 1.0 / growth**2
-
-    # the first picture tells from which end boards are numbered
-    if half_turn is not None and turned[0]:
-        half = half_turn.copy()
-        half[:3, 3] *= scale
-        board = board @ half
-        turned = ~turned
-
-    # lengths in metres
-    length = max(scale, 1e-9)
-    unit = _nearest(length, units)
-    metre = METRES[unit]
-    camera[:3, 3] /= metre
-    board[:3, 3] /= metre
-    size = -np.inf
-    if scale > 0.0:
-        size = float(np.log(length / metre))
-    return Start(camera, board, unit, size, misfit, turned)
+    return form._replace(misfit=misfit)
 
 
 def _closed_form(
-    motions: Array, boards: Array, weights: Array, size: float | None
-) -> tuple[Array, Array, float]:
-    """X, Y (4, 4) of X B = M Y, and the length of the boards' unit in the motions' unit.
+    motions: Array, boards: Array, weights: Array, metre: float | None
+) -> ClosedForm:
+    """X and Y with weights (n,) of the pictures.
 
-    motions M, boards B : (n, 4, 4) [m];  weights : (n,)
-    size : that length where it is known
+    metre : of the boards in the motions' unit, where it is known
     """
     # turns: M' X B = Y, the pair of the largest singular value, which is 1 without noise
     turns = turn_of(motions)
@@ -177,14 +188,16 @@ def _closed_form(
     rows = blocks.reshape(-1, 7)
     weighed = shift_of(motions) * root
     target = weighed.ravel()
-    if size is None:
+    if metre is None:
         shifts = np.linalg.lstsq(rows, target, rcond=1e-10)[0]
+        metre = float(shifts[6])
+        if abs(metre) < 1e-12:
+            metre = 1e-12
     else:
-        target -= size * rows[:, 6]
+        target -= metre * rows[:, 6]
         shifts = np.linalg.lstsq(rows[:, :6], target, rcond=1e-6)[0]
-        shifts = np.append(shifts, size)
-    x_shift, y_shift, (length,) = np.split(shifts, [3, 6])
-    return rigid(x_turn, x_shift), rigid(y_turn, y_shift), float(length)
+    x_shift, y_shift = shifts[:6].reshape(2, 3) / metre
+    return ClosedForm(rigid(x_turn, x_shift), rigid(y_turn, y_shift), metre)
 
 
 def _half_turned(motions: Array, boards: Array, half_turn: Array) -> Mask:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
 from .motion_tables import JointTable, read_shots
 from .pictures import Shot, Video
-from .reference import find_pose, matrices
+from .reference import PlaneReference, find_pose, matrices
 from .setting import LOOKS, Setup, Sightings, find_sightings
 from .tags import LEAST_NOISE, Tag
 from .track import jumps, row_shift
@@ -65,7 +64,6 @@ def log_pictures(
     """
     rows, shots, notes = read_shots(joints, source)
     sightings = find_sightings(shots, setting, "pictures")
-    sightings.reasons["cut off or damaged"] = len(rows) - sightings.count
     q = joints.q[[rows[number] for number in sightings.numbers]]
     if len(q) > 1:
         _check_motion(q, sightings, f"{len(q)} pictures")
@@ -78,22 +76,20 @@ def log_pictures(
             f"to {unshifted:.2g} px; is a picture missing?"
         )
     # rows that contradict the others, as a second tag makes them, are found by who learns from them
-    steady = np.flatnonzero(
-        ~np.isin(sightings.numbers, list(sightings.reference[1]))
-    )
-    reason = (
-        "the reference is elsewhere in them: camera bumped, shaken, refocused?"
-    )
-    sightings.reasons[reason] = len(q) - len(steady)
-    return _samples_of(
-        sightings,
-        [sightings.tags[k] for k in steady],
-        notes,
-        {"source": "pictures"},
-        joint_names=joints.names,
-        q=q[steady],
-        pictures=np.array(sightings.names)[steady],
-    )
+    elsewhere = np.isin(sightings.numbers, list(sightings.reference[1]))
+    steady = np.flatnonzero(~elsewhere)
+    dropped = {
+        **sightings.reasons,
+        "cut off or damaged": len(rows) - sightings.count,
+        "the reference is elsewhere in them: camera bumped, shaken, refocused?": int(
+            elsewhere.sum()
+        ),
+    }
+    tags = [sightings.tags[k] for k in steady]
+    about: dict[str, object] = {"source": "pictures"}
+    log = _log_of(sightings, tags, joints.names, q[steady], about, dropped)
+    names = np.array(sightings.names)[steady]
+    return replace(log, pictures=names, notes=(*notes, *log.notes))
 
 
 def log_video(
@@ -140,10 +136,10 @@ def log_video(
 
     # frames whose joints are known
     usable = np.isfinite(track[:, 0])
-    reasons = sightings.reasons
+    dropped = dict(sightings.reasons)
     gaps = gaps_between(when, joint_time, max_gap)
     for why, wrong in [("a jump of the track", jumps(track)), *gaps.items()]:
-        reasons[why] = int((usable & wrong).sum())
+        dropped[why] = int((usable & wrong).sum())
         usable &= ~wrong
     if not usable.any():
         raise LogError(
@@ -155,15 +151,15 @@ def log_video(
     speed = joint_speed(when, joint_time, q)
     if still is None:
         groups = _rests(when, track, usable & (speed < REST.rest))
-        kind = "the arm moves"
+        why = "the arm moves"
         notes.append(
             f"{len(groups)} rests of {np.mean([0, *map(len, groups)]):.0f} frames"
         )
     else:
         is_slow = usable & (speed < still)
         groups = list(np.flatnonzero(is_slow)[:, None])
-        kind = f"a joint moves faster than {still:g}"
-    reasons[kind] = int(usable.sum() - sum(map(len, groups)))
+        why = f"a joint moves faster than {still:g}"
+    dropped[why] = int(usable.sum() - sum(map(len, groups)))
     if not groups:
         raise LogError(
             f"the arm never rests for {REST.least} frames of {video.name}, or moves as slowly as "
@@ -174,16 +170,17 @@ def log_video(
     tag_of = dict(zip(sightings.numbers, sightings.tags, strict=True))
     tags = [_median_tag([tag_of[k] for k in group]) for group in groups]
     frame_joints = joints_at(when, joint_time, q)
-    row_time = np.array([np.median(when[group]) for group in groups])
-    return _samples_of(
-        sightings,
-        tags,
-        notes,
-        {"source": "video", "time_offset": clocks.offset, "rate": clocks.rate},
-        joint_names=joints.names,
-        q=np.array([frame_joints[group].mean(axis=0) for group in groups]),
-        time=row_time - row_time[0],
+    row_joints = np.array(
+        [frame_joints[group].mean(axis=0) for group in groups]
     )
+    row_time = np.array([np.median(when[group]) for group in groups])
+    about: dict[str, object] = {
+        "source": "video",
+        "time_offset": clocks.offset,
+        "rate": clocks.rate,
+    }
+    log = _log_of(sightings, tags, joints.names, row_joints, about, dropped)
+    return replace(log, time=row_time - row_time[0], notes=(*notes, *log.notes))
 
 
 def _motion_of(joints: JointTable) -> tuple[Array, Array]:
@@ -232,8 +229,8 @@ def _rests(when: Array, track: Array, still: Mask) -> list[Index]:
         if len(settled) >= REST.least:
             # the arm may still swing where its joints stand: only frames near the median count
             middle = np.median(track[settled], axis=0)
-            away = np.linalg.norm(track[settled] - middle, axis=1)
-            rests.append(settled[away < REST.shake])
+            distances = np.linalg.norm(track[settled] - middle, axis=1)
+            rests.append(settled[distances < REST.shake])
     return [rest for rest in rests if len(rest) >= REST.least]
 
 
@@ -262,85 +259,102 @@ def _check_motion(q: Array, sightings: Sightings, what: str) -> None:
         )
 
 
-def _samples_of(
+@dataclass(frozen=True, eq=False)
+class Positions:
+    """Where tags are."""
+
+    x: Array  # (n, 2) or (n, 3) [unit]
+    unit: str
+    scale: Array  # (n,) or (1,), size of a pixel there [unit/px]
+    shared_sd: float = 0.0  # of what all rows share [unit]
+    quaternion: Array | None = None  # (n, 4)
+
+
+def _log_of(
     sightings: Sightings,
     tags: Sequence[Tag],
-    notes: list[str],
+    joint_names: tuple[str, ...],
+    q: Array,
     about: dict[str, object],
-    **more: Any,
+    dropped: Mapping[str, int],
 ) -> Samples:
-    """Put a log together from the tags of some pictures, and why others have none.
+    """The log of tags at joints (n, dof), with notes of why pictures have none.
 
-    tags : of the log's rows;  about : how they were recorded;  more : fields of `Samples`
-    Positions are pixels; with a reference metres in its frame; with the tag's size those of the
-    tag's pose, in the reference's frame or else the camera's.
+    about : how they were recorded
     """
     setting = sightings.setting
     reference = sightings.reference[0]
-    lens = setting.lens
-    size = setting.tag_size
-    about |= {
+    pixels = np.array([tag.centre for tag in tags])
+    if setting.lens is not None and setting.tag_size is not None:
+        positions = _by_tag_size(
+            tags, setting.lens, setting.tag_size, reference
+        )
+    elif reference is not None:
+        positions = _on_plane(reference, pixels)
+    else:
+        positions = Positions(pixels, "px", np.ones(1))
+    noise = np.array([tag.noise for tag in tags]) * positions.scale
+    dropped = {why: count for why, count in dropped.items() if count}
+    notes = [
+        f"{count} {sightings.what} left out: {why}"
+        for why, count in dropped.items()
+    ]
+    rms = np.sqrt(np.mean(noise**2))
+    source = {
+        **about,
         "size": list(sightings.size),
         "tag": setting.tag,
         "dictionary": setting.dictionary,
         "reference": {"kind": "pixels"},
     }
-    if lens is not None:
-        about["lens"] = lens.to_json()
-
-    # positions, the size of a pixel there [unit], and the sd [unit] that all rows share
-    pixels = np.array([tag.centre for tag in tags])
-    x = pixels
-    unit = "px"
-    quaternion = None
-    scale = np.ones(1)
-    common = np.zeros(1)
+    if setting.lens is not None:
+        source["lens"] = setting.lens.to_json()
     if reference is not None:
-        x = reference.positions(pixels)
-        unit = "m"
-        scale, common = reference.noise(pixels)
-        about["reference"] = reference.to_json()
-    if lens is not None and size is not None:
-        poses = _tag_poses(tags, lens, size)
-        turns = turn_of(poses)
-        x = shift_of(poses)
-        if reference is None:
-            scale = x[:, 2] / lens.focal.mean()
-        else:
-            frame = reference.pose.rotation
-            turns = frame.T @ turns
-            x = (x - reference.pose.shift) @ frame
-        quaternion = quaternion_of(turns)
-        unit = "m"
-
-    # noise of a row by the tag's, and the notes
-    shared = float(np.sqrt(np.mean(common**2)))
-    noise = np.array([tag.noise for tag in tags]) * scale
-    dropped = {why: count for why, count in sightings.reasons.items() if count}
-    notes = notes + [
-        f"{count} {sightings.what} left out: {why}"
-        for why, count in dropped.items()
-    ]
-    rms = np.sqrt(np.mean(noise**2))
-    about["noise"] = float(np.hypot(rms, shared))
-    about["noise_of_reference"] = shared
-    about["dropped"] = dropped
+        source["reference"] = reference.to_json()
+    source["noise"] = float(np.hypot(rms, positions.shared_sd))
+    source["noise_of_reference"] = positions.shared_sd
+    source["dropped"] = dropped
     return Samples(
-        x=x,
-        unit=unit,
+        q,
+        positions.x,
+        joint_names,
+        unit=positions.unit,
         pixels=pixels,
-        source=about,
-        orientation=quaternion,
+        source=source,
+        orientation=positions.quaternion,
         notes=tuple(notes),
-        **more,
     )
 
 
-def _tag_poses(tags: Sequence[Tag], lens: Lens, side: float) -> Array:
-    """Poses (n, 4, 4) [m] of tags of a side [m] before the camera.
+def _on_plane(reference: PlaneReference, pixels: Array) -> Positions:
+    """Positions in the reference's frame of tags at pixels (n, 2) that lie in its plane."""
+    scale, sd = reference.noise(pixels)
+    shared_sd = float(np.sqrt(np.mean(sd**2)))
+    return Positions(reference.positions(pixels), "m", scale, shared_sd)
+
+
+def _by_tag_size(
+    tags: Sequence[Tag],
+    lens: Lens,
+    side: float,
+    reference: PlaneReference | None,
+) -> Positions:
+    """Positions of tags of a side [m] by each alone, in the reference's frame or the camera's.
 
     The tag's frame: origin in its middle, x to the right, y up, z out of the paper.
     """
     corners = [[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]
     square = 0.5 * side * np.array(corners)
-    return matrices([find_pose(lens, square, tag.corners) for tag in tags])
+    poses = matrices([find_pose(lens, square, tag.corners) for tag in tags])
+    turns = turn_of(poses)
+    x = shift_of(poses)
+    if reference is None:
+        scale = x[:, 2] / lens.focal.mean()
+        return Positions(x, "m", scale, quaternion=quaternion_of(turns))
+    pixels = np.array([tag.centre for tag in tags])
+    frame = reference.pose.rotation
+    return replace(
+        _on_plane(reference, pixels),
+        x=(x - reference.pose.shift) @ frame,
+        quaternion=quaternion_of(frame.T @ turns),
+    )

@@ -122,9 +122,11 @@ class TagFinder:
         for number in {*self.numbers[:1], *self.numbers[-1:]}:
             tag_cells(number, dictionary)  # refuses what is none
         if wanted is not None:
-            some = np.ascontiguousarray(patterns.bytesList[list(self.numbers)])
+            of_wanted = np.ascontiguousarray(
+                patterns.bytesList[list(self.numbers)]
+            )
             patterns = aruco.Dictionary(
-                some, patterns.markerSize, patterns.maxCorrectionBits
+                of_wanted, patterns.markerSize, patterns.maxCorrectionBits
             )
         self.dictionary = dictionary
         settings = aruco.DetectorParameters()
@@ -187,7 +189,7 @@ def lay_corners(
     """Corners to .01 px, by laying the print around each over the picture.
 
     corners : places (2,) [px] by number, within a pixel or so; `board` is OpenCV's
-    Returns places (2,) [px] by number of those that are found again.
+    Returns places (2,) [px] by number of those that are refined.
     """
     if len(corners) < 4:
         return {}
@@ -196,35 +198,35 @@ def lay_corners(
     points = np.array(board.getChessboardCorners(), float)
     squares = points[list(corners), :2] / board.getSquareLength()
     # from squares of the board to pixels, but for the lens
-    over, _ = cv2.findHomography(squares, pixels, cv2.RANSAC, 3.0)
-    if over is None:
+    board_to_picture, _ = cv2.findHomography(squares, pixels, cv2.RANSAC, 3.0)
+    if board_to_picture is None:
         return {}
-    flat = _map_places(over, squares)
+    without_lens = _map_places(board_to_picture, squares)
 
     # the print, about as fine as the picture
-    ends = _map_places(over, squares + 0.5)
-    diagonals = ends - _map_places(over, squares - 0.5)
+    lower_right = _map_places(board_to_picture, squares + 0.5)
+    diagonals = lower_right - _map_places(board_to_picture, squares - 0.5)
     diagonal = np.median(np.linalg.norm(diagonals, axis=1))
-    fine = round(TAG.dense * diagonal / np.sqrt(2))
-    k = int(np.clip(fine, *TAG.squares))
+    pixels_of_square = round(TAG.dense * diagonal / np.sqrt(2))
+    k = int(np.clip(pixels_of_square, *TAG.squares))
     page = _page(board, k)
 
     refined = {}
-    shifts = pixels - flat
+    shifts = pixels - without_lens
     for row, number in enumerate(corners):
-        place = squares[row]
-        low = np.round((place - TAG.around) * k).astype(int)
+        square = squares[row]
+        low = np.round((square - TAG.around) * k).astype(int)
         low = np.maximum(low, 0)
-        high = np.round((place + TAG.around) * k).astype(int)
+        high = np.round((square + TAG.around) * k).astype(int)
         patch = page[low[1] : high[1], low[0] : high[0]]
         # from the patch's pixels to squares, to pixels, to where the lens has this corner
         to_squares = np.diag([1 / k, 1 / k, 1.0])
         to_squares[:2, 2] = (low + 0.5) / k
         by_lens = np.eye(3)
         by_lens[:2, 2] = shifts[row]
-        start = by_lens @ over @ to_squares
+        start = by_lens @ board_to_picture @ to_squares
         homography, likeness = _lay(grey, patch, start)
-        in_patch = place * k - 0.5 - low
+        in_patch = square * k - 0.5 - low
         refined_place = _map_places(homography, in_patch[None])[0]
         distance = np.linalg.norm(refined_place - pixels[row])
         if likeness > 0.0 and distance < TAG.farthest:
@@ -235,35 +237,37 @@ def lay_corners(
 def _lay(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
     """The homography (3, 3) that lays a pattern on a picture best, and its correlation, or 0."""
     cv2 = opencv()
-    high, wide = pattern.shape
-    corners = np.array([[0, 0], [wide, 0], [wide, high], [0, high]]) - 0.5
+    height, width = pattern.shape
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5
     outline = _map_places(start, corners)
     if not np.abs(outline).max() < 1e5:
         return start, 0.0
     low = np.maximum(np.floor(outline.min(0)).astype(int) - 8, 0)
-    end = np.maximum(np.ceil(outline.max(0)).astype(int) + 9, low + 1)
-    back = np.array([[1.0, 0.0, -low[0]], [0.0, 1.0, -low[1]], [0.0, 0.0, 1.0]])
+    high = np.maximum(np.ceil(outline.max(0)).astype(int) + 9, low + 1)
+    to_window = np.array(
+        [[1.0, 0.0, -low[0]], [0.0, 1.0, -low[1]], [0.0, 0.0, 1.0]]
+    )
     stop = (
         cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT,
         TAG.steps,
         TAG.settled,
     )
-    part = grey[low[1] : end[1], low[0] : end[0]]
-    guess = back @ start
+    window = grey[low[1] : high[1], low[0] : high[0]]
+    guess = to_window @ start
     guess /= guess[2, 2]
     try:
         likeness, homography = cv2.findTransformECC(
             pattern,
-            part,
+            window,
             guess.astype(np.float32),
             cv2.MOTION_HOMOGRAPHY,
             stop,
             None,
             TAG.blur,
         )
-    except cv2.error:  # it did not converge, or the part is empty
+    except cv2.error:  # it did not converge, or the window is empty
         return start, 0.0
-    whole = np.linalg.inv(back) @ np.asarray(homography, float)
+    whole = np.linalg.inv(to_window) @ np.asarray(homography, float)
     return whole, float(likeness)
 
 

@@ -185,13 +185,13 @@ def repeated_readings(q: Array, x: Array) -> Mask:
 
     A sensor of coarse steps, as of whole pixels, reads the same at two places and holds nothing.
     """
-    held = np.zeros(len(q), dtype=bool)
+    is_repeated = np.zeros(len(q), dtype=bool)
     step = row_lengths(np.diff(x, axis=0))
     same = step == 0.0
     if same.all():
-        return held
+        return is_repeated
     digits = np.concatenate([np.diff(np.unique(axis)) for axis in x.T])
     if np.median(step[~same]) > READING.fine * digits.min():
         moved = row_lengths(np.diff(q, axis=0))
-        held[1:] = same & (moved > READING.moved * moved[~same].mean())
-    return held
+        is_repeated[1:] = same & (moved > READING.moved * moved[~same].mean())
+    return is_repeated

@@ -171,9 +171,9 @@ def estimate_delay(
         values = inverse @ target
         return inverse, values, target - features @ values
 
-    inverse, values, left = explain(late)
+    inverse, values, remainder = explain(late)
     variance = float(inverse[0] @ inverse[0])  # of noise of 1
-    squares = float(left @ left)
+    squares = float(remainder @ remainder)
     gain = float(values[0]) ** 2 / variance
     share = gain / (squares + gain)
     if play is not None:
@@ -182,7 +182,9 @@ def estimate_delay(
             share = 0.0
     # independent rows beside blocks of neighbouring ones (a sandwich): beside smooth columns the
     # blocks' sums are too small
-    score = (inverse[0] * left)[: rest.size].reshape(rest.shape).sum(axis=1)
+    score = (
+        (inverse[0] * remainder)[: rest.size].reshape(rest.shape).sum(axis=1)
+    )
     blocks = [block.sum() for block in np.array_split(score, DELAY.blocks)]
     freedom = max(rest.size - len(values), 1)
     white = np.sqrt(variance * squares / freedom)

@@ -205,8 +205,8 @@ def _wrong_orientations(
         ),
     )
     for other, words, hint in others:
-        left = _angle_left(drawn, frame, other)
-        if left < DIAGNOSIS.far_better * as_it_is:
+        angle = _angle_left(drawn, frame, other)
+        if angle < DIAGNOSIS.far_better * as_it_is:
             return Finding("turns", words, hint, "columns")
     return None
 

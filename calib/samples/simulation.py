@@ -264,9 +264,9 @@ class Simulation:
         for (share,) in self._of_sensor("outliers"):
             wrong = outliers.random(len(x)) < share
             # enough rows to know the extent of the workspace to a few percent
-            seen = self.exact(self.draw(4096, np.random.default_rng(0)))
-            low = seen.min(axis=0)
-            high = seen.max(axis=0)
+            workspace = self.exact(self.draw(4096, np.random.default_rng(0)))
+            low = workspace.min(axis=0)
+            high = workspace.max(axis=0)
             x[wrong] = outliers.uniform(low, high, size=x.shape)[wrong]
         return x if np.ndim(q) == 2 else x[0]
 

@@ -75,8 +75,8 @@ class Source:
         unit = self.about.get("unit")
         if isinstance(unit, str) and unit:
             return unit
-        found = (find_column(self.header, name) for name in "xyz")
-        return common_unit([column for column in found if column])
+        columns = (find_column(self.header, name) for name in "xyz")
+        return common_unit([column for column in columns if column])
 
     def read(self, names: Sequence[str]) -> pl.DataFrame:
         """Read some columns as they are, text from CSV.

@@ -79,8 +79,7 @@ def deviations_of(model: Model) -> list[Deviation]:
     others = np.setdiff1d(of_arm, chosen)
     # how much of each chosen one moves the tip as the others do
     shares = solve_least_squares(columns[:, chosen], columns[:, others])
-    root = np.zeros((structure.size, body.root.shape[1]))
-    root[body.active] = body.root
+    root = body.full_root
     values = steps[chosen] + shares @ steps[others]
     halves = Z95 * np.linalg.norm(root[chosen] + shares @ root[others], axis=1)
     deviations = []

@@ -192,15 +192,16 @@ class OnlineAdapter:
 
     def _error(self, u: Array, v: Array) -> float:
         """Mean distance [unit] of some samples from what maps and links predict."""
-        some = slice(None, None, FOLLOW.glance)
-        away = self._net.predict(u[some]) - v[some]
-        scaled = away * self._model.sensory.scale.span
-        return float(np.linalg.norm(scaled, axis=1).mean())
+        u = u[:: FOLLOW.glance]
+        v = v[:: FOLLOW.glance]
+        residual = self._net.predict(u) - v
+        residual *= self._model.sensory.scale.span
+        return float(np.linalg.norm(residual, axis=1).mean())
 
     def _reset_sigma(self, zeta: Array) -> None:
         """Start sigma where training had the same distortions of both maps (eq. 10)."""
-        for k, part in enumerate((self._model.motor, self._model.sensory)):
-            radius = matching_sigma(part, math.sqrt(zeta[k]))
+        for k, network in enumerate((self._model.motor, self._model.sensory)):
+            radius = matching_sigma(network, math.sqrt(zeta[k]))
             self._starts[k] = max(FOLLOW.sigma_end, radius)
 
     def _largest_distortion(self, sensory: Map, winner: Index) -> float:

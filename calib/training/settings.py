@@ -65,13 +65,13 @@ class WrongRows:
     share: float = 1e-4
     # neighbours that a row is compared with, how many times as far as usual they may be (in a
     # corner of the range twice as far), and by how many times their scatter it has to differ
-    around: int = 15
-    near: float = 2.5
-    apart: float = 10.0
+    neighbours: int = 15
+    most_distance: float = 2.5
+    scatters: float = 10.0
     # share of the rows that can be wrong; beyond it the fit is
-    most: float = 0.25
+    most_rows: float = 0.25
     # rows that tell how far neighbours usually are
-    fitted: int = 1500
+    sampled: int = 1500
 
 
 @dataclass(frozen=True)

@@ -51,19 +51,19 @@ class SizeCheck:
     sd: float  # of the ratio
 
     @property
-    def apart(self) -> float:
-        """How far the two sizes are apart, relative."""
+    def difference(self) -> float:
+        """Relative difference of the two sizes."""
         return abs(self.ratio - 1.0)
 
     @property
     def differs(self) -> bool:
         """Whether one of the two is wrong."""
-        return self.apart > TOUCHING.clearly * self.sd
+        return self.difference > TOUCHING.clearly * self.sd
 
     @property
     def is_plausible(self) -> bool:
         """Whether a drawing may be so far off."""
-        return self.apart <= TOUCHING.most_doubt
+        return self.difference <= TOUCHING.most_doubt
 
     def words(self, touch: Touches) -> str:
         """The sentence on two sizes that differ, by the first of the stated distances."""
@@ -77,7 +77,7 @@ class SizeCheck:
         return (
             f"the size of the arm: {points} are said to be {1e3 * stated:.4g} mm apart, by the "
             f"drawing's size they are {size:.4g} +- {1.96 * size * self.sd:.2g} mm: one of the two "
-            f"is wrong by {100 * self.apart:.2g} %; the drawing's is taken, and {widened}"
+            f"is wrong by {100 * self.difference:.2g} %; the drawing's is taken, and {widened}"
         )
 
 
@@ -96,12 +96,12 @@ def fit_sockets(
             "touches need the robot in space that made them: give its URDF"
         )
     _refuse_alike(samples, touch)
-    touched_alone = bool(touch.is_touch.all())
-    structure = structure_of(arm, "base" if touched_alone else "rigid")
+    no_sensor = bool(touch.is_touch.all())
+    structure = structure_of(arm, "base" if no_sensor else "rigid")
     structure = replace(structure, zeros_alone=options.free == "offsets")
     sockets = _fit_sound_touches(samples, touch, structure, options.seed)
     notes: list[str] = []
-    if touched_alone:
+    if no_sensor:
         sockets, words = _of_right_size(
             sockets, samples, touch, structure, options.seed
         )
@@ -151,7 +151,7 @@ def _of_right_size(
     if size is None or not size.differs:
         return sockets, []
     if size.is_plausible:
-        drawn = _with_size_sd(drawn, size.apart / 1.96)
+        drawn = _with_size_sd(drawn, size.difference / 1.96)
     return drawn, [size.words(touch)]
 
 

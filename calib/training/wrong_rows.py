@@ -34,8 +34,8 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     distances = np.linalg.norm(around - middle[:, None], axis=2)
     scatter = np.nanmedian(distances, axis=1)
     deviation = row_lengths(residual[suspects] - middle)
-    wrong = suspects[deviation > np.maximum(limit, WRONG.apart * scatter)]
-    if not 0 < len(wrong) <= WRONG.most * n:
+    wrong = suspects[deviation > np.maximum(limit, WRONG.scatters * scatter)]
+    if not 0 < len(wrong) <= WRONG.most_rows * n:
         return sound, []
     sound[wrong] = False
     return sound, [
@@ -64,11 +64,11 @@ def _with_neighbours(samples: Samples, rows: Index) -> tuple[Index, Index]:
     u = scale.to_unit(samples.q)
     box = scale.periodic.astype(float) if scale.periodic.any() else None
     tree = cKDTree(u, boxsize=box)
-    count = min(WRONG.around, n - 1) + 1  # with the row itself
-    sample = u[spread_rows(n, WRONG.fitted)]
+    count = min(WRONG.neighbours, n - 1) + 1  # with the row itself
+    sample = u[spread_rows(n, WRONG.sampled)]
     usual = float(np.median(tree.query(sample, k=[count])[0]))
     distance, neighbours = map(
         np.asarray, tree.query(u[rows], k=np.arange(1, count + 1))
     )
-    is_near = distance[:, -1] <= WRONG.near * usual
+    is_near = distance[:, -1] <= WRONG.most_distance * usual
     return rows[is_near], neighbours[is_near]

@@ -86,8 +86,8 @@ class Corrected:
             return None
         nominal = wanted.pose(self.given)[1]
         real = wanted.space.evaluate(self.nearest)[1]
-        turn = logarithm(real @ np.swapaxes(nominal, 1, 2))
-        return np.asarray(np.linalg.norm(turn, axis=1))
+        rotvec = logarithm(real @ np.swapaxes(nominal, 1, 2))
+        return np.asarray(np.linalg.norm(rotvec, axis=1))
 
     @property
     def _unit(self) -> Array:
@@ -143,7 +143,7 @@ def correct(
     )
     wanted = Wanted.of(model)
     if orientation == "free":
-        wanted = replace(wanted, keeps_turn=False)
+        wanted = replace(wanted, keeps_orientation=False)
     nearest, reachable = wanted.solve(rows)
     if limit is None:
         limits = usual_limit(model)
@@ -160,11 +160,11 @@ def usual_limit(model: Model) -> Array:
     """
     if "limit" not in model.cache:
         q = visited_joints(model, CORRECTION.nodes)
-        turns = np.array(model.about.revolute)
+        revolute = np.array(model.about.revolute)
         nearest, reachable = Wanted.of(model).solve(q)
         change = np.abs(nearest - q)[reachable]
-        limits = np.full(len(turns), CORRECTION.least)
-        for kind in (turns, ~turns):
+        limits = np.full(len(revolute), CORRECTION.least)
+        for kind in (revolute, ~revolute):
             if kind.any() and len(change):
                 usual = float(np.quantile(change[:, kind].max(axis=1), 0.95))
                 limits[kind] = max(CORRECTION.least, CORRECTION.usual * usual)

@@ -234,9 +234,10 @@ def _residuals(model: Model, samples: Samples) -> Residuals:
         return residuals
     space = Space.of(model)
     predicted = space.to_sensor(*space.evaluate(q)[:2])[1]
-    off = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
-    turned = row_lengths(logarithm(off[finite_rows(model.forward(q))]))
-    return replace(residuals, orientation=turned)
+    rotation = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
+    answered = finite_rows(model.forward(q))
+    angles = row_lengths(logarithm(rotation[answered]))
+    return replace(residuals, orientation=angles)
 
 
 def _evaluation(

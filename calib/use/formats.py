@@ -12,11 +12,13 @@ from ..arm.description import parse_robot
 from ..body.sensor_pose import SensorPose, hand_pose
 from ..body.views import is_camera
 from ..common.parallel import one_blas_thread
-from ..common.wording import by_name, one_line
+from ..common.wording import one_line
 from ..errors import OptionError
 from ..model.header import Header
 from ..model.model import Model
 from ..model_file.storage import to_bytes
+from ..recording.rig import stamped
+from ..samples.lens import Lens
 from .correct import usual_limit
 from .edits import numbers, pose_of
 from .geometry import Quantity
@@ -79,27 +81,8 @@ def camera_info(model: Model) -> str:
 
     Raises OptionError if the model was not learned from pixels of an arm in space.
     """
-    body = model.body
-    board = model.about.options.get("board")
-    if board:
-        lens = board["lens"]
-        focal = lens["focal"]
-        centre = lens["centre"]
-        distortion = lens["distortion"]
-        width, height = board["size"]
-    elif body is not None and is_camera(body.structure.view):
-        length, *centre, k1 = body.beta[body.structure.groups["lens"]].tolist()
-        focal = [length, length]
-        distortion = [k1, 0.0, 0.0, 0.0, 0.0]
-        width, height = model.about.picture or [
-            round(2 * side) for side in centre
-        ]
-    else:
-        raise OptionError(
-            "the model has no camera: expected one that was learned from pixels of an arm in space"
-        )
-    camera = np.diag([*focal, 1.0])
-    camera[:2, 2] = centre
+    lens = _lens_of(model)
+    width, height = lens.size
     document: dict[str, object] = {
         "image_width": width,
         "image_height": height,
@@ -107,16 +90,31 @@ def camera_info(model: Model) -> str:
         "distortion_model": "plumb_bob",
     }
     for name, matrix in {
-        "camera_matrix": camera,
-        "distortion_coefficients": np.array([distortion]),
+        "camera_matrix": lens.matrix,
+        "distortion_coefficients": lens.distortion[None],
         "rectification_matrix": np.eye(3),
-        "projection_matrix": np.column_stack([camera, np.zeros(3)]),
+        "projection_matrix": np.column_stack([lens.matrix, np.zeros(3)]),
     }.items():
         rows, columns = matrix.shape
         numbers = matrix.ravel().tolist()
         document[name] = {"rows": rows, "cols": columns, "data": numbers}
     # JSON is YAML, too
     return json.dumps(document, indent=2) + "\n"
+
+
+def _lens_of(model: Model) -> Lens:
+    """The lens of a model of pixels, or of pictures of a board; OptionError of others."""
+    body = model.body
+    board = model.about.options.get("board")
+    if board:
+        return Lens.from_json(board["lens"])
+    if body is None or not is_camera(body.structure.view):
+        raise OptionError(
+            "the model has no camera: expected one that was learned from pixels of an arm in space"
+        )
+    focal, u, v, k1 = body.beta[body.structure.groups["lens"]].tolist()
+    size = model.about.picture or (round(2 * u), round(2 * v))
+    return Lens.of(size, np.array([focal, focal, u, v, k1, 0, 0, 0, 0]))
 
 
 def static_transforms(model: Model) -> list[dict[str, object]]:
@@ -137,7 +135,8 @@ def static_transforms(model: Model) -> list[dict[str, object]]:
             "in space and its robot"
         )
     root = parse_robot(about.urdf, about.robot).root
-    if board := about.options.get("board"):
+    board = about.options.get("board")
+    if board:
         mount = hand_pose(body)  # of the point that the log tells
         hand = replace(
             mount, position=mount.position - mount.rotation @ board["point"]
@@ -145,29 +144,18 @@ def static_transforms(model: Model) -> list[dict[str, object]]:
         carried, standing = ("camera", "board")
         if board["eye"] == "base":
             carried, standing = ("board", "camera")
-        return [
-            _transform_document(about.tip, f"{carried}_frame", hand),
-            _transform_document(root, f"{standing}_frame", sensor),
-        ]
-    camera = is_camera(body.structure.view)
-    child = about.frame or (
-        "camera_optical_frame" if camera else "sensor_frame"
-    )
-    return [_transform_document(root, child, sensor)]
-
-
-def _transform_document(
-    parent: str, child: str, pose: SensorPose
-) -> dict[str, object]:
-    place = {
-        "translation": by_name("xyz", pose.position.tolist()),
-        "rotation": by_name("xyzw", pose.quaternion.tolist()),
-    }
-    return {
-        "header": {"frame_id": parent},
-        "child_frame_id": child,
-        "transform": place,
-    }
+        places = {
+            f"{carried}_frame": (about.tip, hand),
+            f"{standing}_frame": (root, sensor),
+        }
+    else:
+        camera = is_camera(body.structure.view)
+        child = "camera_optical_frame" if camera else "sensor_frame"
+        places = {about.frame or child: (root, sensor)}
+    return [
+        stamped(parent, child, pose.position.tolist(), pose.quaternion.tolist())
+        for child, (parent, pose) in places.items()
+    ]
 
 
 def corrected_arm(

@@ -71,8 +71,9 @@ class Points:
         if model.rows is None or model.history:
             return cls._of_answers(model)
         every = -(-len(model.rows) // FITTING.rows)
-        some = slice(None, None, every)
-        return cls(model.rows.q[some], model.rows.x[some], model.about.unit)
+        q = model.rows.q[::every]
+        x = model.rows.x[::every]
+        return cls(q, x, model.about.unit)
 
     @classmethod
     def _of_answers(cls, model: Model) -> Points:

@@ -19,7 +19,7 @@ from ..change.significance import (
 )
 from ..change.system import (
     CREEP_SHARE,
-    Products,
+    Statistics,
     prior_columns,
     smooth_columns,
 )
@@ -224,8 +224,9 @@ class _Equations:
         """Columns (b, m, r + k) at joints (b, dof), over the noise."""
         body = self._reference.body
         _, slope = body.structure.linearise(q, self._reference.beta)
+        residual_sd = body.kappa * self._reference.residual_sd
         columns = [
-            smooth_columns(self._reference, q, self._nodes),
+            smooth_columns(body, residual_sd, q, self._nodes),
             slope[:, :, self._posterior] @ self._root,
             slope[:, :, self._changes],
         ]
@@ -248,14 +249,14 @@ class _Equations:
         # the noise and the solution where everything may have changed
         sd = np.concatenate([np.ones(self._nuisances), self._sd, [1.0]])
         freed = gram * sd * sd[:, None]
-        every = Products.of_gram(count, freed, len(gram) - 1)
+        every = Statistics.of_gram(count, freed, len(gram) - 1)
         size = every.most_likely_noise(usual_noise(self._reference))
         precision = freed[:-1, :-1] + size**2 * np.eye(len(gram) - 1)
         self._solution = sd[:-1] * np.linalg.solve(precision, freed[:-1, -1])
         self.noise = float(self._reference.sizes[0]) * size
         # each group beside that noise
         temper = self._correlation_time(independent)
-        products = Products.of_gram(count, gram, self._nuisances)
+        products = Statistics.of_gram(count, gram, self._nuisances)
         freedom = every.noise_freedom(size) / temper
         tests = FTests(products, size, freedom, temper, len(self._groups))
         groups = tests.of_groups(self._groups, self._moves)

@@ -34,7 +34,7 @@ from .whitened import whitened_jacobian
 if TYPE_CHECKING:
     import os
 
-    from ..recording.board import Board
+    from ..recording.board import Pattern
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ def plan(
     ranges: Mapping[str, tuple[float, float]] | None = None,
     start: ArrayLike | None = None,
     touch: Sequence[float] | None = None,
-    handeye: Board | str | bool | None = None,
+    handeye: Pattern | str | bool | None = None,
     eye: str = "hand",
     above: float | None = None,
 ) -> Plan:
@@ -139,7 +139,7 @@ def plan(
         Where the arm is before the first pose: zero, clipped into the ranges, where not given.
     touch : (x, y, z), optional [m]
         A point in the base frame that the tip is to touch from all poses: those that tell most.
-    handeye, eye : Board or str, {"hand", "base"}, optional
+    handeye, eye : Pattern or str, {"hand", "base"}, optional
         A board that a camera is to see in all poses, from many sides, as `handeye` takes them.
         At `start` it is in the middle of the picture; the camera in the hand looks along the z
         axis of the tip's frame, or the print faces along it, to some 10 deg.  True for a model of
@@ -190,24 +190,23 @@ def plan(
         raise OptionError(f"{allowed}; ask for fewer, or allow more")
     nodes = np.vstack([begin, q[candidates.best(q, n)]])
     # by the span alone: the upper end of a whole turn is not its lower end to a cable
-    away = (np.abs(nodes[:, None] - nodes[None]) / space.scale.span).max(
-        axis=-1
-    )
-    order = shortest_tour(away)
-    way = nodes[order]
+    moves = np.abs(nodes[:, None] - nodes[None]) / space.scale.span
+    distances = moves.max(axis=-1)
+    order = shortest_tour(distances)
+    route = nodes[order]
     expected_error = None
     unit = "m"
     if not isinstance(source, Arm):
-        expected_error = source.expected_error(way[1:])
+        expected_error = source.expected_error(route[1:])
         unit = source.about.unit
     return Plan(
         space.joint_names,
-        way[1:],
-        source.forward(way[1:]),
+        route[1:],
+        source.forward(route[1:]),
         expected_error,
         start=begin,
-        travel=np.abs(np.diff(way, axis=0)).sum(axis=0),
-        length=float(away[order[:-1], order[1:]].sum()),
+        travel=np.abs(np.diff(route, axis=0)).sum(axis=0),
+        length=float(distances[order[:-1], order[1:]].sum()),
         unit=unit,
         why=(f"{n} poses, {candidates.why}",),
         notes=tuple(notes),
@@ -251,32 +250,32 @@ def farthest(scale: Scale, q: Array, n: int) -> Index:
     Returns (n,), rows of `q`, in the order of choice, from the first row on.
     """
     u = scale.to_unit(q)
-    away = np.full(len(q), np.inf)
+    distances = np.full(len(q), np.inf)
     chosen = np.empty(n, dtype=np.intp)
     for k in range(n):
-        row = int(away.argmax())
+        row = int(distances.argmax())
         chosen[k] = row
-        away = np.minimum(
-            away, np.linalg.norm(scale.difference(u, u[row]), axis=1)
+        distances = np.minimum(
+            distances, np.linalg.norm(scale.difference(u, u[row]), axis=1)
         )
-        away[row] = -1.0  # where points repeat, none is chosen twice
+        distances[row] = -1.0  # where points repeat, none is chosen twice
     return chosen
 
 
-def shortest_tour(away: Array) -> Index:
+def shortest_tour(distances: Array) -> Index:
     """Order points so that the way from the first one through all others is short.
 
     Nearest neighbours first, then 2-opt (Croes 1958: a stretch is turned round) until it gains
     nothing. The way is open: it does not return.
 
-    away : (n, n), symmetric distances; the way starts at row 0
+    distances : (n, n), symmetric; the way starts at row 0
     Returns (n,), a permutation that begins with 0.
     """
-    n = len(away)
+    n = len(distances)
     order = np.zeros(n, dtype=np.intp)
     waiting = np.arange(n) > 0
     for k in range(1, n):
-        order[k] = np.where(waiting, away[order[k - 1]], np.inf).argmin()
+        order[k] = np.where(waiting, distances[order[k - 1]], np.inf).argmin()
         waiting[order[k]] = False
     gained = True
     while gained:
@@ -286,8 +285,10 @@ def shortest_tour(away: Array) -> Index:
             first = order[i]
             ends = order[i + 1 :]
             # of the ways before-first .. end-next and before-end .. first-next
-            gain = away[before, first] - away[before, ends]
-            gain[:-1] += away[ends[:-1], ends[1:]] - away[first, ends[1:]]
+            gain = distances[before, first] - distances[before, ends]
+            gain[:-1] += (
+                distances[ends[:-1], ends[1:]] - distances[first, ends[1:]]
+            )
             j = int(gain.argmax())
             if gain[j] > 1e-12:
                 order[i : i + j + 2] = order[i : i + j + 2][::-1]

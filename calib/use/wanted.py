@@ -51,7 +51,7 @@ class Wanted:
     predict: Callable[[Array], Array]
     moves: tuple[Alignment, ...] = ()  # of the frame, in their order
     # whether the user wants the tool's orientation kept
-    keeps_turn: bool = True
+    keeps_orientation: bool = True
     # where a reading is not all that has to be met: the tool's pose of an arm with six joints, or
     # the tip's place before a camera, whose pixel does not say how far away the tip is
     space: Space | None = None
@@ -67,7 +67,7 @@ class Wanted:
     @property
     def posed(self) -> bool:
         """Whether the tool's orientation is kept."""
-        if self.space is None or not self.keeps_turn:
+        if self.space is None or not self.keeps_orientation:
             return False
         return len(self.model.about.lower) >= CORRECTION.posed
 
@@ -89,12 +89,12 @@ class Wanted:
         return x
 
     def pose(self, q: Array) -> tuple[Array, Array]:
-        """Place (n, 3) [m] and orientation (n, 3, 3) of the nominal tool in the base frame."""
+        """Position (n, 3) [m] and orientation (n, 3, 3) of the nominal tool in the base frame."""
         assert self.space is not None  # noqa: S101
         structure = self.space.structure
         nominal = nominal_behind(structure, self.space.body.beta)
-        place, turn = structure.pose(q, nominal)
-        return place, turn
+        position, rotation = structure.pose(q, nominal)
+        return position, rotation
 
     def solve(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Joints (n, dof), on the turn that `q` is on, and whether they reach, (n,).
@@ -119,9 +119,11 @@ class Wanted:
         start = self._in_range(q)
         placed = np.ones(len(start), dtype=bool)
         if self.space is not None:
-            place, turn = self.pose(start)
+            position, rotation = self.pose(start)
             reach = Reach.of(self.space, posed=self.posed)
-            goal = Poses.target(place, turn) if self.posed else place
+            goal = position
+            if self.posed:
+                goal = Poses.target(position, rotation)
             start, distance = reach.lead(goal, start)
             placed = distance <= REACHED * self.space.length
         about = self.model.about

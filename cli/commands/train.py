@@ -6,6 +6,7 @@ Exit code 3, with the model written, if its own fresh or held-out rows contradic
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -83,31 +84,20 @@ def train(
 ) -> Outcome:
     selection = Selection(joints, tip, planar, lock, ranges, degrees, gravity)
     log_format = LogFormat(columns, unit, time_offset, prismatic=prismatic)
-    if robot is None and not data:
-        raise BadOption(
-            "no source to learn from: expected ROBOT, --data LOG, or both"
-        )
-    if robot is None:
-        why = "applies to a robot: expected ROBOT too"
-        drawn = {"tip": tip, "planar": planar or None, "lock": lock}
-        refuse({**drawn, "gravity": gravity}, why)
-    elif robot.lower().endswith(TABLES):
-        raise BadOption(
-            f"ROBOT {robot!r} is a table: a log is given as --data {robot}"
-        )
-    if data:
-        simulated = {"samples": samples, "noise": noise, "change": change}
-        refuse(
-            simulated, "applies to simulated babbling, which --data replaces"
-        )
-    else:
-        of_touches = {"distance": distance, "plane": plane}
-        of_cameras = {"gravity": gravity, "lens": lens, "photo": photo}
-        refuse({**vars(log_format), **of_touches, **of_cameras}, FOR_LOGS)
-    if robot is not None and prismatic is not None:
-        raise BadOption(
-            "--prismatic applies to a log without ROBOT; ROBOT defines its joints"
-        )
+    of_touches = {"distance": distance, "plane": plane}
+    of_cameras = {"gravity": gravity, "lens": lens, "photo": photo}
+    _check_sources(
+        robot,
+        data,
+        of_robot={
+            "tip": tip,
+            "planar": planar or None,
+            "lock": lock,
+            "gravity": gravity,
+        },
+        of_logs={**vars(log_format), **of_touches, **of_cameras},
+        of_simulation={"samples": samples, "noise": noise, "change": change},
+    )
     path = output or _default_path(robot or (data or [""])[0])
     check_file(path, ())
     if data:
@@ -141,6 +131,35 @@ def train(
         model = photo_of_log(model, log, data[0])
     model.save(path)
     return _outcome(model, path)
+
+
+def _check_sources(
+    robot: str | None,
+    data: Sequence[str] | None,
+    of_robot: Mapping[str, object],
+    of_logs: Mapping[str, object],
+    of_simulation: Mapping[str, object],
+) -> None:
+    """Refuse options of what is not there: a robot, logs or a simulation."""
+    if robot is None and not data:
+        raise BadOption(
+            "no source to learn from: expected ROBOT, --data LOG, or both"
+        )
+    if robot is None:
+        refuse(of_robot, "applies to a robot: expected ROBOT too")
+    elif robot.lower().endswith(TABLES):
+        raise BadOption(
+            f"ROBOT {robot!r} is a table: a log is given as --data {robot}"
+        )
+    if data:
+        why = "applies to simulated babbling, which --data replaces"
+        refuse(of_simulation, why)
+    else:
+        refuse(of_logs, FOR_LOGS)
+    if robot is not None and of_logs["prismatic"] is not None:
+        raise BadOption(
+            "--prismatic applies to a log without ROBOT; ROBOT defines its joints"
+        )
 
 
 def _outcome(model: calib.Model, path: str) -> Outcome:

@@ -55,6 +55,17 @@ def test_curves_pass_the_gate_where_there_are_curves_and_only_there():
     )
 
 
+def test_a_further_covariance_adds_to_that_of_a_belief():
+    q = rows(60, 2, seed=3)
+    body = fit(q, seen(chain(q, LENGTHS[:2]))).body
+    free = np.setdiff1d(np.arange(body.structure.size), body.active)
+    indices = np.sort([body.active[0], free[0]])
+    wider = body.with_covariance(indices, np.array([[2.0, 0.5], [0.5, 1.0]]))
+    before = body.full_root @ body.full_root.T
+    before[np.ix_(indices, indices)] += [[2.0, 0.5], [0.5, 1.0]]
+    np.testing.assert_allclose(wider.full_root @ wider.full_root.T, before, rtol=1e-9, atol=1e-12)
+
+
 @pytest.mark.parametrize("lengths", [(0.6, 0.05), (300.0, 250.0), (3e-4, 2.5e-4)])
 def test_a_wrong_geometry_does_no_harm(lengths):
     drawn = calib.load_arm("two_link")

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boards import Rig
 from scenes import seen_by_two
 
 import calib
@@ -42,11 +41,6 @@ def in_space(robot, view, sensors=1):
     return structure, rng.uniform(arm.lower, arm.upper, (5, arm.dof)), beta
 
 
-def of_corners(in_hand):
-    rig = Rig(in_hand, pictures=3)
-    return rig.truth, np.column_stack([rig.q[rig.rows], rig.corners])[::7], rig.beta
-
-
 @pytest.mark.parametrize(
     ("world", "case"),
     [
@@ -58,8 +52,6 @@ def of_corners(in_hand):
         (in_space, ("spatial_three", "pinhole")),
         (in_space, ("spatial_three", "rigid", 2)),
         (in_space, ("six_axis", "pose")),
-        (of_corners, (True,)),
-        (of_corners, (False,)),
     ],
 )
 def test_derivatives_are_differences(world, case):
@@ -77,14 +69,11 @@ def test_derivatives_are_differences(world, case):
 
     # harmonics are many, and alike
     few = [structure.groups[f"curve.{k}"][5:] for k in range(structure.dof)]
-    unused = structure.groups["view.scale"] if world is of_corners else []
-    for k in np.setdiff1d(np.arange(structure.size), np.concatenate([*few, unused])):
+    for k in np.setdiff1d(np.arange(structure.size), np.concatenate(few)):
         step = STEP * np.eye(structure.size)[k]
         up = structure.predict(q, structure.retract(beta, step))
         down = structure.predict(q, structure.retract(beta, -step))
         close(slope(up, down), by_beta[:, :, k])
-    if world is of_corners:
-        return
     by_joint = structure.slope(q, beta)
     for k, step in enumerate(STEP * np.eye(structure.dof)):
         up, down = structure.predict(q + step, beta), structure.predict(q - step, beta)
