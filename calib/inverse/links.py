@@ -10,8 +10,8 @@ from ..common.arrays import Array, Index
 from ..maps.association import Association
 from ..maps.predictor import Predictor
 from .newton import Newton, limit_length
-from .solver import Solver
 from .settings import SOLVER
+from .solver import Solver
 from .task import Positions
 from .ways import Ways, distinct, rank_within
 
