@@ -72,9 +72,8 @@ def read_bag(
     if time_offset is None:
         time_offset, notes = _offset(stamps, x, times, values)
     stamps = stamps + time_offset
-    doubts = gaps_between(stamps, times, max_gap) | {
-        "not finite": ~np.isfinite(x).all(axis=1)
-    }
+    doubts = gaps_between(stamps, times, max_gap)
+    doubts["not finite"] = np.asarray(~np.isfinite(x).all(axis=1))
     if still is not None:
         fast = joint_speed(stamps, times, values) > still
         doubts[f"a joint moved faster than {still:g}"] = fast
