@@ -207,7 +207,7 @@ def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
 
 
 def fresh_points(simulation: Simulation, seed: int) -> tuple[Array, Array]:
-    """Joints (n, dof) and true positions (n, 2) of the 10,000 points that test a seed's models."""
+    """Joints (n, dof) and true positions (n, m) of the 10,000 points that test a seed's models."""
     rng = np.random.default_rng(TrainingOptions(seed=seed).stream("evaluation"))
     q = simulation.draw(TESTING.fresh, rng)
     return q, simulation.true(q, rng)
