@@ -52,7 +52,7 @@ class Arm:
     locked : dict of str to float [rad or m]
         The other movable joints between root and tip, and the values they are held at.
     urdf : str
-        The URDF's own text.
+        The text of the URDF or MJCF.
     notes : tuple of str
         What was assumed or mended, for the user.
     limits : tuple of (float, float) [rad or m]

@@ -28,8 +28,6 @@ from .robot_text import read_urdf
 from .robots import resolve_robot
 from .urdf import Mimic, Range, Urdf
 
-__all__ = ["PlanarArm", "SpatialArm", "arm_from_urdf", "load_arm"]
-
 
 def load_arm(
     robot: str | Path,
@@ -114,9 +112,9 @@ def arm_from_urdf(
     planar: bool = False,
     columns: Collection[str] | None = None,
 ) -> PlanarArm | SpatialArm:
-    """Build an arm from the text of a URDF; see `load_arm`.
+    """Build an arm from the text of a URDF or MJCF; see `load_arm`.
 
-    `name` is used where the URDF gives its robot none.
+    `name` is used where the text gives its robot none.
     """
     urdf = parse_robot(text, name)
     lock = dict(lock or {})

@@ -44,7 +44,7 @@ MJCF = "mujoco"
 
 
 def read_urdf(path: Path) -> str:
-    """Read a URDF file as text.
+    """Read a URDF or MJCF file as text.
 
     Raises RobotError if it is missing, a folder, empty, not UTF-8, or larger than `LIMITS.size`.
     """

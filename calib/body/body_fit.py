@@ -105,9 +105,11 @@ def _fit(
     structure: Structure, rows: Sequence[Rows], begin: Array | None, seed: int
 ) -> BodyFit:
     """Fit a structure, whose drawing counts: start, gate, all rows, second fit, bound."""
-    rows = [replace(some, floor=_least_noise(structure, some)) for some in rows]
-    members = structure.members()
-    chain = dict(members).get("chain", members[0][1])
+    rows = [
+        replace(rows_of_sensor, floor=_least_noise(structure, rows_of_sensor))
+        for rows_of_sensor in rows
+    ]
+    chain = structure.chain_blocks
     if begin is None:
         best = best_start(structure, rows[0], chain)
         start = with_other_sensors(best, rows)
@@ -148,10 +150,10 @@ def _gate_rows(
     """Return those rows of each sensor that the gate uses, in the order of the log."""
     rng = np.random.default_rng(seed)
     gate_rows: list[Rows] = []
-    for some in rows:
-        order = rng.permutation(len(some))
+    for rows_of_sensor in rows:
+        order = rng.permutation(len(rows_of_sensor))
         first = order[: structure.gate_rows]
-        gate_rows.append(some.take(np.sort(first)))
+        gate_rows.append(rows_of_sensor.take(np.sort(first)))
     return gate_rows
 
 
@@ -171,7 +173,9 @@ def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
     sd = np.zeros(len(fit.beta))
     sd[fit.active] = fit.sd
     prior = Prior(fit.mean, sd)
-    return fit.beginning(rows, prior).maximise(steps=4, tolerance=FIT.settled)
+    return fit.continued_on(rows, prior).maximise(
+        steps=4, tolerance=FIT.settled
+    )
 
 
 def _with_bound(
@@ -229,7 +233,7 @@ def _second_fits(
         blocks.add("curve")
     elif blocks <= {*member.free}:
         return none
-    wide = member.fit.beginning(rows, _wide_prior(member, blocks))
+    wide = member.fit.continued_on(rows, _wide_prior(member, blocks))
     wide.maximise(steps=4)
     share = 1.0
     if len(rows[0]) < structure.few_rows:

@@ -29,12 +29,12 @@ def best_frame(structure: SpatialStructure, rows: Rows, arm: Array) -> Start:
     """
     groups = [group for group in structure.frame_groups if group != "lens"]
     sd = structure.prior(groups).sd
-    some = rows.spread(START.guessed_rows)
+    subset = rows.spread(START.guessed_rows)
     runs: list[Start] = []
     for guess in _guesses(structure, rows, arm):
         prior = Prior(guess, sd)
         start = Start(structure, guess)
-        runs.append(start.run(some, prior, START.guess_steps))
+        runs.append(start.run(subset, prior, START.guess_steps))
     best = min(runs, key=lambda run: run.cost)
     prior = Prior(best.beta, sd)
     return best.run(rows, prior, START.steps)

@@ -65,7 +65,7 @@ class Block:
         scales: tuple[Hyper, ...] = (),
         joints: Sequence[str | None] = (None,),
     ) -> Block:
-        """Return parameters, some or one of each joint, or of none; units in turn."""
+        """Parameters named `parts`, once for each joint; `unit` may be a cycle."""
         units = cycle([unit] if isinstance(unit, str) else unit)
         labels: list[tuple[str | None, str, str]] = []
         for joint in joints:

@@ -71,7 +71,7 @@ class Sensor(Measurement):
         self,
         blocks: Mapping[str, Array],
         motion: Motion,
-        also: Array,  # noqa: ARG002
+        row_facts: Array,  # noqa: ARG002
     ) -> Sight:
         """See the tip."""
         return self.place(blocks).look(motion)
@@ -129,13 +129,13 @@ class InSpace(Sensor):
             "lens",
             ("px", "px", "px", "1"),
             ("focal", "centre.u", "centre.v", "k1"),
-            np.asarray(self.lens_sd),
-            np.asarray(self.lens),
+            sd=np.asarray(self.lens_sd),
+            mean=np.asarray(self.lens),
         )
         return (
-            Block.of("view.rotation", "rad", "xyz", 100.0),
-            Block.of("view.shift", unit, "xyz", FREE * size),
-            Block.of("view.scale", "1", "", 100.0),
+            Block.of("view.rotation", "rad", "xyz", sd=100.0),
+            Block.of("view.shift", unit, "xyz", sd=FREE * size),
+            Block.of("view.scale", "1", sd=100.0),
             lens,
         )
 
@@ -178,15 +178,16 @@ class InPlane(Sensor):
         if self.view == "base":
             rotation = arm.rotation
             shift = self.metre * np.asarray(arm.shift)
+        anywhere = FREE * self.extent
         slope = f"1/{arm.unit}"
         middle = ("radial", "centre x", "centre y")
         return (
-            Block.of("view.rotation", "rad", "", 100.0, rotation),
-            Block.of("view.scale", "1", "", 100.0),
-            Block.of("view.shear", "1", ("stretch", "shear"), 1.0),
-            Block.of("view.shift", self.unit, "xy", FREE * self.extent, shift),
-            Block.of("view.tilt", slope, "xy", 1.0 / arm.reach),
-            Block.of("lens", "1", middle, 0.5),
+            Block.of("view.rotation", "rad", sd=100.0, mean=rotation),
+            Block.of("view.scale", "1", sd=100.0),
+            Block.of("view.shear", "1", ("stretch", "shear"), sd=1.0),
+            Block.of("view.shift", self.unit, "xy", sd=anywhere, mean=shift),
+            Block.of("view.tilt", slope, "xy", sd=1.0 / arm.reach),
+            Block.of("lens", "1", middle, sd=0.5),
         )
 
     def place(self, beta: Mapping[str, Array]) -> Projection:

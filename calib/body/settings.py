@@ -20,6 +20,11 @@ FINER = (0.2, 20.0)
 """`PriorSettings.wider` where corners or touches tell it: of an arm whose origins were off by
 .3 mm, a board told what is in the hand to .46 mm, with 1 mm at least to 2.3."""
 
+MOST_OF_TOUCHES = 1.0
+MOST_OF_SIZED_TOUCHES = 5.0
+"""Upper ends of `PriorSettings.wider` of touches: where nothing tells how large the arm is its
+origins are not far off, else some times a drawing's doubt."""
+
 STUDENT = 6.0
 """Degrees of freedom of a log's noise: a few rows may be grossly wrong."""
 

@@ -20,7 +20,14 @@ from .belief import Body
 from .body_fit import BodyFit, fit
 from .parameters import Block, Gaussian, Hyper, Indices
 from .rows import Rows, with_measurements
-from .settings import FINER, FIT, FREE, PRIOR
+from .settings import (
+    FINER,
+    FIT,
+    FREE,
+    MOST_OF_SIZED_TOUCHES,
+    MOST_OF_TOUCHES,
+    PRIOR,
+)
 from .spatial import SpatialStructure
 from .views import ArmSize, Measurement, Sight
 
@@ -47,14 +54,14 @@ class Touch(Measurement):
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
         """The sockets."""
         names = [f"{k}.{axis}" for k in range(self.count) for axis in "xyz"]
-        return (Block.of("point", "m", names, FREE * arm.reach),)
+        return (Block.of("point", "m", names, sd=FREE * arm.reach),)
 
     def look(
-        self, blocks: Mapping[str, Array], motion: Motion, also: Array
+        self, blocks: Mapping[str, Array], motion: Motion, row_facts: Array
     ) -> Sight:
         """See the tip in its sockets."""
         places = blocks["point"].reshape(-1, 3)
-        number = also[:, 0].astype(int)
+        number = row_facts[:, 0].astype(int)
         miss = motion.position.T - places[number]
         return Sight(miss, np.eye(3))
 
@@ -75,7 +82,7 @@ class Facts(Measurement):
         self,
         blocks: Mapping[str, Array],
         motion: Motion,  # noqa: ARG002
-        also: Array,
+        row_facts: Array,
     ) -> Sight:
         """See how far the sockets are off."""
         places = blocks["point"].reshape(-1, 3)
@@ -84,7 +91,7 @@ class Facts(Measurement):
             misfit = fact.misfit(places)
             misfits.append(misfit / fact.tolerance)
         misfit = np.concatenate(misfits)
-        rows = also[:, 0].astype(int)
+        rows = row_facts[:, 0].astype(int)
         values = misfit[rows, None]
         return Sight(values, np.zeros((1, 3)))
 
@@ -98,11 +105,10 @@ def rows_of_touches(
     """
     touched = point >= 0
     measured = ~touched
-    # origins are not far off where nothing tells how large the arm is
     has_distance = any(fact.value is not None for fact in known)
-    most = 1.0
+    most = MOST_OF_TOUCHES
     if measured.any() or has_distance:
-        most = 5.0
+        most = MOST_OF_SIZED_TOUCHES
     sockets = int(point.max()) + 1
     touch = Touch(sockets, within=(FINER[0], most))
     number = point[touched].astype(float)
