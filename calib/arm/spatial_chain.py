@@ -57,18 +57,20 @@ class Motion:
         turning = self.links.turning
         if turning.all():
             return swept, self.axes
-        return np.where(turning, swept, self.axes), np.where(
-            turning, self.axes, 0.0
-        )
+        velocities = np.where(turning, swept, self.axes)
+        turns_of_tip = np.where(turning, self.axes, 0.0)
+        return velocities, turns_of_tip
 
     def turns(self) -> tuple[Array, Array]:
-        """The same (m, 3, 3, n) as the origins turn about the axes, second, of their own frames."""
-        about = np.swapaxes(
-            _product(self.frames[:-1], self.links.turns[..., None]), 1, 2
-        )
-        return np.cross(
-            about, (self.position - self.origins)[:, None], axis=2
-        ), about
+        """Velocity and angular velocity (m, 3, 3, n) of the tip by turns of the origins.
+
+        Each origin turns about the axes, the second index, of its own frame.
+        """
+        own_frames = _product(self.frames[:-1], self.links.turns[..., None])
+        axes = np.swapaxes(own_frames, 1, 2)
+        arms = self.position - self.origins
+        swept = np.cross(axes, arms[:, None], axis=2)
+        return swept, axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +119,8 @@ class SpatialChain:
     def reach(self) -> float:
         """Sum of the distances from the first joint over the others to the tip [m]."""
         stops = np.vstack([self.points, self.tip])
-        return float(np.linalg.norm(np.diff(stops, axis=0), axis=1).sum())
+        strides = np.diff(stops, axis=0)
+        return float(np.linalg.norm(strides, axis=1).sum())
 
     def values(self, q: Array) -> Array:
         """Values of all joints: (n, dof) [rad or m] -> (m, n)."""
@@ -125,14 +128,14 @@ class SpatialChain:
 
     def motion(self, q: Array) -> Motion:
         """Where its parts are at joint values (n, dof) [rad or m]."""
-        return move(self.still, self.values(q))
+        return move(self.nominal_links, self.values(q))
 
     def poses(self, q: Array) -> tuple[Array, Array]:
         """Positions (n, 3) [m] and orientations (n, 3, 3) of the tip's frame."""
         motion = self.motion(q)
-        return np.ascontiguousarray(motion.position.T), np.moveaxis(
-            motion.rotation, 2, 0
-        ).copy()
+        positions = np.ascontiguousarray(motion.position.T)
+        orientations = np.moveaxis(motion.rotation, 2, 0).copy()
+        return positions, orientations
 
     def jacobian(self, q: Array) -> Array:
         """Geometric Jacobian of the tip in the root frame: (n, dof) -> (n, 6, dof).
@@ -144,7 +147,7 @@ class SpatialChain:
         return twists.transpose(2, 1, 0) @ self.coupling
 
     @cached_property
-    def still(self) -> Links:
+    def nominal_links(self) -> Links:
         """The links of the nominal chain."""
         return Links.of(self, Deviations.none(self.joints))
 
@@ -167,34 +170,36 @@ class Links:
     def tip(self) -> tuple[Array, Array]:
         """Place (3,) [m] and orientation (3, 3) of the tip in the last joint's frame."""
         place = self.strides[-1] + self.rotation @ self.tool
-        turn = (
-            self.rotation
-            if self.tool_turn is None
-            else self.rotation @ self.tool_turn
-        )
-        return place[:, 0], turn
+        orientation = self.rotation
+        if self.tool_turn is not None:
+            orientation = self.rotation @ self.tool_turn
+        return place[:, 0], orientation
 
     @staticmethod
-    def of(chain: SpatialChain, moved: Deviations) -> Links:
+    def of(chain: SpatialChain, deviations: Deviations) -> Links:
         """The links of a chain that is off its drawing."""
-        strides = (
-            np.diff(chain.points, axis=0, prepend=np.zeros((1, 3)))
-            + moved.shifts
-        )
-        turns = exponential(moved.turns)
+        strides = np.diff(chain.points, axis=0, prepend=np.zeros((1, 3)))
+        strides += deviations.shifts
+        to_tip = chain.tip - chain.points[-1]
+        axes = chain.axes[..., None]
+        turns = exponential(deviations.turns)
         # Rodrigues: exp = 1 + sin(v) K + (1 - cos(v)) K^2
         about = cross_matrix(chain.axes)
         sines = turns @ about
+        swings = sines @ about
+        tool_turn: Array | None = None
+        if deviations.tool_turn.any():
+            tool_turn = exponential(deviations.tool_turn)
         return Links(
-            np.vstack([strides, chain.tip - chain.points[-1]])[..., None],
-            (turns @ chain.axes[..., None]),
-            turns,
-            sines[..., None],
-            (sines @ about)[..., None],
-            np.reshape(chain.revolute, (-1, 1, 1)),
-            chain.rotation,
-            moved.tool[:, None],
-            exponential(moved.tool_turn) if moved.tool_turn.any() else None,
+            strides=np.vstack([strides, to_tip])[..., None],
+            axes=turns @ axes,
+            turns=turns,
+            sines=sines[..., None],
+            swings=swings[..., None],
+            turning=np.reshape(chain.revolute, (-1, 1, 1)),
+            rotation=chain.rotation,
+            tool=deviations.tool[:, None],
+            tool_turn=tool_turn,
         )
 
 
@@ -207,9 +212,8 @@ def move(links: Links, values: Array) -> Motion:
     local += (1.0 - np.cos(angles)) * links.swings
     slides = not links.turning.all()
     if slides:
-        local = np.where(
-            links.turning[..., None], local, links.turns[..., None]
-        )
+        turning = links.turning[..., None]
+        local = np.where(turning, local, links.turns[..., None])
     frames = np.empty((m + 1, 3, 3, n))
     frames[0] = np.eye(3)[:, :, None]
     frames[1] = local[0]
@@ -226,11 +230,9 @@ def move(links: Links, values: Array) -> Motion:
         places = origins + slid
     flange = _product(frames[-1], links.rotation[..., None])
     position = stops[-1] + turned(flange, links.tool)
-    tip = (
-        flange
-        if links.tool_turn is None
-        else _product(flange, links.tool_turn[..., None])
-    )
+    tip = flange
+    if links.tool_turn is not None:
+        tip = _product(flange, links.tool_turn[..., None])
     return Motion(position, tip, origins, places, frames, axes, flange, links)
 
 
