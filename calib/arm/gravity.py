@@ -100,10 +100,8 @@ class Loads:
         """Derivatives (e, dof, n) of the loads under gravity (3,) by the joint values (n, dof)."""
         motion = self.chain.motion(q)
         positions = self._point_positions(motion)
-        across = (
-            cross(gravity[:, None], motion.axes)
-            * self.chain.nominal_links.turning
-        )
+        across = cross(gravity[:, None], motion.axes)
+        across *= self.chain.nominal_links.turning
         by_joint = np.empty((len(self.joints), self.chain.joints, len(q)))
         for k in range(self.chain.joints):
             # a joint before the load's turns the whole lever, one beyond it the points that follow

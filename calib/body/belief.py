@@ -157,7 +157,7 @@ class Body(OfStructure):
     def with_beliefs(
         self, change: Callable[[Gaussian], tuple[Array, Array]]
     ) -> Body:
-        """Return the body with other beliefs in both its fits.
+        """The body with other beliefs in both its fits.
 
         change : gives the parameters (d,) and the root (d, r) of their covariance
         """
@@ -249,7 +249,7 @@ class Body(OfStructure):
 
 
 def _with_belief(belief: _Belief, beta: Array, root: Array) -> _Belief:
-    """Return a fit with other parameters (d,) and the root (d, r) of their covariance."""
+    """A fit with other parameters (d,) and the root (d, r) of their covariance."""
     active = np.flatnonzero(root.any(axis=1))
     kept = as_kept(root[active])
     return replace(belief, beta=beta, active=active, root=kept)

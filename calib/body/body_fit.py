@@ -49,7 +49,7 @@ class BodyFit:
     beside: tuple[BodyFit, ...] = ()  # the same body as further sensors see it
 
     def of_positions(self) -> BodyFit:
-        """Return a fit to poses as one of positions, with the orientations' errors beside it.
+        """A fit to poses as one of positions, with the orientations' errors beside it.
 
         The parameters that the orientations told stay, the tool's rotation among them.
         """
@@ -147,7 +147,7 @@ def fit_sensors(
 def _gate_rows(
     structure: Structure, rows: Sequence[Rows], seed: int
 ) -> list[Rows]:
-    """Return those rows of each sensor that the gate uses, in the order of the log."""
+    """Those rows of each sensor that the gate uses, in the order of the log."""
     rng = np.random.default_rng(seed)
     gate_rows: list[Rows] = []
     for rows_of_sensor in rows:
@@ -158,7 +158,7 @@ def _gate_rows(
 
 
 def _least_noise(structure: Structure, rows: Rows) -> Array:
-    """Return the least noise (m,) [unit, rad] that rows are taken to have."""
+    """The least noise (m,) [unit, rad] that rows are taken to have."""
     as_seen = structure.as_seen_by(rows.sensor)
     share = LOG_FLOOR if as_seen.outputs <= 3 else POSE_FLOOR
     if structure.simulated:
@@ -167,7 +167,7 @@ def _least_noise(structure: Structure, rows: Rows) -> Array:
 
 
 def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
-    """Return a fit of the gate's rows carried on over all, its scales as they are."""
+    """A fit of the gate's rows carried on over all, its scales as they are."""
     if max(map(len, rows)) <= fit.structure.gate_rows:
         return fit
     sd = np.zeros(len(fit.beta))
@@ -181,7 +181,7 @@ def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
 def _with_bound(
     member: Member, final: Fit, root: Array, sensor: int, second: Second | None
 ) -> BodyFit:
-    """Return the body as one sensor sees it, with its bound and held-out errors.
+    """The body as one sensor sees it, with its bound and held-out errors.
 
     final : the member's fit to all rows
     root : (k, k), of its covariance
@@ -217,7 +217,7 @@ def _with_bound(
 def _second_fits(
     member: Member, chain: tuple[str, ...], rows: Sequence[Rows]
 ) -> Sequence[Second | None]:
-    """Return a fit of what the member has not, for the bound, as each sensor sees it.
+    """A fit of what the member has not, for the bound, as each sensor sees it.
 
     The whole chain, lens and elasticity, and larger curves.  None of exact samples, and where the
     member has them and the rows speak against curves.
@@ -247,7 +247,7 @@ def _second_fits(
 
 
 def _wide_prior(member: Member, blocks: set[str]) -> Prior:
-    """Return the prior of what a member fits, which stays as it is, and of further blocks.
+    """The prior of what a member fits, which stays as it is, and of further blocks.
 
     The curves are larger, and some blocks as the structure guards them.
     """

@@ -356,7 +356,7 @@ class Start:
     noise: float = 0.0  # share of the extents that the residuals have
 
     def run(self, rows: Rows, prior: Prior, steps: int) -> Start:
-        """Return the start carried on by damped steps, with Student noise."""
+        """The start carried on by damped steps, with Student noise."""
         floor = SIMULATED_FLOOR * self.structure.extents
         rows = replace(rows, floor=floor)
         fit = Fit(self.structure, [rows], self.beta, prior, nu=STUDENT)

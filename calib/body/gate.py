@@ -80,7 +80,7 @@ def _member_of(
     start: Start,
     nu: float,
 ) -> Member | None:
-    """Return a member with some blocks free, None where the rows leave them open."""
+    """A member with some blocks free, None where the rows leave them open."""
     structure = start.structure
     try:
         prior = structure.prior(free)

@@ -156,11 +156,11 @@ class Layout:
         return f"{sensor.name}.{block}"
 
     def with_fields(self, **fields: Any) -> Self:
-        """Return the structure with other values of its fields."""
+        """The structure with other values of its fields."""
         return replace(self, **fields)  # type: ignore[type-var]
 
     def with_sensor(self, **fields: Any) -> Self:
-        """Return the structure with other values of its sensor's fields: view, unit, ..."""
+        """The structure with other values of its sensor's fields: view, unit, ..."""
         sensors = list(self.sensors)
         sensors[sensors.index(self.viewpoint)] = replace(
             self.viewpoint, **fields
@@ -168,7 +168,7 @@ class Layout:
         return self.with_fields(sensors=tuple(sensors))
 
     def as_seen_by(self, sensor: str | Measurement | None) -> Self:
-        """Return the structure as one of its sensors, by name, or of its measurements sees it.
+        """The structure as one of its sensors, by name, or of its measurements sees it.
 
         None is the only sensor.
         """
@@ -342,7 +342,7 @@ class Layout:
 
 
 def with_all_sensors(structures: Mapping[str, L]) -> L:
-    """Return the first structure with the sensors of all, which are of one chain, by name."""
+    """The first structure with the sensors of all, which are of one chain, by name."""
     first, *further = structures.values()
     if any(type(structure) is not type(first) for structure in further):
         raise OptionError(

@@ -75,7 +75,7 @@ class Block:
         return Block(name, tuple(labels), mean, sd, scales)
 
     def with_sensor_name(self, sensor: str) -> Block:
-        """Return the block with the name of a sensor before its parameters'."""
+        """The block with the name of a sensor before its parameters'."""
         if not sensor:
             return self
         parts = tuple(

@@ -43,7 +43,7 @@ class Rows:
 
 
 def with_measurements(structure: S, rows: Sequence[Rows]) -> S:
-    """Return the structure that measures all that rows are of, as the first of them."""
+    """The structure that measures all that rows are of, as the first of them."""
     others = tuple(
         rows_of_sensor.sensor
         for rows_of_sensor in rows

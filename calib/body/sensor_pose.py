@@ -135,7 +135,7 @@ class SensorPose:
 
 
 def hand_pose(body: OfStructure) -> SensorPose:
-    """Return where what is in the hand stands in the tip's frame, by a belief of its poses.
+    """Where what is in the hand stands in the tip's frame, by a belief of its poses.
 
     The last joint counts as its encoder says: what is in the hand turned about that joint's axis,
     and the joint's offset the other way, give the same pictures; so does a shift along it.  The

@@ -50,21 +50,21 @@ class Sensor(Measurement):
 
     @property
     def view_kind(self) -> ViewKind:
-        """Return the kind of its view."""
+        """The kind of its view."""
         return self.kinds[self.view]
 
     @property
     def outputs(self) -> int:  # type: ignore[override]
-        """Return how many numbers a row has."""
+        """How many numbers a row has."""
         return self.view_kind.outputs
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Return the blocks that every member of the gate fits: its place, the tip that it sees."""
+        """The blocks that every member of the gate fits: its place, the tip that it sees."""
         return self.view_kind.groups
 
     def place(self, beta: Mapping[str, Array]) -> Projection:
-        """Return the sensor at its parameters, by block."""
+        """The sensor at its parameters, by block."""
         raise NotImplementedError
 
     def look(
@@ -79,7 +79,7 @@ class Sensor(Measurement):
     def parameters_with_name(
         self, arm: ArmSize, *, further: bool
     ) -> tuple[Block, ...]:
-        """Return its parameters with its own name before theirs."""
+        """Its parameters with its own name before theirs."""
         blocks = self.parameters(arm)
         if further and self.marked:
             distance = Hyper(f"{self.name}.marker", PRIOR.marker, PRIOR.markers)
@@ -105,7 +105,7 @@ class InSpace(Sensor):
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Return the blocks that every member of the gate fits; of a camera its lens, too."""
+        """The blocks that every member of the gate fits; of a camera its lens, too."""
         groups = self.view_kind.groups
         if self.camera and any(self.lens_sd):
             return (*groups, "lens")
@@ -113,13 +113,13 @@ class InSpace(Sensor):
 
     @property
     def tool(self) -> Hyper | None:  # type: ignore[override]
-        """Return what is known of the tool: a camera's tag is near the tip."""
+        """What is known of the tool: a camera's tag is near the tip."""
         if not self.camera:
             return None
         return Hyper("tool", PRIOR.tag, PRIOR.wider)
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
-        """Return what the sensor has of its own; a camera stands metres away."""
+        """What the sensor has of its own; a camera stands metres away."""
         unit = self.unit
         size = self.extent
         if self.camera:
@@ -140,7 +140,7 @@ class InSpace(Sensor):
         )
 
     def place(self, beta: Mapping[str, Array]) -> Projection:
-        """Return the sensor: where it stands, its scale and its lens."""
+        """The sensor: where it stands, its scale and its lens."""
         scale = float(np.exp(beta["view.scale"][0]))
         if not self.camera:
             scale *= self.metre
@@ -172,7 +172,7 @@ class InPlane(Sensor):
     centre: tuple[float, float] = (0.0, 0.0)
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
-        """Return what the sensor has of its own."""
+        """What the sensor has of its own."""
         rotation = 0.0
         shift = np.zeros(2)
         if self.view == "base":
@@ -191,7 +191,7 @@ class InPlane(Sensor):
         )
 
     def place(self, beta: Mapping[str, Array]) -> Projection:
-        """Return the plane as a picture, or without tilt and bend positions as they are."""
+        """The plane as a picture, or without tilt and bend positions as they are."""
         size = PRIOR.lens_size * self.extent
         radial = beta["lens"][0]
         middle = self.centre + size * beta["lens"][1:]

@@ -348,7 +348,7 @@ def _axes(rotation: Array) -> Array:
 def structure_of(
     arm: PlanarArm | SpatialArm, view: str = "rigid", **fields: Any
 ) -> SpatialStructure:
-    """Return the structure of an arm and a view of it, its URDF being the prior.
+    """The structure of an arm and a view of it, its URDF being the prior.
 
     `fields` are those of its sensor, see `InSpace`, and of the structure: gravity.
     """
@@ -378,7 +378,7 @@ def unknown_structure(
     metre: float = 1.0,
     simulated: bool = False,
 ) -> SpatialStructure:
-    """Return the structure of a serial arm of which only its joints' names are known.
+    """The structure of a serial arm of which only its joints' names are known.
 
     extent : size of the workspace along an output [unit]: the positions' rms spread
     metre : units of positions in one metre

@@ -28,7 +28,7 @@ from .structure import Structure
 def best_start(
     structure: Structure, rows: Rows, free: tuple[str, ...]
 ) -> Start:
-    """Return the start that explains rows best.
+    """The start that explains rows best.
 
     free : groups that the runs fit; the gate's chain
     """
@@ -51,7 +51,7 @@ def best_start(
 
 
 def candidates(structure: Structure, rows: Rows) -> list[Start]:
-    """Return structures (signs, mirror, chain) and parameters to begin with, the best first.
+    """Structures (signs, mirror, chain) and parameters to begin with, the best first.
 
     The noise of `rows` is that of a simulation, where it says so.
     """
@@ -86,7 +86,7 @@ def _refuse_open(structure: SpatialStructure, z: Array) -> None:
 
 
 def _start_of_drawing(structure: SpatialStructure, rows: Rows) -> Start:
-    """Return the drawing in front of its sensor."""
+    """The drawing in front of its sensor."""
     beta = frame_of_drawing(structure, rows)
     if structure.view == "base pose":
         turn = beta[structure.groups["tool.rotation"]]
@@ -96,7 +96,7 @@ def _start_of_drawing(structure: SpatialStructure, rows: Rows) -> Start:
 
 
 def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
-    """Return a start with the further sensors placed where its arm, and their rows, say."""
+    """A start with the further sensors placed where its arm, and their rows, say."""
     structure = start.structure
     beta = start.beta
     for rows_of_sensor in rows[1:]:
@@ -113,7 +113,7 @@ def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
 
 
 def _with_sensor(structure: SpatialStructure, rows: Rows, arm: Array) -> Array:
-    """Return parameters (d,) of an arm with the sensor and its marker where rows say."""
+    """Parameters (d,) of an arm with the sensor and its marker where rows say."""
     groups = structure.groups
     fitted = best_frame(structure, rows, arm).beta
     beta = arm.copy()

@@ -99,7 +99,7 @@ class Facts(Measurement):
 def rows_of_touches(
     q: Array, point: Indices, known: Sequence[Known], x: Array
 ) -> list[Rows]:
-    """Return touches, positions, and what is known of sockets, each a measurement.
+    """Touches, positions, and what is known of sockets, each a measurement.
 
     The parameters are those of `fit_touches`.
     """
@@ -217,7 +217,7 @@ def _beginning(
 
 
 def _about_means(residual: Array, point: Indices) -> Array:
-    """Return held-out residuals, about their mean where a block has most touches of a socket.
+    """Held-out residuals, about their mean where a block has most touches of a socket.
 
     What the other blocks say of the arm does not tell where such a socket is.
     """
@@ -234,7 +234,7 @@ def _about_means(residual: Array, point: Indices) -> Array:
 
 
 def in_structure(body: Body, structure: SpatialStructure) -> Body:
-    """Return the belief in another structure of the same arm, without what that does not have."""
+    """The belief in another structure of the same arm, without what that does not have."""
     index = {label.name: k for k, label in enumerate(structure.labels)}
     names = [label.name for label in body.structure.labels]
     shared = [k for k, name in enumerate(names) if name in index]
@@ -253,7 +253,7 @@ def in_structure(body: Body, structure: SpatialStructure) -> Body:
 
 
 def without_whole_motion(body: Body, q: Array) -> Body:
-    """Return the belief without what moves the arm as a whole, on average over `q` (n, dof).
+    """The belief without what moves the arm as a whole, on average over `q` (n, dof).
 
     No touch tells a motion of the whole arm: it stays as drawn, and intervals and bounds leave it
     out.  The first joint's origin moves the arm as a whole, so that it takes the opposite part.
@@ -278,7 +278,7 @@ def without_whole_motion(body: Body, q: Array) -> Body:
 
 
 def with_size(body: Body, sd: float) -> Body:
-    """Return the belief of an arm whose size is known to a relative `sd` alone.
+    """The belief of an arm whose size is known to a relative `sd` alone.
 
     Growing by one factor, arm and sockets together, leaves every touch as it was.  The drawing
     knows the size to some `DRAWN_SIZE`, and so does a distance of sockets that somebody stated.

@@ -129,7 +129,7 @@ class Measurement:
     tool: Hyper | None = None
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:  # noqa: ARG002
-        """Return the sensor's own parameters."""
+        """The sensor's own parameters."""
         return ()
 
     def look(
