@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..errors import OptionError
-from .spatial_chain import Motion, SpatialChain, cross, turned
+from .spatial_chain import Motion, SpatialChain, cross, rotate
 
 _STANDARD = 9.80665
 """Standard gravity [m/s2]."""
@@ -116,7 +116,7 @@ class Loads:
         """Positions (p, 3, n) [m] of the points."""
         arms = self.points - self.chain.points[self.links]
         frames = motion.frames[1:][self.links]
-        return motion.places[self.links] + turned(frames, arms[..., None])
+        return motion.places[self.links] + rotate(frames, arms[..., None])
 
     def _pull(
         self, motion: Motion, positions: Array, joints: NDArray[np.intp]

@@ -66,7 +66,7 @@ class Motion:
 
         Each origin turns about the axes, the second index, of its own frame.
         """
-        own_frames = _product(self.frames[:-1], self.links.turns[..., None])
+        own_frames = _product(self.frames[:-1], self.links.rotations[..., None])
         axes = np.swapaxes(own_frames, 1, 2)
         arms = self.position - self.origins
         swept = np.cross(axes, arms[:, None], axis=2)
@@ -158,21 +158,21 @@ class Links:
 
     strides: Array  # (m + 1, 3, 1) [m], from each joint's origin to the next, in the frame before
     axes: Array  # (m, 3, 1), in the frame before
-    turns: Array  # (m, 3, 3), of the joint origins
+    rotations: Array  # (m, 3, 3), of the joint origins
     sines: Array  # (m, 3, 3, 1), what a joint adds to that by the sine of its angle
     swings: Array  # (m, 3, 3, 1), and by one less the cosine
     turning: Array  # (m, 1, 1), whether each joint turns
     rotation: Array  # (3, 3), orientation of the flange
     tool: Array  # (3, 1) [m]
-    tool_turn: Array | None  # (3, 3); None where it does not turn
+    tool_rotation: Array | None  # (3, 3); None where it does not turn
 
     @property
     def tip(self) -> tuple[Array, Array]:
         """Place (3,) [m] and orientation (3, 3) of the tip in the last joint's frame."""
         place = self.strides[-1] + self.rotation @ self.tool
         orientation = self.rotation
-        if self.tool_turn is not None:
-            orientation = self.rotation @ self.tool_turn
+        if self.tool_rotation is not None:
+            orientation = self.rotation @ self.tool_rotation
         return place[:, 0], orientation
 
     @staticmethod
@@ -182,24 +182,24 @@ class Links:
         strides += deviations.shifts
         to_tip = chain.tip - chain.points[-1]
         axes = chain.axes[..., None]
-        turns = exponential(deviations.turns)
+        rotations = exponential(deviations.turns)
         # Rodrigues: exp = 1 + sin(v) K + (1 - cos(v)) K^2
         about = cross_matrix(chain.axes)
-        sines = turns @ about
+        sines = rotations @ about
         swings = sines @ about
-        tool_turn: Array | None = None
+        tool_rotation: Array | None = None
         if deviations.tool_turn.any():
-            tool_turn = exponential(deviations.tool_turn)
+            tool_rotation = exponential(deviations.tool_turn)
         return Links(
             strides=np.vstack([strides, to_tip])[..., None],
-            axes=turns @ axes,
-            turns=turns,
+            axes=rotations @ axes,
+            rotations=rotations,
             sines=sines[..., None],
             swings=swings[..., None],
             turning=np.reshape(chain.revolute, (-1, 1, 1)),
             rotation=chain.rotation,
             tool=deviations.tool[:, None],
-            tool_turn=tool_turn,
+            tool_rotation=tool_rotation,
         )
 
 
@@ -208,19 +208,19 @@ def move(links: Links, values: Array) -> Motion:
     m, n = values.shape
     # coordinates come first and rows last, so that every operation runs along the rows
     angles = values[:, None, None]
-    local = links.turns[..., None] + np.sin(angles) * links.sines
+    local = links.rotations[..., None] + np.sin(angles) * links.sines
     local += (1.0 - np.cos(angles)) * links.swings
     slides = not links.turning.all()
     if slides:
         turning = links.turning[..., None]
-        local = np.where(turning, local, links.turns[..., None])
+        local = np.where(turning, local, links.rotations[..., None])
     frames = np.empty((m + 1, 3, 3, n))
     frames[0] = np.eye(3)[:, :, None]
     frames[1] = local[0]
     for i in range(1, m):
         frames[i + 1] = _product(frames[i], local[i])
-    axes = turned(frames[:-1], links.axes)
-    steps = turned(frames, links.strides)
+    axes = rotate(frames[:-1], links.axes)
+    steps = rotate(frames, links.strides)
     if slides:  # a slide moves all that comes after it
         slid = np.where(links.turning, 0.0, axes * values[:, None])
         steps[1:] += slid
@@ -229,10 +229,10 @@ def move(links: Links, values: Array) -> Motion:
     if slides:
         places = origins + slid
     flange = _product(frames[-1], links.rotation[..., None])
-    position = stops[-1] + turned(flange, links.tool)
+    position = stops[-1] + rotate(flange, links.tool)
     tip = flange
-    if links.tool_turn is not None:
-        tip = _product(flange, links.tool_turn[..., None])
+    if links.tool_rotation is not None:
+        tip = _product(flange, links.tool_rotation[..., None])
     return Motion(position, tip, origins, places, frames, axes, flange, links)
 
 
@@ -248,7 +248,7 @@ def cross(a: Array, b: Array) -> Array:
     return out
 
 
-def turned(rotations: Array, vectors: Array) -> Array:
+def rotate(rotations: Array, vectors: Array) -> Array:
     """Vectors (..., 3, n or 1) turned by rotations (..., 3, 3, n), (..., 3, n)."""
     x, y, z = (vectors[..., None, k, :] for k in range(3))
     out = rotations[..., 0, :] * x + rotations[..., 1, :] * y

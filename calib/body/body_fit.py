@@ -45,7 +45,7 @@ class BodyFit:
     widening: Array
     notes: tuple[str, ...] = ()  # what the rows cannot tell
     # (n,), held-out errors of orientation, where they were measured
-    turned: Array | None = None
+    orientation_errors: Array | None = None
     beside: tuple[BodyFit, ...] = ()  # the same body as further sensors see it
 
     def of_positions(self) -> BodyFit:
@@ -66,9 +66,11 @@ class BodyFit:
             residual=body.residual[:3],
             second=second,
         )
-        turned = row_lengths(self.held_out[:, 3:])
+        errors = row_lengths(self.held_out[:, 3:])
         held_out = self.held_out[:, :3]
-        return replace(self, body=positions, held_out=held_out, turned=turned)
+        return replace(
+            self, body=positions, held_out=held_out, orientation_errors=errors
+        )
 
 
 def fit(
