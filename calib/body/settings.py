@@ -20,11 +20,6 @@ FINER = (0.2, 20.0)
 """`PriorSettings.wider` where corners or touches tell it: of an arm whose origins were off by
 .3 mm, a board told what is in the hand to .46 mm, with 1 mm at least to 2.3."""
 
-MOST_OF_TOUCHES = 1.0
-MOST_OF_SIZED_TOUCHES = 5.0
-"""Upper ends of `PriorSettings.wider` of touches: where nothing tells how large the arm is its
-origins are not far off, else some times a drawing's doubt."""
-
 STUDENT = 6.0
 """Degrees of freedom of a log's noise: a few rows may be grossly wrong."""
 
@@ -57,6 +52,10 @@ class PriorSettings:
     wider: tuple[float, float] = (1.0, 20.0)
     # the same of offsets: 10 deg where servos were put on
     servos: tuple[float, float] = (1.0, 100.0)
+    # the same of joint origins by touches: not far off where nothing tells how large the arm is,
+    # further where a sensor or a distance does
+    touches: tuple[float, float] = (FINER[0], 1.0)
+    sized_touches: tuple[float, float] = (FINER[0], 5.0)
     # sd of a joint's gain, of a drawing; twice that without one
     gain: float = 1e-3
     # joints bend by this much [rad] under the largest torque of gravity, or of a unit weight; in

@@ -20,14 +20,7 @@ from .belief import Body
 from .body_fit import BodyFit, fit
 from .parameters import Block, Gaussian, Hyper, Indices
 from .rows import Rows, with_measurements
-from .settings import (
-    FINER,
-    FIT,
-    FREE,
-    MOST_OF_SIZED_TOUCHES,
-    MOST_OF_TOUCHES,
-    PRIOR,
-)
+from .settings import FINER, FIT, FREE, PRIOR
 from .spatial import SpatialStructure
 from .views import ArmSize, Measurement, Sight
 
@@ -106,11 +99,11 @@ def rows_of_touches(
     touched = point >= 0
     measured = ~touched
     has_distance = any(fact.value is not None for fact in known)
-    most = MOST_OF_TOUCHES
+    within = PRIOR.touches
     if measured.any() or has_distance:
-        most = MOST_OF_SIZED_TOUCHES
+        within = PRIOR.sized_touches
     sockets = int(point.max()) + 1
-    touch = Touch(sockets, within=(FINER[0], most))
+    touch = Touch(sockets, within=within)
     number = point[touched].astype(float)
     numbered = np.column_stack([q[touched], number])
     miss = np.zeros((len(number), 3))
