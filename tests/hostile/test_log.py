@@ -4,6 +4,7 @@ import csv
 import io
 import math
 from collections import Counter
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -52,13 +53,6 @@ def tables(draw) -> bytes:
     return (before + text.getvalue()).encode(encoding, "replace")
 
 
-def number(cell):
-    try:
-        return float(cell)
-    except ValueError:
-        return math.nan
-
-
 def plain_rows(data, names):
     """Numbers of some columns of a CSV file, as the standard library reads it."""
     text = data.decode("utf-8-sig")
@@ -80,7 +74,8 @@ def plain_rows(data, names):
         for j, i in enumerate(index):
             cell = row[i].strip() if i < len(row) else ""
             if cell.isascii() and "_" not in cell:  # as in Python, which takes other digits too
-                found[k, j] = number(cell)
+                with suppress(ValueError):
+                    found[k, j] = float(cell)
     return found
 
 
