@@ -9,7 +9,7 @@ from small_maps import UNIT_BOX, points
 
 import calib
 from calib import OptionError, Visit
-from calib.maps.density import READINGS, border, error, residual, rho
+from calib.maps.density import GAINS, border, error, residual, rho
 from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS
 from calib.maps.vdsom import ONLINE, VDSOM, Layer, Rates, zeta
@@ -58,7 +58,7 @@ def test_eq_7_and_8_as_printed_step_by_step():
     lattice, sigma, alpha = Lattice((4, 5)), 1.5, 0.4
     rng = np.random.default_rng(3)
     w, x = 0.3 * rng.random((20, 2)), rng.random((4, 2))
-    net = VDSOM([Layer(w, lattice, UNIT_BOX, READINGS["printed"])])
+    net = VDSOM([Layer(w, lattice, UNIT_BOX, GAINS["printed"])])
     told = rates(4, np.full(4, sigma), np.full(4, alpha))
     net.show([x], told)
     r = lattice.positions()
@@ -135,11 +135,11 @@ def visit(progress, **values):
     return replace(plain, **{name: np.array(value) for name, value in values.items()})
 
 
-@pytest.mark.parametrize("name", sorted({*READINGS} - {"printed"}))
+@pytest.mark.parametrize("name", sorted({*GAINS} - {"printed"}))
 def test_every_gain_is_1_at_the_start_of_the_training(name):
     rng = np.random.default_rng(0)
     start = visit(0.0, weights=rng.random((9, 2)), distances=rng.random(9))
-    np.testing.assert_allclose(READINGS[name](start), 1.0, atol=1e-12)
+    np.testing.assert_allclose(GAINS[name](start), 1.0, atol=1e-12)
 
 
 def test_border_is_largest_in_the_corners_and_1_inside():
