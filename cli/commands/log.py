@@ -21,9 +21,9 @@ from ..pictures import (
     JointFile,
     is_film,
     is_of_camera,
+    read_setting,
     record_board,
     record_tag,
-    setup,
 )
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def log(
         if eye is not None:
             rows = record_board(bag[0], board, eye, lens, joint_file, camera)
         else:
-            setting = setup(
+            setting = read_setting(
                 output,
                 tag=tag,
                 dictionary=dictionary,

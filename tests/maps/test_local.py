@@ -10,12 +10,19 @@ from calib import SOM, Association
 from calib.common.scale import TURN, Scale
 from calib.maps.blend import Blend
 from calib.maps.links import WIRINGS
-from calib.maps.local_models import correction, correction_slope, exponents, fit, model_weights
+from calib.maps.local_models import (
+    correction,
+    correction_slope,
+    exponents,
+    fit,
+    model_weights,
+)
 from calib.maps.model_selection import SELECTION, follows_the_motion, select
+from calib.maps.settings import ModelShape
 
 
 def fitted(motor, u, x, degree, samples):
-    return fit(motor, np.arange(motor.size), u, x, (degree, samples))
+    return fit(motor, np.arange(motor.size), u, x, ModelShape(degree, samples))
 
 
 def polynomial(degree, d=2, seed=0):

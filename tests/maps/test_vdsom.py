@@ -9,7 +9,7 @@ from small_maps import UNIT_BOX, points
 
 import calib
 from calib import OptionError, Visit
-from calib.maps.density import READINGS, border, error, residual, rho
+from calib.maps.density import GAINS, border, error, residual, rho
 from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS
 from calib.maps.vdsom import ONLINE, VDSOM, Layer, Rates, zeta
@@ -62,7 +62,7 @@ def test_eq_7_and_8_as_printed_step_by_step():
     lattice, sigma, alpha = Lattice((4, 5)), 1.5, 0.4
     rng = np.random.default_rng(3)
     w, x = 0.3 * rng.random((20, 2)), rng.random((4, 2))
-    net = VDSOM([Layer(w, lattice, UNIT_BOX, READINGS["printed"])])
+    net = VDSOM([Layer(w, lattice, UNIT_BOX, GAINS["printed"])])
     told = rates(4, np.full(4, sigma), np.full(4, alpha))
     net.show([x], told)
     r = lattice.positions()
@@ -141,7 +141,7 @@ def test_nodes_are_denser_at_the_contour_than_a_soms(rule):
     assert 0.5 < density["som"] < 1.1
 
 
-BUILT_IN = [gain for name, gain in READINGS.items() if name != "printed"]
+BUILT_IN = [gain for name, gain in GAINS.items() if name != "printed"]
 
 
 def visit(progress, weights=None, shape=(3, 3), winners=None, distances=None):
