@@ -29,6 +29,11 @@ BENDS = [(i, k - i) for k in (2, 3, 4) for i in range(k + 1)]
 SHAPE = len(BENDS) + 3
 """Numbers of a board: heights, stretch and shear [half diagonals], log of its size as printed."""
 
+BY_POINT = slice(3, 6)
+BY_LENS = slice(6, 15)
+CENTRE = slice(8, 10)
+"""Columns of OpenCV's slopes of pixels."""
+
 POSE = 6
 """Numbers of a small motion: turn [rad] and shift [m]."""
 
@@ -289,10 +294,9 @@ def project(
         points[:, None], origin, origin, camera.matrix, camera.distortion
     )
     factors = focus[:, None]
-    pixels = pixels[:, 0] - centre
-    slopes = slopes.reshape(len(points), 2, -1)
-    slopes = slopes * factors[:, None]
-    by_centre = slopes[..., 8:10]
-    by_centre /= factors[:, None]
-    pixels = centre + factors * pixels
-    return pixels, slopes[..., 3:6], slopes[..., 6:15]
+    pixels = centre + factors * (pixels[:, 0] - centre)
+
+    # a factor of the focal lengths moves no centre
+    slopes = slopes.reshape(len(points), 2, -1) * factors[:, None]
+    slopes[..., CENTRE] /= factors[:, None]
+    return pixels, slopes[..., BY_POINT], slopes[..., BY_LENS]

@@ -36,7 +36,7 @@ PLACE_COLOUR = (255, 200, 0)
 
 
 @dataclass(frozen=True)
-class Setup:
+class Setting:
     """What is in the pictures, and what is known of the camera."""
 
     tag: int  # id of the tag on the tip
@@ -119,7 +119,7 @@ class Setup:
 class Sightings:
     """What pictures show."""
 
-    setting: Setup
+    setting: Setting
     what: str  # what messages call the pictures
     numbers: Array  # pictures in which the tag is sharp (n,)
     names: tuple[str, ...]  # and theirs
@@ -149,7 +149,7 @@ class Sightings:
 
 
 def find_sightings(
-    shots: Iterable[Shot], setting: Setup, what: str, every: int = 1
+    shots: Iterable[Shot], setting: Setting, what: str, every: int = 1
 ) -> Sightings:
     """Find the tag of the tip, and the marks of the reference, in pictures.
 
@@ -232,7 +232,10 @@ def _tags_of(pictures: Sequence[Picture], dictionary: str) -> str:
 
 
 def write_overlay(
-    path: str | os.PathLike[str], photo: Picture, setting: Setup, places: Array
+    path: str | os.PathLike[str],
+    photo: Picture,
+    setting: Setting,
+    places: Array,
 ) -> None:
     """Write a photo as PNG with its tags, its marks, and the tag's places in all rows of a log.
 

@@ -1,7 +1,8 @@
 """Printed tags in a picture: which, and where to a few hundredths of a pixel.
 
 The print is moved over the picture by `findTransformECC` (Evangelidis and Psarakis, 2008): tags
-to .010 px, where OpenCV's contours leave .093; a board's corners to .011 for .06 (camera.py).
+to .010 px, where OpenCV's contours leave .093; a board's corners to .011 for .06
+(benchmarks/camera.py).
 """
 
 from __future__ import annotations

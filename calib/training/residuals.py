@@ -137,8 +137,8 @@ def held_out_residuals(
         widening = fit.widening[sample]
         if "body" in model.readouts:
             errors["body"] = -fit.held_out[sample]
-        if fit.turned is not None:
-            orientation = fit.turned[sample]
+        if fit.orientation_errors is not None:
+            orientation = fit.orientation_errors[sample]
     q = samples.q[rows]
     scale = model.motor.scale
     u = scale.to_unit(q)
