@@ -150,8 +150,10 @@ class SOM:
         seed = self.seed
         entropy = seed.entropy if isinstance(seed, SeedSequence) else seed
         motor_seed, sensory_seed = SeedSequence(entropy).spawn(2)
-        motor = replace(self, seed=motor_seed).fit(q, scale=scales[0])
-        sensory = replace(self, seed=sensory_seed).fit(x, scale=scales[1])
+        motor_som = replace(self, seed=motor_seed)
+        sensory_som = replace(self, seed=sensory_seed)
+        motor = motor_som.fit(q, scale=scales[0])
+        sensory = sensory_som.fit(x, scale=scales[1])
         return Association.learn(motor, u, sensory, v, wiring_of(self.links))
 
     def online_pair(
@@ -198,7 +200,8 @@ class SOM:
             layers.append(Layer(weights, lattice, scale, self._gain, per_node))
         net = VDSOM(layers, wiring)
         last = 0.5 if self.map == "som" else BATCH.last_radius_varying
-        radii = self.sigma or (max(lattices[0].shape) / 2, last)
+        first = max(lattices[0].shape) / 2
+        radii = self.sigma or (first, last)
         return net, passes(net, points, self._pass_count, radii, rng)
 
     @property
@@ -248,8 +251,9 @@ def _training_samples(samples: Array) -> Array:
         raise LogError(
             f"samples of shape {x.shape}: expected (n, d) with n, d >= 1"
         )
-    row = int(np.argmin(np.isfinite(x).all(axis=1)))
-    if not np.isfinite(x[row]).all():
+    is_finite = np.isfinite(x).all(axis=1)
+    row = int(np.argmin(is_finite))
+    if not is_finite[row]:
         raise LogError(
             f"sample {row} is {x[row]}: expected finite numbers, drop such rows"
         )

@@ -21,7 +21,7 @@ from ..common.choices import ROTATIONS
 from ..common.rows import spread_rows
 from ..errors import LogError, OptionError
 from ..samples.findings import Finding
-from ..samples.other_readings import readings as joint_readings
+from ..samples.interpretations import interpretations
 from ..samples.settings import DIAGNOSIS
 from .motion_tables import FlangeTable
 from .start import RigStart, find_start
@@ -272,7 +272,7 @@ def _others(
         "they are a row late or early",
         "check which row is of which picture",
     )
-    units, orders, one, two = joint_readings(
+    units, orders, one, two = interpretations(
         q,
         names,
         structure.revolute,
