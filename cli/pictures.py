@@ -43,6 +43,7 @@ class JointFile:
 
 def read_setting(
     output: str,
+    *,
     tag: int | None,
     dictionary: str,
     board: str | None,
