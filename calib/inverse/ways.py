@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,10 +46,11 @@ def by_middle(scale: Scale, target: Index, u: Array) -> Index:
     return np.lexsort((row_lengths(away), target))
 
 
-def slices(target: Index, n: int) -> list[slice]:
+def slices(target: Index, n: int) -> Iterator[slice]:
     """Rows of each of `n` targets, whose indices (k,) ascend."""
     edges = np.searchsorted(target, np.arange(n + 1)).tolist()
-    return [slice(*ends) for ends in itertools.pairwise(edges)]
+    # one at a time: lists of them took a sixth of `inverse_all`
+    return map(slice, edges, edges[1:])
 
 
 def rank_within(owner: Index) -> Index:
