@@ -71,7 +71,7 @@ class Adaptation:
     improved : bool
         Whether held-out rows are predicted better than before.
     samples : int
-        Rows that it rests on.
+        Rows of the log that count.
     outliers : int
         Rows that were left out as wrong detections.
     before, after : dict

@@ -39,7 +39,7 @@ from .causes import (
 from .explanation import Explanation, Place, climb
 from .system import System
 
-# Nats by which a change must be better than none, and within which explanations are averaged
+# Nats by which a change must be better than none, and within which a fit is as good as promised
 MARGIN = 5.0
 
 

@@ -182,7 +182,7 @@ class PlaySettings:
     play_share: float = 0.1
     # of a joint's rows that come from either side, or nothing tells its play
     least_share: float = 0.1
-    # of the squared residuals: what explains less does not pay in `calib.body.approach` either
+    # of the squared residuals that a play has to explain
     least_explained: float = 0.06
 
 

@@ -55,7 +55,7 @@ def causes_of(
 ) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     """Return the causes of a log, the largest first, and notes on what it cannot tell apart.
 
-    Where nothing changed, more noise and a play are the only causes there may be.
+    Where nothing changed, more noise, a play and a turned tool are the only causes there may be.
     """
     drifted = evidence.score > 1.0
     if drifted and not evidence.is_explained:
@@ -136,7 +136,7 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
 
 
 def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
-    """Return the causes with a camera or a board that moved in the hand once, as a turn if any."""
+    """Return the causes with at most one of the group "tool": a board that moved in its mount."""
     moved = [cause for cause in causes if cause.group.startswith("tool")]
     if not moved:
         return causes

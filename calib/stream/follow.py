@@ -140,7 +140,7 @@ class OnlineAdapter:
         return self._since >= 0 and (self._force or self._since < self._horizon)
 
     def feed(self, q: Array, x: Array) -> Step:
-        """Take the next samples of the stream, (n, dof) and (n, 2), and learn from them."""
+        """Take the next samples of the stream, (n, dof) and (n, m), and learn from them."""
         model = self._model
         q = np.asarray(q, dtype=float)
         x = np.asarray(x, dtype=float)
@@ -155,7 +155,7 @@ class OnlineAdapter:
         return steps[-1]
 
     def _feed(self, u: Array, v: Array) -> Step:
-        """Take one block, (n, dof) and (n, 2) in the unit boxes."""
+        """Take one block, (n, dof) and (n, m) in the unit boxes."""
         motor, sensory = self._maps()
         winner_distance, winner = sensory.nearest(v)
         zeta_motor = (motor.nearest(u)[0] ** 2).mean()  # eq. 9
@@ -300,7 +300,7 @@ def follow(
     """Let a model follow a stream, block by block: the paper's adaptation curves.
 
     model : where to start
-    q, x : (n, dof), (n, 2) [unit], samples in the order in which they come
+    q, x : (n, dof), (n, m) [unit], samples in the order in which they come
     horizon, force : see :class:`OnlineAdapter`
 
     Yields
