@@ -24,7 +24,7 @@ from rendering import Camera, Desk, Sticker, board, write_video
 
 from calib.errors import CalibError
 from calib.recording.motion_tables import JointTable
-from calib.recording.setting import Setup
+from calib.recording.setting import Setting
 from calib.recording.tag_logs import log_pictures, log_video
 from calib.samples.lens import Lens
 from calib.samples.samples import Samples
@@ -36,8 +36,8 @@ def lens_of(camera: Camera, stretch: float = 1.0) -> Lens:
     return Lens(camera.size, np.full(2, stretch * camera.focal), camera.centre, bent)
 
 
-METRES = Setup(7, board=BOARD, lens=lens_of(DESK.camera))
-PIXELS = Setup(7)
+METRES = Setting(7, board=BOARD, lens=lens_of(DESK.camera))
+PIXELS = Setting(7)
 
 
 def shots(
@@ -53,7 +53,7 @@ def shots(
     return q, pictures
 
 
-def logged(q: np.ndarray, pictures: list[np.ndarray], setting: Setup) -> Samples:
+def logged(q: np.ndarray, pictures: list[np.ndarray], setting: Setting) -> Samples:
     """Make the log of pictures."""
     with tempfile.TemporaryDirectory() as folder:
         for k, picture in enumerate(pictures):

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from tables import table
 
-from calib.maps.density import READINGS
+from calib.maps.density import GAINS
 from calib.paper.setting import Setting
 from calib.paper.tables import FACTORS, UNITS
 from calib.paper.trial import (
@@ -30,7 +30,7 @@ def networks(setting: Setting) -> None:
     """Every network and reading of the varying density, at its own default schedule."""
     n = min(setting.samples, _ROWS)
     few = replace(setting, seeds=setting.seeds[: 1 if setting.quick else 2])
-    names = ["som", *(f"vdsom:{name}" for name in READINGS if name != "printed")]
+    names = ["som", *(f"vdsom:{name}" for name in GAINS if name != "printed")]
     names += ["dsom", "gng", "gng:error", "gng:border"]
     rows: dict[str, Row] = {}
     for k, name in enumerate(names):

@@ -95,11 +95,10 @@ def answer_one(
         note("the camera's picture does not show the target")
     document |= query.meaning
     shown = by_name(query.axes, answers["position"].T)
-    for name in (
-        "distance",
-        *(["turned"] if is_pose else []),
-        *query.bounds,
-    ):
+    shown["distance"] = answers["distance"]
+    if is_pose:
+        shown["turned"] = answers["turned"]
+    for name in query.bounds:
         shown[name] = answers[name]
     if reachable:
         alone = [" ".join(joints.cells(row)) for row in q.tolist()]
@@ -139,9 +138,8 @@ def _target(
         if len(typed) == 3 and query.model.about.unit == "px":
             expected += "; --in base takes x, y, z of the robot's root frame"
         raise BadOption(f"{len(typed)} coordinates: {expected}")
-    return np.array(typed) / (
-        query.positions.to_typed if height is None else 1.0
-    )
+    factor = query.positions.to_typed if height is None else 1.0
+    return np.array(typed) / factor
 
 
 def _on_plane(query: Query, pixel: Array, height: float) -> Array:

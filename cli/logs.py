@@ -40,8 +40,6 @@ class Selection:
         columns: Collection[str] | None = None,
     ) -> Arm:
         """Load the arm; `locked` are further joints [rad or m], `columns` those of a log."""
-        import calib
-
         if robot is None:
             raise BadOption(
                 "ROBOT is missing: expected a URDF file or a bundled robot"

@@ -266,9 +266,9 @@ def _as_list(value: object) -> object:
     return getattr(value, method)()
 
 
-def fields(holder: object, names: str) -> dict[str, object]:
+def fields(holder: object, *names: str) -> dict[str, object]:
     """Return attributes that a document has under the same names."""
-    return {name: getattr(holder, name) for name in names.split()}
+    return {name: getattr(holder, name) for name in names}
 
 
 def with_decimals(value: float, decimals: int) -> str:

@@ -15,7 +15,7 @@ from .output import say
 from .parsing import BadOption
 
 if TYPE_CHECKING:
-    from calib.recording.setting import Setup
+    from calib.recording.setting import Setting
     from calib.samples.lens import Lens
 
 
@@ -41,8 +41,9 @@ class JointFile:
     prismatic: Sequence[str]
 
 
-def setup(
+def read_setting(
     output: str,
+    *,
     tag: int | None,
     dictionary: str,
     board: str | None,
@@ -50,12 +51,12 @@ def setup(
     lens: str | None,
     tag_size: str | None,
     tag_height: str | None,
-) -> Setup:
+) -> Setting:
     """What is in pictures of a tag; a lens that is calibrated is written beside the log."""
     from calib.recording.board import CharucoPattern, parse_board, parse_length
     from calib.recording.lens import load_lens
     from calib.recording.reference import MarkLayout
-    from calib.recording.setting import Setup
+    from calib.recording.setting import Setting
 
     if tag is None:
         raise BadOption(
@@ -75,7 +76,7 @@ def setup(
             f"--board {board}: on the desk expected a ChArUco board such as 7x5:24mm:18mm:5x5_100, "
             "of which each corner is known from the others"
         )
-    return Setup(
+    return Setting(
         tag,
         dictionary,
         pattern,
@@ -89,7 +90,7 @@ def setup(
 def record_tag(
     sources: Sequence[str],
     output: str,
-    setting: Setup,
+    setting: Setting,
     joints: JointFile,
     picture: str | None,
     *,

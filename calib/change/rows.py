@@ -21,8 +21,8 @@ from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.diagnosis import diagnose
 from ..samples.findings import refuse_mistakes
-from ..samples.motion import OfRows
-from ..samples.other_readings import readings
+from ..samples.interpretations import interpretations
+from ..samples.motion import RowArrays
 from ..samples.samples import Samples
 from ..training.preparation import sound_log
 from ..training.socket_places import as_positions
@@ -62,7 +62,7 @@ ROWS = RowSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class LogRows(OfRows):
+class LogRows(RowArrays):
     """Rows of a log beside a model; repeated rows count once."""
 
     model: Model
@@ -268,15 +268,17 @@ def _shares(rows: LogRows) -> Array:
 def _refuse_degrees(model: Model, log: Samples) -> None:
     """Refuse a log of joints in another unit, most of which the model has not learned."""
     about = model.about
+    q = about.joints_of(log)
     if not any(about.revolute):
         return
-    q = about.joints_of(log)
     scale = model.motor.scale
     answered = float(np.isfinite(model.expected_error(q)).mean())
     # coarse maps answer few rows within the range
     if max(answered, _share_inside(scale, q)) > ROWS.answered:
         return
-    units, *_ = readings(q, about.joint_names, about.revolute, any_order=False)
+    units, *_ = interpretations(
+        q, about.joint_names, about.revolute, any_order=False
+    )
     for values, other in units:
         if _share_inside(scale, values) > ROWS.answered_in_other:
             raise LogError(

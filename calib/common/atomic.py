@@ -43,7 +43,8 @@ def atomic_write(
                 fill(file)
                 file.flush()
                 os.fsync(handle)
-            os.umask(umask := os.umask(0))
+            umask = os.umask(0)
+            os.umask(umask)
             Path(name).chmod(
                 0o666 & ~umask if mode is None else stat.S_IMODE(mode)
             )

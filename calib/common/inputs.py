@@ -89,9 +89,9 @@ def joint_numbers(
         ).copy()
     except (TypeError, ValueError):
         numbers = np.full(len(joints), np.nan)
-    if not (
-        (numbers >= 0.0) if zero else (numbers > 0.0)
-    ).all():  # NaN is neither
+    # NaN is neither
+    is_allowed = numbers >= 0.0 if zero else numbers > 0.0
+    if not is_allowed.all():
         raise OptionError(
             f"{name} {value!r}: expected a number {'of zero or more' if zero else 'above zero'}, "
             f"or one for each of {', '.join(joints)} [rad or m]",
@@ -124,9 +124,8 @@ def _numbers(values: object, what: str, error: type[CalibError]) -> Array:
         )
     try:
         array = np.asarray(values)
-        if (
-            array.dtype.kind in "mMcb"
-        ):  # dates, times, complex numbers, true and false
+        # dates, times, complex numbers, true and false
+        if array.dtype.kind in "mMcb":
             raise error(
                 f"{what}: values of type {array.dtype}, expected real numbers"
             )

@@ -23,7 +23,7 @@ _PLACE = re.compile(r"@([a-z]+(?:\.[a-z]+)?)@")
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Return a number with three digits and never an exponent; below a millionth it is 0.
+    """Return a number with so many digits and never an exponent; below a millionth it is 0.
 
     >>> number(1041.7), number(0.12345), number(0.0000573, 2)
     ('1040', '0.123', '0.000057')
@@ -127,11 +127,8 @@ def with_unit(value: float, unit: str) -> str:
 
 def vector(values: Iterable[float]) -> str:
     """Return a vector as text, in which rounding errors, and a zero's sign, do not show."""
-    return (
-        "("
-        + ", ".join(f"{round(float(value), 6) + 0.0:.4g}" for value in values)
-        + ")"
-    )
+    digits = [f"{round(float(value), 6) + 0.0:.4g}" for value in values]
+    return f"({', '.join(digits)})"
 
 
 def quantity(value: float, unit: str, half: float = 0.0, sign: str = "") -> str:
@@ -187,10 +184,8 @@ def fill_template(package: str, name: str, **parts: str) -> str:
 
     def fill(match: re.Match[str]) -> str:
         place = match[1]
-        return (
-            parts[place]
-            if place in parts
-            else (folder / place).read_text(encoding="utf-8")
-        )
+        if place in parts:
+            return parts[place]
+        return (folder / place).read_text(encoding="utf-8")
 
     return _PLACE.sub(fill, (folder / name).read_text(encoding="utf-8"))

@@ -72,9 +72,8 @@ class Association:
         from scipy.sparse import csr_array
 
         links = self.linked
-        return csr_array(
-            (links.data, links.indices, links.indptr), shape=links.shape
-        )
+        entries = (links.data, links.indices, links.indptr)
+        return csr_array(entries, shape=links.shape)
 
     @staticmethod
     def learn(
@@ -98,20 +97,13 @@ class Association:
             _shifts(sensory, a_j, v),
         )
 
-    def predict(
-        self,
-        q: Array,
-        readout: str = "activity",
-    ) -> Array:
+    def predict(self, q: Array, readout: str = "activity") -> Array:
         """Positions (n, m) that a readout gives for joints (n, dof), both in their own units."""
-        u = self.motor.scale.to_unit(np.atleast_2d(np.asarray(q, dtype=float)))
+        rows = np.atleast_2d(np.asarray(q, dtype=float))
+        u = self.motor.scale.to_unit(rows)
         return self.sensory.scale.from_unit(self.forward(u, readout))
 
-    def forward(
-        self,
-        u: Array,
-        readout: str,
-    ) -> Array:
+    def forward(self, u: Array, readout: str) -> Array:
         """Positions in the sensory unit box (n, m) for joints `u` (n, dof) in theirs."""
         if readout == "winner":
             _, nodes = self.motor.nearest(u)
@@ -123,17 +115,14 @@ class Association:
         a = self.wiring.activity(self.motor, u)
         total = a @ self._strength
         sums = np.asarray(a @ self._partner_sums)
-        predicted = sums / np.where(total > 0, total, 1.0)[:, None]
-        unlinked = np.flatnonzero(~(total > 0))
+        is_linked = total > 0
+        predicted = sums / np.where(is_linked, total, 1.0)[:, None]
+        unlinked = np.flatnonzero(~is_linked)
         if len(unlinked):
             predicted[unlinked] = self.forward(u[unlinked], "winner")
         return predicted
 
-    def inverses(
-        self,
-        v: Array,
-        near: Array,
-    ) -> dict[str, Array]:
+    def inverses(self, v: Array, near: Array) -> dict[str, Array]:
         """Joints in the unit box (n, dof) for positions `v` (n, m) in theirs, by readout.
 
         Of the winner's branches the one closest to `near` (n, dof) answers: ``winner`` with its
@@ -143,16 +132,18 @@ class Association:
         clusters = self.clusters
         winner = self.sensory.nearest(v)[1][:, 0]
         branch = clusters.nearest(winner, near, self.motor.scale)
-        anchor = clusters.center[winner, branch]
+        anchor = clusters.centre[winner, branch]
         nodes, activity = self.wiring.active_nodes(self.sensory, v)
         step, strength = self._partners_on_branch(nodes, anchor)
         weight = activity * strength
-        weight[:, 0] += 1e-300  # their sum is no zero
+        # their sum is no zero
+        weight[:, 0] += 1e-300
         places = _places(self.sensory, self.sensory_shifts)
         offset = places[nodes] - v[:, None]
         middle, mean, slope = regress(offset, step, weight)
+        to_query = np.einsum("nd,ndo->no", middle, slope)
         return {
-            "linear": anchor + mean - np.einsum("nd,ndo->no", middle, slope),
+            "linear": anchor + mean - to_query,
             "activity": anchor + mean,
             "winner": self.motor.units[clusters.core[winner, branch]],
         }
@@ -164,13 +155,13 @@ class Association:
     ) -> tuple[Array, Array]:
         """Of sensory nodes (n, k) the clusters on the branch of places (n, dof).
 
-        Returns (n, k, dof), (n, k), offsets from the place to their centers, and their strengths; 0
+        Returns (n, k, dof), (n, k), offsets from the place to their centres, and their strengths; 0
         where a node has no cluster there.
         """
         scale = self.motor.scale
         cluster = self.clusters.nearest(nodes, anchor[:, None], scale)
-        center = self.clusters.center[nodes, cluster]
-        step = scale.difference(center, anchor[:, None])
+        centre = self.clusters.centre[nodes, cluster]
+        step = scale.difference(centre, anchor[:, None])
         distance = np.linalg.norm(step, axis=2)
         on_branch = distance <= READOUT.core * self.motor.spacing
         strength = self.clusters.strength[nodes, cluster]
@@ -197,7 +188,8 @@ class Association:
     @cached_property
     def _strength(self) -> Array:
         """Sum of the links of each motor node, (motor nodes,)."""
-        return np.asarray(self.links.sum(axis=1), dtype=float).ravel()
+        sums = self.links.sum(axis=1)
+        return np.asarray(sums, dtype=float).ravel()
 
     @cached_property
     def _partner_sums(self) -> Array:
@@ -209,8 +201,9 @@ class Association:
         """Sensory node with the strongest link to each motor node, or to the nearest linked one."""
         has_links = np.diff(self.linked.indptr) > 0
         source = self.motor.nearest_of(has_links)
-        strongest = np.asarray(self.links.argmax(axis=1)).ravel()
-        return strongest[source]
+        strongest = self.links.argmax(axis=1)
+        partners = np.asarray(strongest).ravel()
+        return partners[source]
 
     @cached_property
     def partners(self) -> SparseRows:
@@ -219,7 +212,9 @@ class Association:
         A node without links has those of the nearest one that has some.
         """
         links = self.linked.transposed()
-        return links.take(self.sensory.nearest_of(np.diff(links.indptr) > 0))
+        has_links = np.diff(links.indptr) > 0
+        source = self.sensory.nearest_of(has_links)
+        return links.take(source)
 
     @cached_property
     def clusters(self) -> Clusters:
@@ -227,11 +222,7 @@ class Association:
         return Clusters.of(self.partners, self.motor)
 
 
-def _shifts(
-    network: Map,
-    activity: csr_array,
-    u: Array,
-) -> Array:
+def _shifts(network: Map, activity: csr_array, u: Array) -> Array:
     """Mean offsets (nodes, d) [node spacings] of samples `u` (n, d) from the nodes active at them.
 
     activity : (n, nodes); a node that was never active has none
@@ -240,7 +231,8 @@ def _shifts(
     nodes = activity.indices
     a = activity.data
     gap = network.scale.difference(u[rows], network.units[nodes])
-    offsets = group_sums(nodes, a[:, None] * gap, network.size)
+    pulls = a[:, None] * gap
+    offsets = group_sums(nodes, pulls, network.size)
     total = group_sums(nodes, a, network.size)
     total = np.where(total > READOUT.active, total, np.inf)
     shifts = offsets * (1.0 / total)[:, None] / network.spacing

@@ -29,11 +29,9 @@ def decay(
     n: int,
 ) -> Array:
     """`n` values that decay exponentially from `start` to `end` (eq. 4)."""
-    return (
-        start * (end / start) ** np.linspace(0.0, 1.0, n)
-        if n > 1
-        else np.array([end])
-    )
+    if n <= 1:
+        return np.array([end])
+    return start * (end / start) ** np.linspace(0.0, 1.0, n)
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,8 @@ def coarse_to_fine(
         last = BATCH.last_radius
         if density == "varying":
             last = BATCH.last_radius_varying
-        return [_alone(lattice, decay(whole, min(last, whole), 20))]
+        radii = decay(whole, min(last, whole), 20)
+        return [_alone(lattice, radii)]
     ordered = Stage(coarse[0], decay(2.0, 0.7, 8))
     refined = {"even": _evenly, "varying": _varying, "growing": _growing}
     return [ordered, *refined[density](lattice, coarse)]
@@ -103,8 +102,10 @@ def _varying(lattice: Lattice, coarse: list[Lattice]) -> list[Stage]:
     accurate than one that follows each sample.
     """
     last = BATCH.last_radius_varying
-    radii = decay(max(2 * last, max(lattice.shape) / 5), last, 14)
-    return [_refinement(lattice, coarse)[0], _alone(lattice, radii)]
+    first = max(2 * last, max(lattice.shape) / 5)
+    radii = decay(first, last, 14)
+    refined = _refinement(lattice, coarse)[0]
+    return [refined, _alone(lattice, radii)]
 
 
 def _growing(lattice: Lattice, coarse: list[Lattice]) -> list[Stage]:
@@ -113,7 +114,8 @@ def _growing(lattice: Lattice, coarse: list[Lattice]) -> list[Stage]:
     An epoch costs little there.
     """
     stages = _refinement(lattice, coarse)
-    times = np.linspace(0.0, BATCH.grown, len(stages) + 1).tolist()
+    ends = len(stages) + 1
+    times = np.linspace(0.0, BATCH.grown, ends).tolist()
     growing = [
         replace(stage, progress=span)
         for stage, span in zip(stages, pairwise(times), strict=True)
@@ -122,13 +124,16 @@ def _growing(lattice: Lattice, coarse: list[Lattice]) -> list[Stage]:
     wider = BATCH.last_radius + 0.22 * math.log2(side / 20)
     last = float(np.clip(wider, BATCH.last_radius, 0.8))
     radii = decay(BATCH.first_radius_growing, last, BATCH.epochs_growing)
-    return [*growing, Stage(lattice, radii, progress=(BATCH.grown, 1.0))]
+    full = Stage(lattice, radii, progress=(BATCH.grown, 1.0))
+    return [*growing, full]
 
 
 def _refinement(lattice: Lattice, coarse: list[Lattice]) -> list[Stage]:
     """Stages of coarse lattices, and one of the full one, that follow the winners' steps."""
-    finer = [Stage(small, decay(2.0, 1.5, 6), BATCH.step) for small in coarse]
-    return [*finer, Stage(lattice, np.array([1.5]), BATCH.step)]
+    radii = decay(2.0, 1.5, 6)
+    finer = [Stage(small, radii, BATCH.step) for small in coarse]
+    full = Stage(lattice, np.array([1.5]), BATCH.step)
+    return [*finer, full]
 
 
 def _alone(lattice: Lattice, radii: Array) -> Stage:
@@ -152,7 +157,8 @@ def _coarse_lattices(lattice: Lattice) -> list[Lattice]:
 def _smaller_lattice(lattice: Lattice, nodes: float) -> Lattice:
     """A lattice of the same proportions with about `nodes` nodes."""
     factor = (nodes / lattice.size) ** (1 / lattice.dim)
-    return Lattice(tuple(max(2, round(s * factor)) for s in lattice.shape))
+    sides = [round(side * factor) for side in lattice.shape]
+    return Lattice(tuple(max(2, side) for side in sides))
 
 
 def learn_batch(
@@ -182,13 +188,10 @@ def learn_batch(
         if stage.lattice != lattice:
             weights = lattice.resample(weights, stage.lattice)
         lattice = stage.lattice
-        rows = np.arange(len(u))
-        most = BATCH.samples_per_node * lattice.size
-        if lattice != full and most < len(u):
-            rows = rng.choice(len(u), most, replace=False, shuffle=False)
-            rows.sort()
+        rows = _rows_of_stage(len(u), lattice, full, rng)
         samples = u[rows]
-        with_ones = np.column_stack([samples, np.ones(len(rows))])
+        ones = np.ones(len(rows))
+        with_ones = np.column_stack([samples, ones])
         # a gain sees samples in the log's order
         log_order = np.argsort(order[rows])
         wrong = None if residual is None else residual[order[rows[log_order]]]
@@ -213,19 +216,36 @@ def learn_batch(
                 )
                 g[log_order] = gain(visit)  # eq. 7 and 8
             topographic = topographic_error(samples, tree, lattice)
-            sums = group_sums(winner, g[:, None] * with_ones, lattice.size)
+            weighted = g[:, None] * with_ones
+            sums = group_sums(winner, weighted, lattice.size)
             weights = next_weights(weights, sums, lattice, sigma, stage.step)
             error = float(distance.mean())
             yield Epoch(weights, lattice, sigma, error, topographic)
 
 
+def _rows_of_stage(
+    n: int,
+    lattice: Lattice,
+    full: Lattice,
+    rng: np.random.Generator,
+) -> Index:
+    """Ascending rows of the `n` samples that a stage shows: a coarse lattice sees some alone."""
+    most = BATCH.samples_per_node * lattice.size
+    if lattice == full or n <= most:
+        return np.arange(n)
+    rows = rng.choice(n, most, replace=False, shuffle=False)
+    return np.sort(rows)
+
+
 def _by_place(u: Array) -> Index:
     """An order in which close samples follow each other: their winners are found sooner."""
-    per_axis = int(BATCH.sorting_cells ** (1 / u.shape[1]))
+    dim = u.shape[1]
+    per_axis = int(BATCH.sorting_cells ** (1 / dim))
     cell = np.zeros(len(u), dtype=np.uint16)
     for coordinate in u.T:
         step = np.clip(coordinate, 0.0, 0.999) * per_axis
-        cell = cell * np.uint16(per_axis) + step.astype(np.uint16)
+        cell = cell * np.uint16(per_axis)
+        cell = cell + step.astype(np.uint16)
     # in linear time, as they have 16 bits
     return np.argsort(cell, kind="stable")
 
@@ -235,17 +255,22 @@ def spread_out(u: Array, lattice: Lattice) -> Array:
 
     A lattice with fewer axes than the space has lies in the plane in which the samples vary most.
     """
-    place = (lattice.positions() + 0.5) / np.array(lattice.shape)
+    sides = np.array(lattice.shape)
+    place = (lattice.positions() + 0.5) / sides
     if lattice.dim >= u.shape[1]:
         return np.ascontiguousarray(place[:, : u.shape[1]])
     middle = u.mean(axis=0)
-    axes = np.linalg.svd(u - middle, full_matrices=False)[2][: lattice.dim]
+    _, _, main_axes = np.linalg.svd(u - middle, full_matrices=False)
+    axes = main_axes[: lattice.dim]
     # of an even spread the half width is sqrt(3) standard deviations
-    wide = np.sqrt(3.0) * np.std((u - middle) @ axes.T, axis=0)
-    return np.asarray(middle + (2.0 * place - 1.0) * wide @ axes)
+    along_axes = (u - middle) @ axes.T
+    deviation = np.std(along_axes, axis=0)
+    half_width = np.sqrt(3.0) * deviation
+    offsets = (2.0 * place - 1.0) * half_width
+    return np.asarray(middle + offsets @ axes)
 
 
-def spread(
+def neighbourhood_sums(
     sums: Array,
     lattice: Lattice,
     sigma: float,
@@ -257,7 +282,8 @@ def spread(
     for axis, n in enumerate(lattice.shape):
         reach = min(int(REACH * sigma) + 1, n - 1)
         steps = np.arange(-reach, reach + 1)
-        h = np.exp(steps**2 / (-2.0 * sigma * sigma))  # eq. 3
+        exponent = steps**2 / (-2.0 * sigma * sigma)
+        h = np.exp(exponent)  # eq. 3
         grid = correlate1d(grid, h, axis, mode="constant")
     return grid.reshape(sums.shape)
 
@@ -281,10 +307,11 @@ def next_weights(
         counts = sums[:, -1:]
         steps = step * (sums[:, :-1] - counts * weights)
         sums = np.concatenate([steps, counts], axis=1)
-    sums = spread(sums, lattice, sigma)
+    sums = neighbourhood_sums(sums, lattice, sigma)
     count = sums[:, -1:]
     active = count > 1e-12 * count.max()
-    mean = sums[:, :-1] / np.where(active, count, 1.0)
+    divisor = np.where(active, count, 1.0)
+    mean = sums[:, :-1] / divisor
     if step is not None:
         mean = weights + mean
     return np.where(active, mean, weights)

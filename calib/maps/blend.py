@@ -24,13 +24,10 @@ class Blend:
     index, weight : (n, m), nodes, and their weights, which add up to 1
     """
 
-    def __init__(
-        self,
-        motor: Map,
-        u: Array,
-        m: int | None = None,
-    ) -> None:
-        m = min(m or blend_size(u.shape[1]), motor.size - 1)
+    def __init__(self, motor: Map, u: Array, m: int | None = None) -> None:
+        if m is None:
+            m = blend_size(u.shape[1])
+        m = min(m, motor.size - 1)
         distance, nodes = motor.nearest(u, m + 1)
         # its square is no zero
         self._last = np.maximum(distance[:, -1:], 1e-150)
@@ -57,9 +54,11 @@ class Blend:
     def tilt(self) -> Array:
         """Derivatives (n, m, d) of the weights by the coordinates of the points."""
         # both distances of a ratio move with the point
-        moved = self.gap - self._ratio[..., None] * self._gaps[:, -1:]
-        ratio_slope = 2.0 * moved / (self._last * self._last)[..., None]
-        raw_slope = ratio_slope * (-2.0 * (1.0 - self._ratio)[..., None])
+        ratio = self._ratio[..., None]
+        moved = self.gap - ratio * self._gaps[:, -1:]
+        last_square = (self._last * self._last)[..., None]
+        ratio_slope = 2.0 * moved / last_square
+        raw_slope = ratio_slope * (-2.0 * (1.0 - ratio))
         # the quotient rule for raw / total
         total_slope = raw_slope.sum(axis=1, keepdims=True)
         tilt = raw_slope - self.weight[..., None] * total_slope

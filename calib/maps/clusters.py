@@ -21,7 +21,7 @@ class Clusters:
     A sensory node's cluster with the strongest link comes first.
     """
 
-    center: Array  # (sensory nodes, c, dof), mean of the motor nodes, weighted by their links
+    centre: Array  # (sensory nodes, c, dof), mean of the motor nodes, weighted by their links
     # (sensory nodes, c), sum of its links, 0 where there is no such cluster
     strength: Array
     # (sensory nodes, c), motor node with the strongest link of each cluster
@@ -34,33 +34,31 @@ class Clusters:
         label = _cluster_labels(links, motor)
         # the strongest link of each cluster, in the order of labels: its core
         order = np.lexsort((-links.data, label))
-        begins = np.append(True, np.diff(label[order]) > 0)
+        is_next = np.diff(label[order]) > 0
+        begins = np.append(True, is_next)
         strongest = order[begins]
         core = motor_node[strongest]
         # the link-weighted mean of each cluster, of the nodes around its core
         place = motor.units[core]
-        gap = motor.scale.difference(motor.units[motor_node], place[label])
+        linked = motor.units[motor_node]
+        gap = motor.scale.difference(linked, place[label])
         distance = np.linalg.norm(gap, axis=1)
         inside = distance <= READOUT.core * motor.spacing
         weight = np.where(inside, links.data, 0.0)
         total = group_sums(label, weight)
-        center = (
-            place + group_sums(label, weight[:, None] * gap) / total[:, None]
-        )
+        offsets = group_sums(label, weight[:, None] * gap)
+        centre = place + offsets / total[:, None]
         table = _table_of_clusters(links, strongest)
         strength = np.where(table >= 0, total[table], 0.0)
-        return Clusters(center[table], strength, core[table])
+        return Clusters(centre[table], strength, core[table])
 
-    def nearest(
-        self,
-        nodes: Index,
-        place: Array,
-        scale: Scale,
-    ) -> Index:
+    def nearest(self, nodes: Index, place: Array, scale: Scale) -> Index:
         """Which cluster (...) of sensory nodes (...) is nearest to places (..., dof)."""
-        gap = scale.difference(self.center[nodes], place[..., None, :])
+        centres = self.centre[nodes]
+        gap = scale.difference(centres, place[..., None, :])
         distance = np.linalg.norm(gap, axis=-1)
-        distance = np.where(self.strength[nodes] > 0, distance, np.inf)
+        exists = self.strength[nodes] > 0
+        distance = np.where(exists, distance, np.inf)
         return np.asarray(distance.argmin(axis=-1))
 
 
@@ -73,10 +71,12 @@ def _table_of_clusters(links: SparseRows, strongest: Index) -> Index:
     owners = links.rows[strongest]
     order = np.lexsort((-links.data[strongest], owners))
     owner = owners[order]
-    column = np.arange(len(owner)) - np.searchsorted(owner, owner)
+    first = np.searchsorted(owner, owner)
+    column = np.arange(len(owner)) - first
     strong = column < READOUT.most_clusters
     columns = int(column[strong].max()) + 1
-    table = np.full((links.shape[0], columns), -1)
+    nodes = links.shape[0]
+    table = np.full((nodes, columns), -1)
     table[owner[strong], column[strong]] = order[strong]
     return table
 
@@ -91,16 +91,19 @@ def _cluster_labels(links: SparseRows, motor: Map) -> Index:
 
     count = len(links.indices)
     around = 3 ** min(motor.units.shape[1], 3)
-    distance, near = motor.nearest(motor.units, min(around, motor.size))
+    k = min(around, motor.size)
+    distance, near = motor.nearest(motor.units, k)
     close = distance <= READOUT.joined * motor.spacing
     # links are in the order of their keys; look for those of the same node to close motor nodes
     rows = links.rows * motor.size
     keys = rows + links.indices
     neighbour_keys = rows[:, None] + near[links.indices]
-    place = np.minimum(np.searchsorted(keys, neighbour_keys), count - 1)
+    place = np.searchsorted(keys, neighbour_keys)
+    place = np.minimum(place, count - 1)
     exists = keys[place] == neighbour_keys
     link, column = np.nonzero(close[links.indices] & exists)
     pairs = (link, place[link, column])
-    graph = coo_array((np.ones(len(link)), pairs), (count, count))
+    ones = np.ones(len(link))
+    graph = coo_array((ones, pairs), (count, count))
     label: Index = connected_components(graph)[1].astype(np.intp)
     return label

@@ -61,7 +61,8 @@ class Visit:
         a, b = ends
         gaps = self.weights[a] - self.weights[b]
         square = np.sum(gaps**2, axis=1)
-        return group_sums(ends.ravel(), np.tile(square, 2), len(self.weights))
+        of_ends = np.tile(square, 2)
+        return group_sums(ends.ravel(), of_ends, len(self.weights))
 
 
 Gain = Callable[[Visit], Array]
@@ -77,13 +78,15 @@ def border(visit: Visit, share: float = 1.0) -> Array:
     no feedback and cannot tear the map; the last third of the training, at the full gain, brings
     the map to rest.
     """
-    side = visit.lattice.size ** (1 / getattr(visit.lattice, "dim", 2))
-    strength = np.clip(3.0 * np.log2(side / 4.0), 1.5, 9.0) * np.clip(
-        visit.per_node / 4, 0.5, 1.0
-    )
+    dim = getattr(visit.lattice, "dim", 2)
+    side = visit.lattice.size ** (1 / dim)
+    of_size = np.clip(3.0 * np.log2(side / 4.0), 1.5, 9.0)
+    of_samples = np.clip(visit.per_node / 4, 0.5, 1.0)
+    strength = of_size * of_samples
     ramp = share * min(1.0, visit.progress / DENSITY.full)
-    lonely = 1.0 - visit.lattice.neighbours()
-    return np.asarray(np.exp(strength * ramp * lonely)[visit.winners])
+    lonely = 1.0 - visit.lattice.neighbour_share()
+    gain = np.exp(strength * ramp * lonely)
+    return np.asarray(gain[visit.winners])
 
 
 def as_printed(_visit: Visit) -> Array:
@@ -118,8 +121,10 @@ def rho(visit: Visit) -> Array:
     gaps = visit.weights - visit.weights.mean(axis=0)
     total = np.sum(gaps**2, axis=1)
     total = total + total.mean()
-    rho = np.exp(-total / max(float(total.mean()), 1e-300))  # eq. 7
-    gain: Array = 1.0 + (visit.progress * rho.mean() / rho) ** 4  # eq. 8
+    mean = max(float(total.mean()), 1e-300)
+    rho_of_nodes = np.exp(-total / mean)  # eq. 7
+    relative = visit.progress * rho_of_nodes.mean() / rho_of_nodes
+    gain: Array = 1.0 + relative**4  # eq. 8
     return gain[visit.winners]
 
 
@@ -133,12 +138,14 @@ def residual(visit: Visit) -> Array:
     gain = border(visit, 2 / 3)
     if visit.residual is None:
         return gain
+    mean = max(float(visit.residual.mean()), 1e-300)
     share = np.clip(
-        visit.residual / max(float(visit.residual.mean()), 1e-300),
+        visit.residual / mean,
         DENSITY.least_residual,
         DENSITY.most_residual,
     )
-    return gain * share ** min(1.0, visit.progress / DENSITY.full)
+    ramp = min(1.0, visit.progress / DENSITY.full)
+    return gain * share**ramp
 
 
 def guard_gain(gain: Gain) -> Gain:
@@ -165,7 +172,7 @@ def guard_gain(gain: Gain) -> Gain:
     return guard
 
 
-READINGS: dict[str, Gain] = {
+GAINS: dict[str, Gain] = {
     "residual": residual,
     "border": border,
     "rho": rho,
@@ -178,7 +185,10 @@ READINGS: dict[str, Gain] = {
 def gain_of(name: str) -> Gain | None:
     """Gain of a network by its name in ``--map``, None where there is none."""
     check_choice("map", name, MAPS)
-    return border if name == "vdsom" else READINGS.get(name.partition(":")[2])
+    if name == "vdsom":
+        return border
+    _, _, reading = name.partition(":")
+    return GAINS.get(reading)
 
 
 def kind_of(network: str | Gain) -> str:

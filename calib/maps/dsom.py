@@ -19,26 +19,14 @@ def learn_dsom(
 ) -> Iterator[Epoch]:
     """Train a dynamic map, whose rate and radius follow the distance of a sample to its winner."""
     # from one place it unfolds; scattered nodes are close to every sample and stay put
-    weights = 0.5 + 0.01 * (rng.random((lattice.size, u.shape[1])) - 0.5)
+    noise = rng.random((lattice.size, u.shape[1])) - 0.5
+    weights = 0.5 + 0.01 * noise
     for _ in range(epochs):
-        error = float(
-            np.mean(present_dsom(weights, lattice, u[rng.permutation(len(u))]))
-        )
-        sigma = max(
-            _widths(
-                lattice,
-                error,
-                u.shape[1],
-                DYNAMIC.elasticity,
-            )
-        )
-        yield Epoch.of(
-            u,
-            weights,
-            lattice,
-            sigma,
-            error,
-        )
+        samples = u[rng.permutation(len(u))]
+        distances = present_dsom(weights, lattice, samples)
+        error = float(np.mean(distances))
+        widths = _widths(lattice, error, u.shape[1], DYNAMIC.elasticity)
+        yield Epoch.of(u, weights, lattice, max(widths), error)
 
 
 def present_dsom(
@@ -59,23 +47,18 @@ def present_dsom(
     grid = weights.reshape(*lattice.shape, -1)
     distances: list[float] = []
     for x in samples:
-        away = np.linalg.norm(weights - x, axis=1)
-        winner = int(away.argmin())
-        distance = float(away[winner])
+        from_nodes = np.linalg.norm(weights - x, axis=1)
+        winner = int(from_nodes.argmin())
+        distance = float(from_nodes[winner])
         distances.append(distance)
         if distance == 0.0:
             continue  # the source: h is zero where the winner stands on the sample
-        window, h = lattice.around(
-            winner,
-            *_widths(
-                lattice,
-                distance,
-                dim,
-                elasticity,
-            ),
-        )
-        step = rate * h * away.reshape(lattice.shape)[window] / math.sqrt(dim)
-        grid[window] += step[..., None] * (x - grid[window])
+        widths = _widths(lattice, distance, dim, elasticity)
+        window, h = lattice.around(winner, *widths)
+        in_window = from_nodes.reshape(lattice.shape)[window]
+        step = rate * h * in_window / math.sqrt(dim)
+        gap = x - grid[window]
+        grid[window] += step[..., None] * gap
     return distances
 
 

@@ -39,7 +39,9 @@ class Gas:
     def neighbours(self, node: int) -> Index:
         """Nodes that are joined to `node`."""
         a, b = self.pairs.T
-        return np.concatenate([b[a == node], a[b == node]])
+        after = b[a == node]
+        before = a[b == node]
+        return np.concatenate([after, before])
 
 
 def learn_gng(
@@ -55,7 +57,8 @@ def learn_gng(
     epochs : passes over the samples, each in another order; a pass ends after 15 per node
     """
     two_samples = u[rng.permutation(len(u))[:2]]
-    apart = 1e-9 * rng.random((2, u.shape[1]))
+    noise = rng.random((2, u.shape[1]))
+    apart = 1e-9 * noise
     gas = Gas(two_samples + apart, np.zeros(2))
     # the source's decay d = 0.995 remembers 200 samples, too few for thousands of nodes
     decay = 1.0 - 1.0 / (2.0 * max(nodes, 100))
@@ -72,23 +75,12 @@ def learn_gng(
             first += len(block)
             done += len(block)
             progress = min(1.0, done / until_grown)
-            total += present_gng(
-                gas,
-                block,
-                decay,
-                gain,
-                progress,
-            )
+            total += present_gng(gas, block, decay, gain, progress)
             wanted = 2 + int((nodes - 2) * progress)
             while len(gas.weights) < wanted and len(gas.pairs):
                 insert(gas)
-        yield Epoch.of(
-            u,
-            gas.weights,
-            gas.graph,
-            0.0,
-            total / shown,
-        )
+        error = total / shown
+        yield Epoch.of(u, gas.weights, gas.graph, 0.0, error)
 
 
 def present_gng(
@@ -122,7 +114,8 @@ def present_gng(
     gas.error = gas.error + group_sums(winner, error, n)
     gas.error = gas.error * decay ** len(samples)
     wins = group_sums(winner, np.ones(len(samples)), n)
-    gas.age = gas.age + wins[gas.pairs].sum(axis=1)
+    wins_of_ends = wins[gas.pairs].sum(axis=1)
+    gas.age = gas.age + wins_of_ends
     _move_nodes(gas, wins, group_sums(winner, samples, n))
     _renew_edges(gas, winner, second)
     _remove_old_edges(gas)
@@ -140,7 +133,8 @@ def _move_nodes(
     """
     n = len(wins)
     ends = gas.pairs.T.ravel()
-    neighbours = gas.pairs[:, ::-1].T.ravel()
+    swapped = gas.pairs[:, ::-1]
+    neighbours = swapped.T.ravel()
     # what many steps add up to: a node keeps (1 - epsilon)^wins of its place
     rate_winner = -np.log1p(-GROWING.epsilon_b)
     rate_neighbour = -np.log1p(-GROWING.epsilon_n)
@@ -150,9 +144,9 @@ def _move_nodes(
     rate = pull[:, 0]
     moved = np.flatnonzero(rate > 0.0)
     target = pull[moved, 1:] / rate[moved, None]
-    gas.weights[moved] -= np.expm1(-rate[moved])[:, None] * (
-        target - gas.weights[moved]
-    )
+    share = -np.expm1(-rate[moved])[:, None]
+    step = target - gas.weights[moved]
+    gas.weights[moved] += share * step
 
 
 def _renew_edges(
@@ -165,11 +159,14 @@ def _renew_edges(
     low = np.minimum(winner, second)
     high = np.maximum(winner, second)
     new_keys = np.unique(low * n + high)
-    new_pairs = np.stack(np.divmod(new_keys, n), axis=1)
-    keys = gas.pairs[:, 0] * n + gas.pairs[:, 1]
+    new_ends = np.divmod(new_keys, n)
+    new_pairs = np.stack(new_ends, axis=1)
+    first, other = gas.pairs.T
+    keys = first * n + other
     stays = ~np.isin(keys, new_keys)
     gas.pairs = np.concatenate([gas.pairs[stays], new_pairs])
-    gas.age = np.concatenate([gas.age[stays], np.zeros(len(new_keys))])
+    ages = np.zeros(len(new_keys))
+    gas.age = np.concatenate([gas.age[stays], ages])
 
 
 def _remove_old_edges(gas: Gas) -> None:
@@ -179,7 +176,8 @@ def _remove_old_edges(gas: Gas) -> None:
         return
     gas.pairs = gas.pairs[young]
     gas.age = gas.age[young]
-    joined = np.bincount(gas.pairs.ravel(), minlength=len(gas.weights)) > 0
+    edges = np.bincount(gas.pairs.ravel(), minlength=len(gas.weights))
+    joined = edges > 0
     new_number = np.cumsum(joined) - 1
     gas.weights = gas.weights[joined]
     gas.error = gas.error[joined]
@@ -201,5 +199,6 @@ def insert(gas: Gas) -> int:
     split = (gas.pairs == (low, high)).all(axis=1)
     ends = np.array([[worst, new], [other, new]], dtype=np.intp)
     gas.pairs = np.concatenate([gas.pairs[~split], ends])
-    gas.age = np.concatenate([gas.age[~split], np.zeros(2)])
+    ages = np.zeros(2)
+    gas.age = np.concatenate([gas.age[~split], ages])
     return new

@@ -28,13 +28,11 @@ def shape_of(size: Size, name: str = "size") -> tuple[int, ...]:
 
     Raises OptionError if it is none.
     """
-    parts = (
-        size.lower().split("x")
-        if isinstance(size, str)
-        else np.atleast_1d(size).tolist()
-    )
+    parts = np.atleast_1d(size).tolist()
+    if isinstance(size, str):
+        parts = size.lower().split("x")
     try:
-        whole = tuple(
+        shape = tuple(
             int(n) if isinstance(n, str) else operator.index(n) for n in parts
         )
     except (TypeError, ValueError):
@@ -43,9 +41,10 @@ def shape_of(size: Size, name: str = "size") -> tuple[int, ...]:
             parameter=name,
             value=size,
         ) from None
-    return Lattice(
-        2 * whole if len(whole) == 1 and np.ndim(size) == 0 else whole
-    ).shape
+    # one number stands for a square
+    if len(shape) == 1 and np.ndim(size) == 0:
+        shape = 2 * shape
+    return Lattice(shape).shape
 
 
 @dataclass(frozen=True)
@@ -79,17 +78,19 @@ class Lattice:
 
     def positions(self) -> Array:
         """Lattice position r of each node, (size, dim) [nodes] (eq. 3)."""
-        return np.indices(self.shape, dtype=float).reshape(self.dim, -1).T
+        indices = np.indices(self.shape, dtype=float)
+        return indices.reshape(self.dim, -1).T
 
-    def neighbours(self) -> Array:
+    def neighbour_share(self) -> Array:
         """Fraction of the lattice neighbours, diagonal ones included, of each node, (size,)."""
         # a block of 3 nodes along each axis, 2 at an end, less the node itself
         counts = np.ones(())
         for n in self.shape:
-            counts = np.multiply.outer(
-                counts, np.where(np.arange(n) % (n - 1) == 0, 2.0, 3.0)
-            )
-        return (counts.ravel() - 1.0) / (3.0**self.dim - 1.0)
+            is_end = np.arange(n) % (n - 1) == 0
+            along = np.where(is_end, 2.0, 3.0)
+            counts = np.multiply.outer(counts, along)
+        most = 3.0**self.dim - 1.0
+        return (counts.ravel() - 1.0) / most
 
     def around(
         self, winner: int, *widths: float
@@ -107,17 +108,20 @@ class Lattice:
         for n, r_i, sigma in zip(
             self.shape, map(int, winner_place), widths, strict=True
         ):
-            part = slice(max(0, r_i - reach), min(n, r_i + reach + 1))
-            r_j = np.arange(part.start, part.stop)
-            h_axis = np.exp((r_j - r_i) ** 2 / (-2.0 * sigma * sigma))  # eq. 3
+            begin = max(0, r_i - reach)
+            end = min(n, r_i + reach + 1)
+            r_j = np.arange(begin, end)
+            squares = (r_j - r_i) ** 2
+            h_axis = np.exp(squares / (-2.0 * sigma * sigma))  # eq. 3
             h = np.multiply.outer(h, h_axis)
-            window.append(part)
+            window.append(slice(begin, end))
         return tuple(window), h
 
     def beside(self, i: int) -> Index:
         """Nodes around node `i`, diagonal ones included, (k,): O of eq. 7."""
         positions = self.positions()
-        steps = np.abs(positions - positions[i]).max(axis=1)
+        gaps = np.abs(positions - positions[i])
+        steps = gaps.max(axis=1)
         return np.flatnonzero(steps == 1.0)
 
     def edges(self) -> Index:
@@ -131,22 +135,15 @@ class Lattice:
             pairs.append(np.stack([first, second], axis=1))
         return np.concatenate(pairs)
 
-    def adjacent(
-        self,
-        i: Index,
-        j: Index,
-    ) -> Mask:
+    def adjacent(self, i: Index, j: Index) -> Mask:
         """Whether nodes `i` and `j` are neighbours, diagonal ones included, (n,)."""
-        steps = np.subtract(
-            np.unravel_index(i, self.shape), np.unravel_index(j, self.shape)
-        )
-        return np.asarray(np.abs(steps).max(axis=0) <= 1)
+        place_i = np.unravel_index(i, self.shape)
+        place_j = np.unravel_index(j, self.shape)
+        steps = np.subtract(place_i, place_j)
+        most = np.abs(steps).max(axis=0)
+        return np.asarray(most <= 1)
 
-    def resample(
-        self,
-        weights: Array,
-        finer: Lattice,
-    ) -> Array:
+    def resample(self, weights: Array, finer: Lattice) -> Array:
         """Multilinear interpolation of `weights` (size, d) onto another lattice.
 
         The nodes keep the middle of their cells: node i of n stands at (i + 1/2) / n of
@@ -157,7 +154,8 @@ class Lattice:
             old = self.shape[axis]
             new = finer.shape[axis]
             place = (np.arange(new) + 0.5) * (old / new) - 0.5
-            low = np.clip(np.floor(place).astype(int), 0, old - 2)
+            floor = np.floor(place).astype(int)
+            low = np.clip(floor, 0, old - 2)
             along = [1] * grid.ndim
             along[axis] = new
             rest = (place - low).reshape(along)
@@ -178,34 +176,32 @@ class Graph:
     @staticmethod
     def of(size: int, pairs: Index) -> Graph:
         """The graph of pairs (m, 2) in any order, which may repeat."""
-        return Graph(size, np.unique(np.sort(pairs, axis=1), axis=0))
+        ascending = np.sort(pairs, axis=1)
+        return Graph(size, np.unique(ascending, axis=0))
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Number of nodes, as the shape of a lattice of no particular form."""
         return (self.size,)
 
-    def neighbours(self) -> Array:
+    def neighbour_share(self) -> Array:
         """Edges of each node over those of most nodes inside, (size,), at most 1.
 
         "Most" is the upper quartile: nodes at the border have fewer.
         """
         degree = np.bincount(self.pairs.ravel(), minlength=self.size)
-        return np.minimum(
-            1.0, degree / max(float(np.quantile(degree, 0.75)), 1.0)
-        )
+        most = max(float(np.quantile(degree, 0.75)), 1.0)
+        return np.minimum(1.0, degree / most)
 
     def edges(self) -> Index:
         """Pairs of joined nodes, (m, 2)."""
         return self.pairs
 
-    def adjacent(
-        self,
-        i: Index,
-        j: Index,
-    ) -> Mask:
+    def adjacent(self, i: Index, j: Index) -> Mask:
         """Whether nodes `i` and `j` are the same or joined, (n,)."""
         low = np.minimum(i, j)
         high = np.maximum(i, j)
-        key = self.pairs[:, 0] * self.size + self.pairs[:, 1]
-        return np.asarray((low == high) | np.isin(low * self.size + high, key))
+        first, second = self.pairs.T
+        keys = first * self.size + second
+        joined = np.isin(low * self.size + high, keys)
+        return np.asarray((low == high) | joined)

@@ -32,10 +32,12 @@ def regress(
     middle = np.einsum("nk,nkd->nd", share, place)
     mean = np.einsum("nk,nko->no", share, value)
     gap = place - middle[:, None]
-    weighted = np.swapaxes(gap * share[..., None], 1, 2)
+    shares = share[..., None]
+    weighted = np.swapaxes(gap * shares, 1, 2)
     power = weighted @ gap
     diagonal = np.einsum("ndd->nd", power)
-    diagonal += READOUT.ridge * diagonal.mean(axis=1, keepdims=True) + 1e-300
+    variance = diagonal.mean(axis=1, keepdims=True)
+    diagonal += READOUT.ridge * variance + 1e-300
     moments = weighted @ (value - mean[:, None])
     slope = np.linalg.solve(power, moments)
     return middle, mean, slope
@@ -89,7 +91,8 @@ class LinearModels(ReadOnly):
         place = motor.scale.difference(places[near], motor.units[:, None])
         middle, mean, slope = regress(place, partners[near], weight)
         value = mean - np.einsum("nd,ndo->no", middle, slope)
-        has_links = (strength > 0.0) & (weight.sum(axis=1) > 0.0)
+        total = weight.sum(axis=1)
+        has_links = (strength > 0.0) & (total > 0.0)
         # in place of a node without links the nearest model goes on
         source = motor.nearest_of(has_links)
         gap = motor.scale.difference(motor.units, motor.units[source])
@@ -98,7 +101,8 @@ class LinearModels(ReadOnly):
         return LinearModels(motor, value, slope)
 
     def _blend(self, u: Array) -> Blend:
-        return Blend(self.motor, u, 2 * blend_size(u.shape[1]))
+        nodes = 2 * blend_size(u.shape[1])
+        return Blend(self.motor, u, nodes)
 
     def _of_nodes(self, blend: Blend) -> Array:
         """What each node's linear model says, (n, m, o)."""

@@ -37,11 +37,7 @@ class Wiring:
             return self.bandwidth * network.spacings
         return np.full(network.size, self.bandwidth * network.spacing)
 
-    def active_nodes(
-        self,
-        network: Map,
-        u: Array,
-    ) -> tuple[Index, Array]:
+    def active_nodes(self, network: Map, u: Array) -> tuple[Index, Array]:
         """Nodes nearest to places (n, d) of the unit box, and their activities, (n, k) (eq. 6).
 
         They are relative to the winner's, which is never zero even far from every node.
@@ -52,24 +48,17 @@ class Wiring:
         least = exponent.min(axis=1, keepdims=True)
         return nodes, np.exp(least - exponent)  # eq. 6
 
-    def activity(
-        self,
-        network: Map,
-        u: Array,
-    ) -> csr_array:
+    def activity(self, network: Map, u: Array) -> csr_array:
         """Activity a_j (n, nodes) of the nodes at places (n, d) of the unit box (eq. 6)."""
         from scipy.sparse import csr_array
 
         nodes, a = self.active_nodes(network, u)
         rows = np.arange(0, a.size + 1, a.shape[1])
         shape = (len(u), network.size)
-        return csr_array((a.ravel(), nodes.ravel(), rows), shape=shape)
+        entries = (a.ravel(), nodes.ravel(), rows)
+        return csr_array(entries, shape=shape)
 
-    def link(
-        self,
-        a_i: csr_array,
-        a_j: csr_array,
-    ) -> SparseRows:
+    def link(self, a_i: csr_array, a_j: csr_array) -> SparseRows:
         """Links (motor nodes, sensory nodes) at the fixed point of Oja's rule (eq. 5).
 
         Where its mean change vanishes, c_ij = <a_i a_j> / <a_j^2>, or with both sides
@@ -113,34 +102,31 @@ def without_weak(links: csr_array | NDArray[np.floating]) -> SparseRows:
     row_max = links.max(axis=1).toarray().ravel()
     column_max = links.max(axis=0).toarray().ravel()
     rows = entry_rows(links.indptr)
-    weak = links.data < LINKS.weak * np.minimum(
-        row_max[rows], column_max[links.indices]
-    )
-    weak |= links.data <= LINKS.nothing * links.data.max(initial=0.0)
+    lower_max = np.minimum(row_max[rows], column_max[links.indices])
+    nothing = LINKS.nothing * links.data.max(initial=0.0)
+    weak = links.data < LINKS.weak * lower_max
+    weak |= links.data <= nothing
     links.data[weak] = 0.0
     links.eliminate_zeros()
     links.sort_indices()
     # as a model file keeps them
     data = links.data.astype(np.float32).astype(float)
-    return SparseRows(
-        data,
-        links.indices,
-        links.indptr,
-        links.shape,
-    )
+    return SparseRows(data, links.indices, links.indptr, links.shape)
 
 
 def entry_rows(indptr: NDArray[np.integer]) -> Index:
     """Row of each entry (nnz,) of a sparse matrix by rows, from where each row begins."""
-    return np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+    counts = np.diff(indptr)
+    return np.repeat(np.arange(len(counts)), counts)
 
 
 def _oja_factor(a: csr_array) -> Array:
     """Factor (nodes,) on sums of a_i a_j that gives the links of Oja's rule, of one side's a."""
-    square = group_sums(a.indices, a.data**2, a.shape[1])
-    return np.divide(
-        -np.expm1(-square), square, out=np.zeros_like(square), where=square > 0
-    )
+    nodes = a.shape[1]
+    square = group_sums(a.indices, a.data**2, nodes)
+    active = square > 0
+    reached = -np.expm1(-square)
+    return np.divide(reached, square, out=np.zeros_like(square), where=active)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,11 +150,11 @@ class SparseRows(ReadOnly):
         # NumPy sorts integers of 16 bits in linear time
         small = np.uint16 if columns <= 1 << 16 else np.uint32
         order = self.indices.astype(small).argsort(kind="stable")
-        ends = np.cumsum(np.bincount(self.indices, minlength=columns))
+        counts = np.bincount(self.indices, minlength=columns)
+        ends = np.cumsum(counts)
         rows = self.rows[order].astype(self.indices.dtype)
-        return SparseRows(
-            self.data[order], rows, np.append(0, ends), (columns, self.shape[0])
-        )
+        shape = (columns, self.shape[0])
+        return SparseRows(self.data[order], rows, np.append(0, ends), shape)
 
     def take(self, rows: Index) -> SparseRows:
         """Some of the rows, in this order."""
@@ -176,8 +162,9 @@ class SparseRows(ReadOnly):
         ends = np.cumsum(counts)
         # from each entry's place in the result to its place here
         shift = self.indptr[rows] - (ends - counts)
-        place = np.arange(counts.sum()) + np.repeat(shift, counts)
+        shifts = np.repeat(shift, counts)
+        place = np.arange(counts.sum()) + shifts
         shape = (len(rows), self.shape[1])
-        return SparseRows(
-            self.data[place], self.indices[place], np.append(0, ends), shape
-        )
+        data = self.data[place]
+        columns = self.indices[place]
+        return SparseRows(data, columns, np.append(0, ends), shape)

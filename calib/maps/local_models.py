@@ -10,7 +10,7 @@ import numpy as np
 from ..common.arrays import Array, Index, Mask, ReadOnly, Shape
 from .blend import Blend
 from .map import Map, nearest_points
-from .settings import LOCAL
+from .settings import LOCAL, ModelShape
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,10 @@ def exponents(dim: int, degree: int) -> Index:
 
 def monomials(z: Array, terms: Index) -> Array:
     """Products of powers of `z` (..., d) by their exponents (terms, d), (..., terms)."""
-    products = np.ones((*z.shape[:-1], len(terms)))
+    rows = z.shape[:-1]
+    products = np.ones((*rows, len(terms)))
     for axis, exponent in enumerate(terms.T):
-        powers = [np.ones(z.shape[:-1])]
+        powers = [np.ones(rows)]
         for _ in range(exponent.max(initial=0)):
             powers.append(powers[-1] * z[..., axis])
         products *= np.stack(powers, axis=-1)[..., exponent]
@@ -55,7 +56,7 @@ def fit(
     nodes: Index,
     u: Array,
     residual: Array,
-    shape: tuple[int, int],
+    shape: ModelShape,
 ) -> LocalModels:
     """Kernel-weighted least squares around some of the nodes (k,); the others have no model.
 
@@ -63,22 +64,22 @@ def fit(
     this degree, as rows on a line, whose noise it multiplies beside them, a lower one is taken.
 
     u, residual : (n, d), (n, o), samples in the unit box and what the smooth part leaves over
-    shape : degree of the polynomials and number of samples that each is fitted to
     """
-    degree, samples = shape
     places = motor.units[nodes]
-    distance, index = nearest_points(u, motor.scale, places, samples + 1)
+    distance, index = nearest_points(u, motor.scale, places, shape.samples + 1)
     near = index[:, :-1]
     radius = np.maximum(distance[:, -1:], 1e-12)
     offsets = motor.scale.difference(u[near], places[:, None])
     z = offsets / radius[..., None]
-    kernel = (1.0 - (distance[:, :-1] / radius) ** 2) ** 2
+    share = distance[:, :-1] / radius
+    kernel = (1.0 - share**2) ** 2
     ring = _ring(motor, nodes) / radius[..., None]
     dof = u.shape[1]
-    terms = len(exponents(dof, degree))
-    coefficients = np.zeros((motor.size, terms, residual.shape[1]))
+    terms = len(exponents(dof, shape.degree))
+    width = residual.shape[1]
+    coefficients = np.zeros((motor.size, terms, width))
     shaky = np.arange(len(nodes))
-    for lower in range(degree, -1, -1):
+    for lower in range(shape.degree, -1, -1):
         models, variance = _polynomials(
             exponents(dof, lower),
             z[shaky],
@@ -87,11 +88,12 @@ def fit(
             ring[shaky],
         )
         firm = (variance < LOCAL.firm).all(axis=1)
-        coefficients[nodes[shaky[firm]], : models.shape[1]] = models[firm]
+        fitted = nodes[shaky[firm]]
+        coefficients[fitted, : models.shape[1]] = models[firm]
         shaky = shaky[~firm]
     reach = np.full(motor.size, motor.spacing)
     reach[nodes] = radius[:, 0]
-    return LocalModels(degree, near.shape[1], reach, coefficients)
+    return LocalModels(shape.degree, near.shape[1], reach, coefficients)
 
 
 def _polynomials(
@@ -117,18 +119,22 @@ def _polynomials(
     on_ring = np.swapaxes(monomials(ring, terms), 1, 2)
     values = np.dstack([weighted @ residual, on_ring])
     solution = np.linalg.solve(moments, values)
-    models, spread = np.split(solution, [residual.shape[2]], axis=2)
-    variance: Array = np.einsum("nta,nta->na", on_ring, spread)
+    width = residual.shape[2]
+    models, on_values = np.split(solution, [width], axis=2)
+    variance: Array = np.einsum("nta,nta->na", on_ring, on_values)
     return models, variance
 
 
 def _ring(motor: Map, nodes: Index) -> Array:
     """Offsets (k, places, d) from nodes to places half a spacing around them, within the box."""
     dof = motor.units.shape[1]
-    directions = np.random.default_rng(0).standard_normal((LOCAL.ring, dof))
-    directions *= 0.5 / np.linalg.norm(directions, axis=1, keepdims=True)
+    rng = np.random.default_rng(0)
+    directions = rng.standard_normal((LOCAL.ring, dof))
+    length = np.linalg.norm(directions, axis=1, keepdims=True)
+    directions *= 0.5 / length
     middle = motor.units[nodes][:, None]
-    ring = middle + motor.spacings[nodes][:, None, None] * directions
+    spacing = motor.spacings[nodes][:, None, None]
+    ring = middle + spacing * directions
     inside = np.clip(ring, 0.0, 1.0)
     return np.where(motor.scale.periodic, ring, inside) - middle
 
@@ -142,7 +148,8 @@ def model_weights(weight: Array, has_model: Mask) -> Array:
     """
     of_models = np.where(has_model, weight, 0.0)
     share = of_models.sum(axis=1, keepdims=True)
-    t = (share - LOCAL.silent) / (LOCAL.full - LOCAL.silent)
+    ramp = LOCAL.full - LOCAL.silent
+    t = (share - LOCAL.silent) / ramp
     t = np.clip(t, 0.0, 1.0)
     smooth_step = t * t * (3.0 - 2.0 * t)
     factor = smooth_step / np.maximum(share, LOCAL.silent)
@@ -151,15 +158,18 @@ def model_weights(weight: Array, has_model: Mask) -> Array:
 
 def model_values(models: LocalModels, blend: Blend) -> Array:
     """Values (n, m, o) [unit] of the models of a blend's nodes at its points."""
-    z = blend.gap / models.radius[blend.index][..., None]
-    products = monomials(z, exponents(z.shape[-1], models.degree))
+    radius = models.radius[blend.index][..., None]
+    z = blend.gap / radius
+    terms = exponents(z.shape[-1], models.degree)
+    products = monomials(z, terms)
     coefficients = models.coefficients[blend.index]
     return np.asarray(np.einsum("nmt,nmto->nmo", products, coefficients))
 
 
 def _weights(models: LocalModels, blend: Blend) -> Array:
     """Weights (n, m) of the models of a blend's nodes."""
-    has_model = (models.coefficients != 0.0).any(axis=(1, 2))
+    used = models.coefficients != 0.0
+    has_model = used.any(axis=(1, 2))
     return model_weights(blend.weight, has_model[blend.index])
 
 
@@ -183,7 +193,8 @@ def correction_slope(models: LocalModels, blend: Blend) -> Array:
     by_axis = []
     for axis in range(dof):
         lower = terms.copy()
-        lower[:, axis] = np.maximum(lower[:, axis] - 1, 0)
+        less = lower[:, axis] - 1
+        lower[:, axis] = np.maximum(less, 0)
         by_axis.append(terms[:, axis] * monomials(z, lower))
     slopes = np.stack(by_axis) / radius
     weight = _weights(models, blend)[..., None, None]

@@ -87,8 +87,11 @@ class Map:
     def lengths(self) -> Array:
         """Distance of the two nodes of each edge, (m,), in the unit box."""
         a, b = self.edges.T
-        gap = self.scale.difference(self.units[a], self.units[b])
-        return frozen(np.asarray(np.linalg.norm(gap, axis=1)))
+        first = self.units[a]
+        second = self.units[b]
+        gap = self.scale.difference(first, second)
+        lengths = np.linalg.norm(gap, axis=1)
+        return frozen(np.asarray(lengths))
 
     @cached_property
     def spacing(self) -> float:
@@ -99,7 +102,8 @@ class Map:
     def spacings(self) -> Array:
         """Mean distance of each node to those it is joined to, (nodes,), in the unit box."""
         ends = self.edges.T.ravel()
-        means = group_means(ends, np.tile(self.lengths, 2), self.size)
+        lengths = np.tile(self.lengths, 2)
+        means = group_means(ends, lengths, self.size)
         # a node on top of its neighbours, or joined to none, has the spacing of the map
         apart = means > 1e-6 * self.spacing
         return frozen(np.where(apart, means, self.spacing))
@@ -116,46 +120,44 @@ class Map:
         outside = np.flatnonzero(~members)
         if len(inside) and len(outside):
             places = self.units[outside]
-            near = nearest_points(self.units[inside], self.scale, places)[1]
+            candidates = self.units[inside]
+            _, near = nearest_points(candidates, self.scale, places)
             source[outside] = inside[near[:, 0]]
         return source
 
-    def nearest(
-        self,
-        u: Array,
-        k: int = 1,
-    ) -> tuple[Array, Index]:
+    def nearest(self, u: Array, k: int = 1) -> tuple[Array, Index]:
         """Distances and indices, (n, k), of the `k` nodes nearest to `u` in the unit box."""
         if _few(len(u) * self.size):
-            return nearest_points(
-                self.units,
-                self.scale,
-                u,
-                k,
-            )
+            return nearest_points(self.units, self.scale, u, k)
         return nearest_nodes(self.tree, u, k)
 
     def winners(self, x: Array) -> Index:
         """Best matching node of each row of `x` (n, d), in the space's own units (eq. 1)."""
-        return self.nearest(self.scale.to_unit(np.atleast_2d(x)))[1][:, 0]
+        u = self.scale.to_unit(np.atleast_2d(x))
+        _, nodes = self.nearest(u)
+        return nodes[:, 0]
 
     def visited_by(self, u: Array) -> Mask:
         """Nodes (nodes,) that are the best matching one of any point `u` (n, d) of the unit box."""
         visited = np.zeros(self.size, dtype=bool)
-        visited[self.nearest(u)[1][:, 0]] = True
+        _, nodes = self.nearest(u)
+        visited[nodes[:, 0]] = True
         return visited
 
     def quantization_error(self, x: Array) -> float:
         """Mean distance of the rows of `x` to their winners, in the space's own units."""
         u = self.scale.to_unit(np.atleast_2d(x))
         index = self.nearest(u)[1][:, 0]
-        gap = self.scale.difference(u, self.units[index]) * self.scale.span
-        return float(np.linalg.norm(gap, axis=1).mean())
+        gap = self.scale.difference(u, self.units[index])
+        distance = np.linalg.norm(gap * self.scale.span, axis=1)
+        return float(distance.mean())
 
     def topographic_error(self, x: Array) -> float:
         """Share of the rows of `x` whose two nearest nodes are no lattice neighbours."""
-        index = self.nearest(self.scale.to_unit(np.atleast_2d(x)), 2)[1]
-        return float(np.mean(~self.lattice.adjacent(index[:, 0], index[:, 1])))
+        u = self.scale.to_unit(np.atleast_2d(x))
+        _, nodes = self.nearest(u, 2)
+        joined = self.lattice.adjacent(nodes[:, 0], nodes[:, 1])
+        return float(np.mean(~joined))
 
 
 def nearest_points(
@@ -170,27 +172,26 @@ def nearest_points(
     """
     k = min(k, len(points))
     if not _few(len(u) * len(points)):
-        return nearest_nodes(search_tree(points, scale), scale.wrapped(u), k)
+        tree = search_tree(points, scale)
+        return nearest_nodes(tree, scale.wrapped(u), k)
     square = np.zeros((len(u), len(points)))
     for axis in range(u.shape[1]):
         gap = u[:, axis, None] - points[:, axis]
         if scale.periodic[axis]:
             gap -= np.round(gap)
         square += gap * gap
-    index = np.argpartition(square, np.arange(k), axis=1)[:, :k]
-    return np.sqrt(np.take_along_axis(square, index, axis=1)), index
+    order = np.argpartition(square, np.arange(k), axis=1)
+    index = order[:, :k]
+    smallest = np.take_along_axis(square, index, axis=1)
+    return np.sqrt(smallest), index
 
 
-def nearest_nodes(
-    tree: cKDTree,
-    u: Array,
-    k: int = 1,
-) -> tuple[Array, Index]:
+def nearest_nodes(tree: cKDTree, u: Array, k: int = 1) -> tuple[Array, Index]:
     """Distances and indices, (n, k), of the `k` points of a tree nearest to each place (eq. 1)."""
     # for a few places threads take longer to start than to search
-    distance, index = tree.query(
-        u, np.arange(1, k + 1), workers=-1 if len(u) > _MANY else 1
-    )
+    workers = -1 if len(u) > _MANY else 1
+    ranks = np.arange(1, k + 1)
+    distance, index = tree.query(u, ranks, workers=workers)
     return np.asarray(distance), np.asarray(index, dtype=np.intp)
 
 
@@ -235,13 +236,7 @@ class Epoch:
     ) -> Epoch:
         """The state after a pass over all samples `u` (n, d)."""
         topographic = topographic_error(u, search_tree(weights), lattice)
-        return Epoch(
-            weights,
-            lattice,
-            sigma,
-            error,
-            topographic,
-        )
+        return Epoch(weights, lattice, sigma, error, topographic)
 
     @property
     def row(self) -> tuple[int, float, float, float]:
@@ -255,5 +250,7 @@ def topographic_error(
     lattice: Lattice | Graph,
 ) -> float:
     """Topographic error on some 500 of the samples `u`."""
-    index = nearest_nodes(tree, u[:: max(1, len(u) // 500)], 2)[1]
-    return float(np.mean(~lattice.adjacent(index[:, 0], index[:, 1])))
+    step = max(1, len(u) // 500)
+    _, nodes = nearest_nodes(tree, u[::step], 2)
+    joined = lattice.adjacent(nodes[:, 0], nodes[:, 1])
+    return float(np.mean(~joined))

@@ -19,7 +19,7 @@ from .blend import Blend
 from .local_models import NO_MODELS
 from .map import Map, nearest_points
 from .predictor import Predictor, Smooth
-from .settings import SELECTION
+from .settings import SELECTION, ModelShape
 
 
 def blocks(n: int, folds: int = 10) -> list[Index]:
@@ -30,8 +30,10 @@ def blocks(n: int, folds: int = 10) -> list[Index]:
 def better(errors: Array, others: Array) -> bool:
     """Whether paired held-out errors are smaller by more than chance."""
     gain = others - errors
-    chance = 2.0 * float(gain.std()) / np.sqrt(len(gain))
-    return bool(gain.mean() > max(chance, 0.03 * float(others.mean())))
+    deviation = float(gain.std())
+    chance = 2.0 * deviation / np.sqrt(len(gain))
+    least = max(chance, 0.03 * float(others.mean()))
+    return bool(gain.mean() > least)
 
 
 def follows_the_motion(x: Array, residual: Array) -> bool:
@@ -42,17 +44,20 @@ def follows_the_motion(x: Array, residual: Array) -> bool:
     """
     motion = np.gradient(x, axis=0)
     length = np.linalg.norm(motion, axis=1, keepdims=True)
-    along = np.einsum("no,no->n", residual, motion / np.maximum(length, 1e-300))
-    size = float(np.median(np.linalg.norm(residual, axis=1)))
+    direction = motion / np.maximum(length, 1e-300)
+    along = np.einsum("no,no->n", residual, direction)
+    distance = np.linalg.norm(residual, axis=1)
+    size = float(np.median(distance))
     parts = blocks(len(x), SELECTION.parts)
     means = np.array([along[part].mean() for part in parts])
-    chance = float(means.std()) / np.sqrt(len(means))
+    deviation = float(means.std())
+    chance = deviation / np.sqrt(len(means))
     threshold = max(SELECTION.sure * chance, SELECTION.along * size)
     return bool(abs(np.median(means)) > threshold)
 
 
 @dataclass(frozen=True, eq=False)
-class WrongRows:
+class DefectRows:
     """Rows that local models may mend, and the nodes that may carry such models."""
 
     motor: Map
@@ -69,25 +74,29 @@ class WrongRows:
         u: Array,
         x: Array,
         held_out: Array,
-    ) -> WrongRows:
+    ) -> DefectRows:
         """Wrong rows by the held-out residuals (n, o) at positions (n, o), around each row.
 
         A row is wrong where the median of its neighbours' residuals exceeds the noise.
         """
         _, near = nearest_points(u, motor.scale, u, SELECTION.rows_around)
         # neighbours share what a smooth part misses: their difference is noise
-        difference = float(np.median(_square(held_out - held_out[near[:, 1]])))
-        extent = float(np.linalg.norm(np.ptp(x, axis=0)))
+        nearest = held_out[near[:, 1]]
+        difference = float(np.median(_square(held_out - nearest)))
+        ranges = np.ptp(x, axis=0)
+        extent = float(np.linalg.norm(ranges))
         rounding = (SELECTION.rounding * extent) ** 2
-        noise = max(difference / (2.0 * np.log(2.0)), rounding, 1e-300)
+        of_median = difference / (2.0 * np.log(2.0))
+        noise = max(of_median, rounding, 1e-300)
         median = np.median(_square(held_out)[near], axis=1)
         wrong = median >= SELECTION.calm * noise
         blend = Blend(motor, u)
         excess = blend.weight * (wrong[:, None] - SELECTION.wrong_share)
         nodes = _sums_by_node(motor, blend.index, excess) > 0.0
-        rows = np.flatnonzero(nodes[blend.index].any(axis=1))
+        among_defects = nodes[blend.index].any(axis=1)
+        rows = np.flatnonzero(among_defects)
         weight = np.where(wrong[rows], 1.0, SELECTION.harm)
-        return WrongRows(motor, u, rows, nodes, held_out[rows], noise, weight)
+        return DefectRows(motor, u, rows, nodes, held_out[rows], noise, weight)
 
     @cached_property
     def blend(self) -> Blend:
@@ -97,12 +106,11 @@ class WrongRows:
     def mended(
         self,
         residual: Array,
-        shape: tuple[int, int],
+        shape: ModelShape,
     ) -> Mended:
         """The rows with local models at the nodes that mend them by more than chance.
 
         residual : (n, o), what the smooth part leaves over of all samples
-        shape : degree, and number of samples that each model is fitted to
         """
         predictions = self._predictions(residual, shape)
         part = self.rows * SELECTION.parts // len(self.u)
@@ -125,19 +133,21 @@ class WrongRows:
         parts = SELECTION.parts
         cells = part[:, None] * size + self.blend.index
         gains = self.blend.weight * gain[:, None]
-        sums = group_sums(cells.ravel(), gains.ravel(), parts * size)
+        count = parts * size
+        sums = group_sums(cells.ravel(), gains.ravel(), count)
         return _beyond_chance(sums.reshape(parts, size), SELECTION.node_gain)
 
     def _predictions(
         self,
         residual: Array,
-        shape: tuple[int, int],
+        shape: ModelShape,
     ) -> Array:
         """Values (k, m, o) of nodes' models at the rows, each fitted without the row's fold."""
         predictions = []
+        all_rows = np.arange(len(self.u))
         for fold in blocks(len(self.u), SELECTION.folds):
             rows = self.rows[np.isin(self.rows, fold)]
-            others = np.setdiff1d(np.arange(len(self.u)), fold)
+            others = np.setdiff1d(all_rows, fold)
             blend = Blend(self.motor, self.u[rows])
             models = local.fit(
                 self.motor,
@@ -162,7 +172,8 @@ class WrongRows:
 
     def _gain(self, residual: Array) -> Array:
         """By how much each row's cost falls, (k,), harm of calm rows counted more."""
-        return self.weight * (self._cost(self.held_out) - self._cost(residual))
+        fall = self._cost(self.held_out) - self._cost(residual)
+        return self.weight * fall
 
     def _cost(self, residual: Array) -> Array:
         """Cost of each row: to halve a large error counts the same wherever it is."""
@@ -171,9 +182,9 @@ class WrongRows:
 
 @dataclass(frozen=True, eq=False)
 class Mended:
-    """Wrong rows with local models of one shape."""
+    """Defect rows with local models of one shape."""
 
-    shape: tuple[int, int]  # degree, number of samples of each model
+    shape: ModelShape
     nodes: Index  # those that carry models
     held_out: Array  # (k, o), what these leave of the rows' residuals
     gain: float  # of all rows, 0 where it may be chance
@@ -199,22 +210,22 @@ def select(
     dof = u.shape[1]
     plain = Predictor(motor, smooth, NO_MODELS)
     shapes = [
-        (degree, samples)
-        for degree, samples in SELECTION.shapes
-        if 1.2 * comb(dof + degree, dof) <= samples < len(u) // 4
+        shape
+        for shape in SELECTION.shapes
+        if 1.2 * comb(dof + shape.degree, dof) <= shape.samples < len(u) // 4
     ]
     if not shapes or follows_the_motion(x, held_out):
         return plain, held_out
-    wrong = WrongRows.of(motor, u, x, held_out)
-    if not len(wrong.rows):
+    defects = DefectRows.of(motor, u, x, held_out)
+    if not len(defects.rows):
         return plain, held_out
     residual = x - smooth.value(u)
-    choices = [wrong.mended(residual, shape) for shape in shapes]
+    choices = [defects.mended(residual, shape) for shape in shapes]
     best = max(choices, key=lambda choice: choice.gain)
     if best.gain <= 0.0:
         return plain, held_out
     mended = held_out.copy()
-    mended[wrong.rows] = best.held_out
+    mended[defects.rows] = best.held_out
     models = local.fit(motor, best.nodes, u, residual, best.shape)
     return Predictor(motor, smooth, models), mended
 
@@ -255,16 +266,20 @@ def misfit(
     extent : [unit], diagonal of the workspace
     at : (k, dof), the points, in the unit box: what a map will learn from
     """
-    square = np.maximum(_square(held_out), (SELECTION.rounding * extent) ** 2)
+    rounding = (SELECTION.rounding * extent) ** 2
+    square = np.maximum(_square(held_out), rounding)
     k = min(SELECTION.rows_averaged, len(u) // 4)
     _, index = nearest_points(u, scale, at, k)
     # without the largest: an outlier is no misfit
     ascending = np.sort(square[index], axis=1)
-    here = ascending[:, : k - k // 5].mean(axis=1)
-    noise, low = (float(v) for v in np.quantile(here, (0.5, 0.16)))
+    members = k - k // 5
+    here = ascending[:, :members].mean(axis=1)
+    quantiles = np.quantile(here, (0.5, 0.16))
+    noise, low = quantiles.tolist()
     # a mean of o k squares of noise is noise (1 +- sqrt(2 / (o k))); repeated rows tell less than
     # their number: the calm half shows how much
-    chance = SELECTION.chance * np.sqrt(2.0 / (held_out.shape[1] * k)) * noise
+    relative = np.sqrt(2.0 / (held_out.shape[1] * k))
+    chance = SELECTION.chance * relative * noise
     threshold = noise + max(chance, SELECTION.spreads * (noise - low))
     excess = np.where(here > threshold, here - noise, 0.0)
     points_of_a_row = k * len(at) / len(u)

@@ -24,10 +24,12 @@ def learn_bounds(
     """
     largest = float(errors.max(initial=0.0))
     floor = max(1e-9 * largest, 1e-15)
-    k = max(1, min(BOUNDS.around, len(u) // 2))
+    most = max(1, len(u) // 2)
+    k = min(BOUNDS.around, most)
     places = np.clip(motor.units, 0.0, 1.0)
     _, near = nearest_points(u, motor.scale, places, k)
-    bound = np.maximum(errors[near].mean(axis=1), floor)
+    mean = errors[near].mean(axis=1)
+    bound = np.maximum(mean, floor)
     blend = Blend(motor, u)
     groups = _groups(motor, u)
     # both groups' nodes speak for samples between them: again, until both fit
@@ -36,7 +38,8 @@ def learn_bounds(
             stated = blend.mean(bound[blend.index])[rows]
             ratio = np.sort(errors[rows] / stated)
             # the finite-sample quantile of conformal prediction
-            rank = int(np.ceil((len(ratio) + 1) * BOUNDS.coverage)) - 1
+            within = (len(ratio) + 1) * BOUNDS.coverage
+            rank = int(np.ceil(within)) - 1
             quantile = ratio[min(rank, len(ratio) - 1)]
             bound[members] *= max(quantile, BOUNDS.least)
     return np.asarray(bound)
@@ -54,6 +57,7 @@ def _groups(motor: Map, u: Array) -> list[tuple[Mask, Mask]]:
 
 def near_border(motor: Map, u: Array) -> Mask:
     """Whether points (n, dof) of the unit box are near a joint limit, (n,)."""
-    away = np.minimum(u, 1.0 - u)
-    away = np.where(motor.scale.periodic, np.inf, away)
-    return np.asarray(away.min(axis=1) < BOUNDS.border * motor.spacing)
+    distance = np.minimum(u, 1.0 - u)
+    distance = np.where(motor.scale.periodic, np.inf, distance)
+    to_limit = distance.min(axis=1)
+    return np.asarray(to_limit < BOUNDS.border * motor.spacing)

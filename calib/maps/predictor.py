@@ -33,10 +33,12 @@ class BodyInBox:
     scale: Scale  # range of the joints
 
     def value(self, u: Array) -> Array:  # noqa: D102
-        return self.body.predict(self.scale.from_unit(u))
+        q = self.scale.from_unit(u)
+        return self.body.predict(q)
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:  # noqa: D102
-        value, slope = self.body.predict_and_slope(self.scale.from_unit(u))
+        q = self.scale.from_unit(u)
+        value, slope = self.body.predict_and_slope(q)
         return value, slope * self.scale.span
 
 
@@ -54,7 +56,8 @@ class Predictor:
         return self.smooth.body if isinstance(self.smooth, BodyInBox) else None
 
     def value(self, u: Array) -> Array:  # noqa: D102
-        return np.concatenate([self._value_of(part) for part in _parts(u)])
+        values = [self._value_of(rows) for rows in _parts(u)]
+        return np.concatenate(values)
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:  # noqa: D102
         if len(u) <= _ROWS:
@@ -79,4 +82,6 @@ class Predictor:
 
 
 def _parts(u: Array) -> list[Array]:
-    return [u] if len(u) <= _ROWS else np.split(u, range(_ROWS, len(u), _ROWS))
+    if len(u) <= _ROWS:
+        return [u]
+    return np.split(u, range(_ROWS, len(u), _ROWS))

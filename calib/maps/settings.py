@@ -1,6 +1,7 @@
 """Settings of the maps: every number that was tuned, with its unit and its reason."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 
 @dataclass(frozen=True)
@@ -107,13 +108,25 @@ class LocalSettings:
     firm: float = 10.0  # variance of an answer there, over that of one sample
 
 
+class ModelShape(NamedTuple):
+    """What all local models of a map have in common."""
+
+    degree: int  # largest total degree of the polynomials
+    samples: int  # that each is fitted to
+
+
 @dataclass(frozen=True)
 class SelectionSettings:
     """Which nodes carry local models (`model_selection.py`)."""
 
     folds: int = 5
-    # degrees of a local model, and numbers of samples that it is fitted to
-    shapes: tuple[tuple[int, int], ...] = ((0, 30), (1, 50), (3, 40), (5, 60))
+    # of local models, of which one is chosen
+    shapes: tuple[ModelShape, ...] = (
+        ModelShape(degree=0, samples=30),
+        ModelShape(degree=1, samples=50),
+        ModelShape(degree=3, samples=40),
+        ModelShape(degree=5, samples=60),
+    )
     rounding: float = 1e-9  # share of the extent that is no residual
     rows_around: int = 9  # whose median residual tells whether a row is calm
     # times the noise's mean square, below which that median is calm

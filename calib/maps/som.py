@@ -150,9 +150,12 @@ class SOM:
         seed = self.seed
         entropy = seed.entropy if isinstance(seed, SeedSequence) else seed
         motor_seed, sensory_seed = SeedSequence(entropy).spawn(2)
-        motor = replace(self, seed=motor_seed).fit(q, scale=scales[0])
-        sensory = replace(self, seed=sensory_seed).fit(x, scale=scales[1])
-        return Association.learn(motor, u, sensory, v, wiring_of(self.links))
+        motor_som = replace(self, seed=motor_seed)
+        sensory_som = replace(self, seed=sensory_seed)
+        motor = motor_som.fit(q, scale=scales[0])
+        sensory = sensory_som.fit(x, scale=scales[1])
+        wiring = wiring_of(self.links)
+        return Association.learn(motor, u, sensory, v, wiring)
 
     def online_pair(
         self,
@@ -167,7 +170,8 @@ class SOM:
         shapes : of the two lattices, where they differ
         """
         wiring = wiring_of(self.links)
-        lattices = [Lattice(shape_of(s)) for s in shapes or [self.size] * 2]
+        sizes = shapes or (self.size, self.size)
+        lattices = [Lattice(shape_of(size)) for size in sizes]
         net, epochs = self._network_and_epochs(lattices, points, scales, wiring)
         history = []
         with one_blas_thread():
@@ -198,7 +202,8 @@ class SOM:
             layers.append(Layer(weights, lattice, scale, self._gain, per_node))
         net = VDSOM(layers, wiring)
         last = 0.5 if self.map == "som" else BATCH.last_radius_varying
-        radii = self.sigma or (max(lattices[0].shape) / 2, last)
+        first = max(lattices[0].shape) / 2
+        radii = self.sigma or (first, last)
         return net, passes(net, points, self._pass_count, radii, rng)
 
     @property
@@ -248,8 +253,9 @@ def _training_samples(samples: Array) -> Array:
         raise LogError(
             f"samples of shape {x.shape}: expected (n, d) with n, d >= 1"
         )
-    row = int(np.argmin(np.isfinite(x).all(axis=1)))
-    if not np.isfinite(x[row]).all():
+    is_finite = np.isfinite(x).all(axis=1)
+    row = int(np.argmin(is_finite))
+    if not is_finite[row]:
         raise LogError(
             f"sample {row} is {x[row]}: expected finite numbers, drop such rows"
         )

@@ -72,7 +72,8 @@ class Layer:
         progress: float,
     ) -> float:
         """Learn from a sample (d,) in the unit box; return its distance to the winner."""
-        squares = ((self._w - x[:, None]) ** 2).sum(axis=0)
+        gaps = self._w - x[:, None]
+        squares = (gaps**2).sum(axis=0)
         winner = int(squares.argmin())  # eq. 1
         w = self._w.reshape(-1, *self.lattice.shape)
         if self.gain is as_printed:
@@ -83,7 +84,8 @@ class Layer:
             w = w[(slice(None), *window)]
             # beyond 1 the nodes around a winner would all jump to the sample
             step = min(alpha * gain, 1.0) * h  # eq. 8
-        sample = x.reshape(-1, *(1,) * self.lattice.dim)
+        axes = (1,) * self.lattice.dim
+        sample = x.reshape(-1, *axes)
         w += step * (sample - w)  # eq. 2
         return float(squares[winner] ** 0.5)
 
@@ -101,7 +103,8 @@ class Layer:
         around = self._w[:, self.lattice.beside(winner)]
         gaps = self._w[:, winner, None] - around
         rho = np.exp(-np.sum(gaps**2))  # eq. 7
-        return float((progress / rho) ** 4 * np.exp(-progress / sigma**2))
+        growth = (progress / rho) ** 4
+        return float(growth * np.exp(-progress / sigma**2))
 
     def gains(
         self,
@@ -212,9 +215,10 @@ class VDSOM:
     ) -> list[Array]:
         """Factor g on the update of some of the samples, (chunk,) for each map."""
         last = chunk[-1]
+        rows = slice(chunk[0], last + 1)
         progress = float(rates.progress[last])
         return [
-            layer.gains(x[chunk[0] : last + 1], float(sigma[last]), progress)
+            layer.gains(x[rows], float(sigma[last]), progress)
             for layer, x, sigma in zip(
                 self.layers, samples, rates.sigma, strict=True
             )
@@ -230,7 +234,8 @@ class VDSOM:
         """Link nodes i and j that are active together; what node j had before fades."""
         i, a_i = motor
         j, a_j = sensory
-        self._c[j] *= 1.0 - eta * beta * a_j[:, None] ** 2  # eq. 11
+        fading = eta * beta * a_j[:, None] ** 2
+        self._c[j] *= 1.0 - fading  # eq. 11
         self._c[j[:, None], i] += eta * np.outer(a_j, a_i)  # eq. 5
 
     @property
@@ -241,10 +246,11 @@ class VDSOM:
     def predict(self, u: Array) -> Array:
         """Readout ``activity`` of the links for joints (n, dof), (n, m), in the unit boxes."""
         assert self.wiring is not None  # noqa: S101
-        i, a_i = self.wiring.active_nodes(self.layers[0].map, u)
+        motor, sensory = self.layers
+        i, a_i = self.wiring.active_nodes(motor.map, u)
         strength = np.einsum("jnk,nk->nj", self._c[:, i], a_i)
         total = np.maximum(strength.sum(axis=1, keepdims=True), 1e-30)
-        return np.asarray(strength @ self.layers[1].weights / total)
+        return np.asarray(strength @ sensory.weights / total)
 
 
 def _no_links(motor_nodes: int, sensory_nodes: int) -> NDArray[np.float32]:
@@ -285,7 +291,8 @@ def passes(
         order = rng.permutation(n)
         t = epoch * n + np.arange(n)
         rates = Rates.training(t, sigma, epochs * n, len(points))
-        distances = net.show([x[order] for x in points], rates)
+        samples = [x[order] for x in points]
+        distances = net.show(samples, rates)
         yield [
             Epoch.of(
                 x,

@@ -14,7 +14,7 @@ from ..maps.vdsom import zeta
 from ..stream.follow import Step, follow
 from ..training.train import train
 from .setting import Setting
-from .tables import Cells, Result, Table
+from .tables import READOUTS, Cells, Result, Table
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -23,12 +23,11 @@ _CHANGES = {"lengthened": "+20%", "shortened": "-20%"}
 """A tool that is mounted and one that is removed: the paper does not say how long."""
 
 _STREAM = 91  # of the samples that come after the change
-_READOUTS = ("winner", "activity", "linear")
 _RULE = "activity, eq. 11 alone"  # the links as the rule has made them, step by step
 
 
 @dataclass(frozen=True, eq=False)
-class Episode:
+class FollowedChange:
     """One change and what came of it."""
 
     before: Model  # as it was trained
@@ -44,7 +43,7 @@ class Episode:
     distortion: dict[str, float]
 
 
-def _episode(setting: Setting, change: str) -> Episode:
+def _followed_change(setting: Setting, change: str) -> FollowedChange:
     """Train an arm, change it, and let the model follow a stream of samples."""
     seed = setting.seeds[0]
     # 20,000 samples, as calib train has them; as many follow the change
@@ -75,7 +74,7 @@ def _episode(setting: Setting, change: str) -> Episode:
             state: _error(model, q, at, readout)
             for state, (model, at) in states.items()
         }
-        for readout in _READOUTS
+        for readout in READOUTS
     }
     adapted = _error(rule, q, x, "activity")
     errors["rule"] = {**errors["activity"], "adapted": adapted}
@@ -83,7 +82,7 @@ def _episode(setting: Setting, change: str) -> Episode:
         state: zeta(model.sensory.units, model.sensory.scale.to_unit(at))
         for state, (model, at) in states.items()
     }
-    return Episode(before, after, tuple(steps), q, x, errors, distortion)
+    return FollowedChange(before, after, tuple(steps), q, x, errors, distortion)
 
 
 def _error(model: Model, q: Array, x: Array, readout: str) -> dict[str, float]:
@@ -93,34 +92,35 @@ def _error(model: Model, q: Array, x: Array, readout: str) -> dict[str, float]:
 
 
 @lru_cache(maxsize=2)
-def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
+def adaptation(setting: Setting) -> tuple[Result, dict[str, FollowedChange]]:
     """Both changes: figures, and the curves along the stream."""
     changes = {name: f"elbow.length={by}" for name, by in _CHANGES.items()}
-    episodes = {
-        name: _episode(setting, change) for name, change in changes.items()
+    followed = {
+        name: _followed_change(setting, change)
+        for name, change in changes.items()
     }
     data: dict[str, object] = {}
-    for name, episode in episodes.items():
-        noticed = [step.samples for step in episode.steps if step.adapting]
+    for name, change in followed.items():
+        noticed = [step.samples for step in change.steps if step.adapting]
         data[name] = {
             "change": changes[name],
-            "errors": episode.errors,
-            "distortion": episode.distortion,
+            "errors": change.errors,
+            "distortion": change.distortion,
             "samples_to_notice": noticed[0] if noticed else None,
-            "samples": episode.steps[-1].samples,
+            "samples": change.steps[-1].samples,
         }
     words = " and ".join(f"{name}: {by}" for name, by in changes.items())
     title = f"distortion and forward error, {words}"
-    tables = (_summary(title, episodes), _curves(episodes))
-    return Result(data, tables), episodes
+    tables = (_summary(title, followed), _curves(followed))
+    return Result(data, tables), followed
 
 
-def _summary(title: str, episodes: Mapping[str, Episode]) -> Table:
+def _summary(title: str, followed: Mapping[str, FollowedChange]) -> Table:
     """Distortion and errors of each readout, before a change, after it, and once adapted."""
     rows: list[Cells] = []
-    for name, episode in episodes.items():
-        for state, distortion in episode.distortion.items():
-            for readout, errors in episode.errors.items():
+    for name, change in followed.items():
+        for state, distortion in change.distortion.items():
+            for readout, errors in change.errors.items():
                 error = errors[state]
                 words = _RULE if readout == "rule" else readout
                 millimetres = [1e3 * error["mean"], 1e3 * error["max"]]
@@ -129,7 +129,7 @@ def _summary(title: str, episodes: Mapping[str, Episode]) -> Table:
     return Table("adaptation", title, header, rows)
 
 
-def _curves(episodes: Mapping[str, Episode]) -> Table:
+def _curves(followed: Mapping[str, FollowedChange]) -> Table:
     """Distortion, error and schedules along the stream of each change."""
     rows: list[Cells] = [
         [
@@ -144,8 +144,8 @@ def _curves(episodes: Mapping[str, Episode]) -> Table:
             step.beta,
             float(step.adapting),
         ]
-        for name, episode in episodes.items()
-        for step in episode.steps
+        for name, change in followed.items()
+        for step in change.steps
     ]
     header = (
         "change",

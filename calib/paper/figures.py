@@ -16,7 +16,7 @@ from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from ..common.rows import group_means
 from ..show.report.drawing import ACCENT, SECOND, draw_lattice
-from .adaptation import Episode
+from .adaptation import FollowedChange
 from .setting import NETWORKS, Setting
 from .trial import SAME_SCHEDULE, activity_errors, association
 
@@ -71,31 +71,31 @@ def lattice_figure(setting: Setting, path: Path) -> None:
     _save(figure, path)
 
 
-def change_figure(episodes: Mapping[str, Episode], path: Path) -> None:
+def change_figure(followed: Mapping[str, FollowedChange], path: Path) -> None:
     """Sensory map before a change, with its distortion there, and after it has followed."""
-    figure = _figure(12.4, 3.0 * len(episodes))
+    figure = _figure(12.4, 3.0 * len(followed))
     rows = figure.subplots(
-        len(episodes), 3, sharex="row", sharey="row", squeeze=False
+        len(followed), 3, sharex="row", sharey="row", squeeze=False
     )
-    for row, (name, episode) in zip(rows, episodes.items(), strict=True):
-        before = episode.before.sensory
-        after = episode.after.sensory
-        reached = episode.after.forward(episode.q, "activity")
-        error = 1e3 * np.linalg.norm(reached - episode.x, axis=1)
+    for row, (name, change) in zip(rows, followed.items(), strict=True):
+        before = change.before.sensory
+        after = change.after.sensory
+        reached = change.after.forward(change.q, "activity")
+        error = 1e3 * np.linalg.norm(reached - change.x, axis=1)
         answered = np.isfinite(error)
-        heat = _node_means(after, episode.x[answered], error[answered])
-        old = _distortion(before, episode.x)
+        heat = _node_means(after, change.x[answered], error[answered])
+        old = _distortion(before, change.x)
         top = float(np.nanquantile(old, 0.98))
         most = float(np.nanquantile(heat, 0.99))
         panels = {
             f"link {name}, before adapting": (before, old, top),
-            "after adapting": (after, _distortion(after, episode.x), top),
+            "after adapting": (after, _distortion(after, change.x), top),
             "error after adapting": (after, heat, most),
         }
         labels = ("distortion [mm]", "distortion [mm]", "forward error [mm]")
         for ax, title, label in zip(row, panels, labels, strict=True):
             net, values, highest = panels[title]
-            across, up = 1e3 * episode.x[::20].T
+            across, up = 1e3 * change.x[::20].T
             ax.plot(across, up, ".", color="#b8c2cb", markersize=1.2, zorder=0)
             _draw_map(ax, net, values, 1e3, highest, label)
             ax.set(
@@ -104,15 +104,15 @@ def change_figure(episodes: Mapping[str, Episode], path: Path) -> None:
     _save(figure, path)
 
 
-def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
+def curves_figure(followed: Mapping[str, FollowedChange], path: Path) -> None:
     """Distortion, error, radius and learning rate along the stream after a change."""
     figure = _figure(9.6, 6.2)
     axes = figure.subplots(2, 2, sharex=True)
     (zeta, error), (sigma, rates) = axes
-    for colour, (name, episode) in zip(
-        (ACCENT, SECOND), episodes.items(), strict=True
+    for colour, (name, change) in zip(
+        (ACCENT, SECOND), followed.items(), strict=True
     ):
-        steps = episode.steps
+        steps = change.steps
         samples = [step.samples for step in steps]
         series = (
             (zeta, [step.zeta_sensory for step in steps], "-", ""),
@@ -124,7 +124,7 @@ def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
         )
         for ax, values, dash, label in series:
             ax.plot(samples, values, dash, color=colour, label=name + label)
-        zeta.axhline(episode.distortion["trained"], color=colour, linewidth=0.6)
+        zeta.axhline(change.distortion["trained"], color=colour, linewidth=0.6)
     zeta.set(ylabel="distortion zeta, eq. 9 [unit box]", yscale="log")
     error.set(ylabel="error before learning a sample [mm]", yscale="log")
     after = "samples after the change"

@@ -59,7 +59,9 @@ FACTORS = {"mm": 1000.0, "deg": 180.0 / math.pi}
 Cells = list[str | float | None]
 """A row of a table: words and numbers; None is an empty cell."""
 
-_READOUTS = ("winner", "activity", "linear")
+READOUTS = ("winner", "activity", "linear")
+"""In the order of the tables."""
+
 # {column: {"mean", "max"}} [m, rad]
 _Columns = Mapping[str, Mapping[str, float]]
 
@@ -114,11 +116,9 @@ def table1(setting: Setting) -> Result:
         for network, ranking in rankings.items()
     }
     ratios = {
-        "best": _ratios(best["som"]["activity"], best["vdsom"]["activity"]),
-        "same_schedule": _ratios(
-            same["som"]["activity"], same["vdsom"]["activity"]
-        ),
-        "linear": _ratios(best["som"]["linear"], best["vdsom"]["linear"]),
+        "best": _ratio_of_networks(best, "activity"),
+        "same_schedule": _ratio_of_networks(same, "activity"),
+        "linear": _ratio_of_networks(best, "linear"),
         "default_linear": _ratios(best["som"]["linear"], default["linear"]),
         "paper": _ratios(paper["som"], paper["vdsom"]),
     }
@@ -134,12 +134,12 @@ def table1(setting: Setting) -> Result:
     # small lattices are not the paper's
     printed = dict.fromkeys(TABLE1) if setting.quick else TABLE1
     lines: dict[str, _Line] = {}
-    for network, row in best.items():
+    for network in NETWORKS:
         label = f"{network.upper()}, best: {schedules[network]}"
-        lines[label] = (row, printed[network])
-    for network, row in same.items():
+        lines[label] = (best[network], printed[network])
+    for network in NETWORKS:
         label = f"{network.upper()}, same: {SAME_SCHEDULE}"
-        lines[label] = (row, printed[network])
+        lines[label] = (same[network], printed[network])
     lines["VDSOM:residual, the default"] = (default, printed["vdsom"])
     size = f"{setting.side}x{setting.side}"
     title = f"Table 1, {size} nodes, {_conditions(setting)}"
@@ -186,7 +186,7 @@ def _comparison(name: str, title: str, lines: Mapping[str, _Line]) -> Table:
     header += ["% of range", "max %", "paper mean", "paper max"]
     rows: list[Cells] = []
     for (label, (row, paper)), readout in itertools.product(
-        lines.items(), _READOUTS
+        lines.items(), READOUTS
     ):
         for column in COLUMNS:
             cell = row[readout][column]
@@ -197,6 +197,13 @@ def _comparison(name: str, title: str, lines: Mapping[str, _Line]) -> Table:
             values += list(paper[column]) if paper else [None, None]
             rows.append([label, readout, f"{column} [{unit}]", *values])
     return Table(name, title, header, rows)
+
+
+def _ratio_of_networks(
+    rows: Mapping[str, Row], readout: str
+) -> dict[str, dict[str, float]]:
+    """Errors of the VDSOM over those of the SOM, per column."""
+    return _ratios(rows["som"][readout], rows["vdsom"][readout])
 
 
 def _ratios(columns: _Columns, others: _Columns) -> dict[str, dict[str, float]]:

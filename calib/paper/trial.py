@@ -25,6 +25,11 @@ from ..training.residuals import (
 )
 from .setting import Setting
 
+_EPOCHS = (20, 40)
+_SIGMAS = (0.4, 0.7, 1.0, 1.5, 2.0)
+# candidates that every seed judges: one seed alone is one map's luck
+_FINALISTS = 4
+
 Row = dict[str, dict[str, dict[str, float]]]
 """{readout: {column: {"mean", "max", "p99", "mean_spread", "max_spread", ...}}} [m, rad]."""
 
@@ -42,16 +47,25 @@ class Schedule:
 
     def radii(self, side: int) -> tuple[float, float] | None:
         """First and last radius on a lattice of `side` nodes along each axis [nodes]."""
-        return (
-            None
-            if self.sigma is None
-            else (max(side / 2, self.sigma), self.sigma)
-        )
+        if self.sigma is None:
+            return None
+        return max(side / 2, self.sigma), self.sigma
 
     def __str__(self) -> str:
         if self.epochs is None and self.sigma is None:
             return f"coarse to fine, {self.links} links"
         return f"{self.epochs} epochs, last sigma {self.sigma:g}, {self.links} links"
+
+
+SAME_SCHEDULE = Schedule(20, 2.0)
+"""The schedule at which the paper's ratio of SOM to VDSOM appears."""
+
+
+class Candidate(NamedTuple):
+    """A schedule and its score: mean error of the four columns, as a share of the ranges."""
+
+    schedule: Schedule
+    score: float
 
 
 @dataclass(frozen=True)
@@ -71,14 +85,12 @@ class NetworkTrial:
     schedule: Schedule
     side: int  # nodes along each side of both lattices
 
-    def row(self, setting: Setting, n: int | None = None) -> Row:
-        """Errors of all seeds, of `n` samples each, on 10,000 exact test points of their own."""
-        return row_of_seeds(
-            [
-                self.errors(setting.babble(seed, n), seed)
-                for seed in setting.seeds
-            ]
-        )
+    def row(self, setting: Setting) -> Row:
+        """Errors of all seeds, on 10,000 exact test points of their own."""
+        errors = [
+            self.errors(setting.babble(seed), seed) for seed in setting.seeds
+        ]
+        return row_of_seeds(errors)
 
     def errors(self, samples: Samples, seed: int) -> SeedErrors:
         """Errors of one seed, on the points on which ``calib train`` tests a model of it."""
@@ -181,22 +193,6 @@ def activity_errors(pair: Association, q: Array, x: Array) -> Array:
         np.clip(pair.inverses(v, u)["activity"], 0.0, 1.0), u
     )
     return np.asarray(np.abs(np.concatenate([forward, inverse], axis=1)))
-
-
-SAME_SCHEDULE = Schedule(20, 2.0)
-"""The schedule at which the paper's ratio of SOM to VDSOM appears."""
-
-_EPOCHS = (20, 40)
-_SIGMAS = (0.4, 0.7, 1.0, 1.5, 2.0)
-# candidates that every seed judges: one seed alone is one map's luck
-_FINALISTS = 4
-
-
-class Candidate(NamedTuple):
-    """A schedule and its score: mean error of the four columns, as a share of the ranges."""
-
-    schedule: Schedule
-    score: float
 
 
 def best_schedule(setting: Setting, network: str) -> list[Candidate]:

@@ -14,7 +14,7 @@ from .problem import Problem
 
 
 @dataclass(frozen=True)
-class Settings:
+class AgreementSettings:
     """When pictures agree."""
 
     # times the median miss of a picture, or the noise of corners: a picture of another motion
@@ -33,7 +33,7 @@ class Settings:
     shift: float = 0.03
 
 
-SETTINGS = Settings()
+AGREEMENT = AgreementSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +48,9 @@ class Agreement:
     def is_doubtful(self) -> bool:
         """Whether so many motions are as noisy as where camera or board were moved once."""
         turn, _, _, shift, *_ = self.fit.noise.error
-        most_turn, most_shift = SETTINGS.doubtful
+        most_turn, most_shift = AGREEMENT.doubtful
         is_noisy = turn > most_turn or shift > most_shift
-        return bool(is_noisy and len(self.agreeing) // 2 >= SETTINGS.half)
+        return bool(is_noisy and len(self.agreeing) // 2 >= AGREEMENT.half)
 
 
 def consensus(problem: Problem) -> tuple[CornerFit, Mask]:
@@ -62,7 +62,7 @@ def consensus(problem: Problem) -> tuple[CornerFit, Mask]:
     whole = _agreement(problem, np.ones(count, bool))
     if whole is None:  # begin without those that the closed form contradicts
         misses = problem.bundle.misses(problem.predict(problem.start))
-        whole = _agreement(problem, misses < SETTINGS.far * np.median(misses))
+        whole = _agreement(problem, misses < AGREEMENT.far * np.median(misses))
     attempts = [whole]
     if whole is None or whole.is_doubtful:
         # a board that was moved once leaves one half whole
@@ -81,14 +81,14 @@ def consensus(problem: Problem) -> tuple[CornerFit, Mask]:
     # one half by itself has to fit far better, since few pictures always fit well
     first = agreements[0]
     best = min(agreements, key=lambda agreement: agreement.score)
-    if best.score >= SETTINGS.better * first.score:
+    if best.score >= AGREEMENT.better * first.score:
         best = first
     return best.fit, best.agreeing
 
 
 def _agreement(problem: Problem, agreeing: Mask) -> Agreement | None:
     """The fit of all motions that agree with some (n,); None where it fails."""
-    for _ in range(SETTINGS.rounds):
+    for _ in range(AGREEMENT.rounds):
         if agreeing.sum() < LEAST:
             return None
         try:
@@ -98,14 +98,14 @@ def _agreement(problem: Problem, agreeing: Mask) -> Agreement | None:
         misses = problem.bundle.misses(problem.predict(fit))
         usual = max(np.median(misses[agreeing]), fit.noise.corner.max())
         before = agreeing
-        agreeing = misses < SETTINGS.far * usual
+        agreeing = misses < AGREEMENT.far * usual
         if (agreeing == before).all():
             break
     turn, _, _, shift, *_ = fit.noise.error
-    is_arm = turn < SETTINGS.turn and shift < SETTINGS.shift
-    is_camera = fit.noise.corner.max() < SETTINGS.corner
+    is_arm = turn < AGREEMENT.turn and shift < AGREEMENT.shift
+    is_camera = fit.noise.corner.max() < AGREEMENT.corner
     share = before.mean()
-    if not is_arm or not is_camera or share < SETTINGS.share:
+    if not is_arm or not is_camera or share < AGREEMENT.share:
         return None
     rms = np.sqrt(np.mean(misses[before] ** 2))
     return Agreement(fit, before, float(rms / share))
@@ -118,7 +118,7 @@ def held_out_pixels(problem: Problem, fit: CornerFit, agreeing: Mask) -> Array:
     """
     rows = np.flatnonzero(agreeing)
     pixels = problem.predict(fit)
-    folds = np.arange(len(rows)) % min(SETTINGS.folds, len(rows))
+    folds = np.arange(len(rows)) % min(AGREEMENT.folds, len(rows))
     for fold in np.unique(folds):
         is_out = folds == fold
         others = problem.solve(rows[~is_out], fit, learn=False)

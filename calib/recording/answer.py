@@ -27,73 +27,17 @@ from .fit import CornerFit
 from .joint_motions import ArmBelief, JointMotions
 from .notes import limit_of, notes_of
 from .problem import Problem
-from .rig import CameraPlace, HandEye, LensFacts, Place
+from .rig import CameraPlace, HandEye, LensFacts, Place, Square
 
 
-def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
+def solve_rig(problem: Problem, frames: tuple[str, str]) -> HandEye:
     """The rig that fits the pictures; `frames` are the names of base and flange.
 
     Raises LogError where too few pictures agree.
     """
     fit, agreeing = consensus(problem)
     rig_fit = RigFit(problem, fit, agreeing)
-    bundle = problem.bundle
-    layout = bundle.layout
-    values = fit.unknowns.values
-
-    # errors of corners by the fit itself, and of motions by fits without them
-    residuals = bundle.pixels - problem.predict(fit)
-    used_corners = agreeing[bundle.motion]
-    distances = np.linalg.norm(residuals[used_corners], axis=1)
-    misses = bundle.misses(held_out_pixels(problem, fit, agreeing))
-    squares = misses[agreeing] ** 2
-    rms = float(np.sqrt(np.mean(squares)))
-    turn, _, _, shift, *_ = fit.noise.error.tolist()
-
-    # the first camera and its board
-    first = problem.views[0]
-    hand, base = rig_fit.places(0)
-    numbers = [*rig_fit.frame_numbers(0)]
-    places = layout.frames[numbers].ravel()
-    slope = shifts_along_parents(fit.unknowns.frames[numbers])
-    used = agreeing[problem.motions_of(first)]
-    size = layout.shapes[0, -1]
-    measured = first.board.side * float(np.exp(values[size]))
-    half = rig_fit.half_width * measured * float(rig_fit.sd[size])
-
-    choice = problem.choice
-    cameras = range(len(problem.views))
-    rig = HandEye(
-        eye=first.eye,
-        pictures=first.pictures.count,
-        used=int(used.sum()),
-        hand=hand,
-        base=base,
-        reprojection={
-            "mean": float(distances.mean()),
-            "max": float(distances.max()),
-        },
-        lens=rig_fit.lens_facts(0),
-        limited_by="",
-        notes=(),
-        repeatability={"position": shift, "rotation": turn},
-        square={
-            "said": first.board.side,
-            "measured": measured,
-            "interval": [measured - half, measured + half],
-        },
-        board={"text": first.board.text, "points": rig_fit.board().tolist()},
-        held_out={"rms": rms},
-        left_out=problem.pictures_at(~agreeing),
-        cameras=tuple(map(rig_fit.camera, cameras)),
-        convention=None if choice is None else choice.convention,
-        frames=frames,
-        names=problem.names,
-        flange=bundle.motions.poses(values[layout.arm]),
-        misses=misses,
-        covariance=slope @ fit.covariance[np.ix_(places, places)] @ slope.T,
-        body=rig_fit.body(0),
-    )
+    rig = rig_fit.rig(frames)
     rig = replace(
         rig,
         limited_by=limit_of(problem, rig, agreeing),
@@ -109,6 +53,75 @@ class RigFit:
     problem: Problem
     fit: CornerFit
     agreeing: Mask  # (n,), motions that the fit rests on
+
+    def rig(self, frames: tuple[str, str]) -> HandEye:
+        """The rig, but for notes and log; `frames` are the names of base and flange."""
+        problem = self.problem
+        bundle = problem.bundle
+        first = problem.views[0]
+        hand, base = self.places(0)
+
+        # errors of motions, by fits without them
+        pixels = held_out_pixels(problem, self.fit, self.agreeing)
+        misses = bundle.misses(pixels)
+        squares = misses[self.agreeing] ** 2
+        turn, _, _, shift, *_ = self.fit.noise.error.tolist()
+
+        arm = self.fit.unknowns.values[bundle.layout.arm]
+        choice = problem.choice
+        cameras = range(len(problem.views))
+        return HandEye(
+            eye=first.eye,
+            pictures=first.pictures.count,
+            used=int(self.agreeing[problem.motions_of(first)].sum()),
+            hand=hand,
+            base=base,
+            reprojection=self.reprojection(),
+            lens=self.lens_facts(0),
+            limited_by="",
+            notes=(),
+            repeatability={"position": shift, "rotation": turn},
+            square=self.square(),
+            board={"text": first.board.text, "points": self.board().tolist()},
+            held_out={"rms": float(np.sqrt(np.mean(squares)))},
+            left_out=problem.pictures_at(~self.agreeing),
+            cameras=tuple(map(self.camera, cameras)),
+            convention=None if choice is None else choice.convention,
+            frames=frames,
+            names=problem.names,
+            flange=bundle.motions.poses(arm),
+            misses=misses,
+            covariance=self.covariance_of_places(),
+            body=self.body(0),
+        )
+
+    def reprojection(self) -> dict[str, float]:
+        """Mean and largest error of the corners that the fit rests on [px]."""
+        bundle = self.problem.bundle
+        residuals = bundle.pixels - self.problem.predict(self.fit)
+        used = self.agreeing[bundle.motion]
+        distances = np.linalg.norm(residuals[used], axis=1)
+        return {"mean": float(distances.mean()), "max": float(distances.max())}
+
+    def square(self) -> Square:
+        """The side of the first board's squares, as stated and as measured [m]."""
+        stated = self.problem.views[0].board.side
+        size = self.problem.bundle.layout.shapes[0, -1]
+        measured = stated * float(np.exp(self.fit.unknowns.values[size]))
+        half = self.half_width * measured * float(self.sd[size])
+        return {
+            "said": stated,
+            "measured": measured,
+            "interval": [measured - half, measured + half],
+        }
+
+    def covariance_of_places(self) -> Array:
+        """Covariance (12, 12) of turn and shift of the hand's frame, then of the base's."""
+        numbers = [*self.frame_numbers(0)]
+        places = self.problem.bundle.layout.frames[numbers].ravel()
+        slope = shifts_along_parents(self.fit.unknowns.frames[numbers])
+        covariance: Array = self.fit.covariance[np.ix_(places, places)]
+        return slope @ covariance @ slope.T
 
     @cached_property
     def half_width(self) -> float:

@@ -35,8 +35,8 @@ are one."""
 # share by which the focal length of a camera that was not touched may differ
 _REFOCUSED = 0.02
 
-Path_ = str | os.PathLike[str]
-Source = Path_ | Sequence[Picture]
+FilePath = str | os.PathLike[str]
+Source = FilePath | Sequence[Picture]
 """A folder or pattern of pictures, a LeRobotDataset, or grey pictures (height, width)."""
 
 
@@ -97,6 +97,9 @@ class BoardPictures:
         covariance = _log_covariance(poses, point, in_hand)
         variances = np.einsum("njj->n", covariance[:, :3, :3])
         noise = np.sqrt(variances.mean() / 3)
+        episode = None
+        if self.episodes is not None:
+            episode = self.episodes.astype(float)
         source = {
             "source": "board",
             "eye": "hand" if in_hand else "base",
@@ -117,9 +120,7 @@ class BoardPictures:
             orientation=quaternion_of(turns),
             covariance=covariance,
             pictures=np.array(self.names),
-            episode=None
-            if self.episodes is None
-            else self.episodes.astype(float),
+            episode=episode,
         )
 
 
@@ -154,7 +155,7 @@ def hand_poses(poses: Sequence[Pose], in_hand: bool) -> Array:
 
 def find_board(
     pictures: Source,
-    table: Path_ | JointTable | None,
+    table: FilePath | JointTable | None,
     board: Pattern | str | None,
     arm: SpatialArm | None = None,
     camera: str | None = None,
@@ -222,12 +223,8 @@ def _corners_in(
             names.append(name)
     count = len(names) + len(few)
     if len(names) < LEAST:
-        most = max([*few.values(), *map(len, corners.values())], default=0)
-        raise LogError(
-            f"the board is in {len(names)} of {count} pictures, expected {LEAST} with "
-            f"{LEAST_CORNERS} corners or more (at most {most} found): "
-            f"{_instead(without[:LEAST], board)}"
-        )
+        counts = [*few.values(), *map(len, corners.values())]
+        raise _few_pictures(len(names), counts, without[:LEAST], board)
     if few:
         notes.append(
             f"no board, or fewer than {LEAST_CORNERS} corners of it, in {len(few)} pictures, "
@@ -246,6 +243,23 @@ def _corners_in(
         notes=tuple(notes),
         episodes=None if episodes is None else episodes[shown],
         rows=shown,
+    )
+
+
+def _few_pictures(
+    shown: int,
+    counts: Sequence[int],
+    without: Sequence[Picture],
+    board: Pattern,
+) -> LogError:
+    """The error that too few pictures show the board.
+
+    counts : corners of each picture;  without : some pictures that do not show it
+    """
+    return LogError(
+        f"the board is in {shown} of {len(counts)} pictures, expected {LEAST} with "
+        f"{LEAST_CORNERS} corners or more (at most {max(counts, default=0)} found): "
+        f"{_instead(without, board)}"
     )
 
 
@@ -302,9 +316,8 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
         return log
     lens = lens_of_model(model)
     log_lens = Lens.from_json(source["lens"])
-    if (
-        log_lens.parameters == lens.parameters
-    ).all() or log.orientation is None:
+    same_lens = (log_lens.parameters == lens.parameters).all()
+    if same_lens or log.orientation is None:
         return log
     growth = float(log_lens.focal.mean() / lens.focal.mean()) - 1.0
     if log_lens.size != lens.size or abs(growth) > _REFOCUSED:
@@ -313,17 +326,11 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
             f"differs by {growth:+.1%}"
         )
         return replace(log, notes=(*log.notes, note))
-    in_hand = source["eye"] == "hand"
     point = np.array(source["point"])
     turns = matrix_of(log.orientation)
-    boards = rigid(turns, log.x - turns @ point)
-    if in_hand:  # the pose is the camera's, in the board's frame
-        boards = inverse(boards)
-    board = parse_board(source["board"]).points()
-    places = place_points(boards, board)
-    pixels = log_lens.distort(places[:, :, :2] / places[:, :, 2:])
-    poses = [find_pose(lens, board, corners) for corners in pixels]
-    hand = hand_poses(poses, in_hand)
+    hand = rigid(turns, log.x - turns @ point)
+    board = parse_board(source["board"])
+    hand = _with_lens(hand, log_lens, lens, board, source["eye"] == "hand")
     turns = turn_of(hand)
     note = (
         f"poses are told with the model's lens: of these pictures alone the focal length was "
@@ -336,3 +343,15 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
         source={**source, "lens": lens.to_json()},
         notes=(*log.notes, note),
     )
+
+
+def _with_lens(
+    hand: Array, lens: Lens, other: Lens, board: Pattern, in_hand: bool
+) -> Array:
+    """Poses (p, 4, 4) [m] of what is in the hand, by another lens than they were found with."""
+    boards = inverse(hand) if in_hand else hand
+    points = board.points()
+    places = place_points(boards, points)
+    pixels = lens.distort(places[:, :, :2] / places[:, :, 2:])
+    poses = [find_pose(other, points, corners) for corners in pixels]
+    return hand_poses(poses, in_hand)

@@ -29,6 +29,11 @@ BENDS = [(i, k - i) for k in (2, 3, 4) for i in range(k + 1)]
 SHAPE = len(BENDS) + 3
 """Numbers of a board: heights, stretch and shear [half diagonals], log of its size as printed."""
 
+BY_POINT = slice(3, 6)
+BY_LENS = slice(6, 15)
+CENTRE = slice(8, 10)
+"""Columns of OpenCV's slopes of pixels."""
+
 POSE = 6
 """Numbers of a small motion: turn [rad] and shift [m]."""
 
@@ -202,15 +207,11 @@ class Bundle:
 
         # the board before the camera, and its steps before by those of X, Y and G E
         to_camera = inverse(unknowns.frames[camera_frame])
-        if self.in_hand[camera]:
-            before_board = to_camera @ inverse(flange)
-            flange_steps = -adjoint(to_camera)[None].repeat(len(flange), axis=0)
-        else:
-            before_board = to_camera @ flange
-            flange_steps = adjoint(before_board)
+        before_board, flange_steps = flange_before(
+            to_camera, flange, self.in_hand[camera]
+        )
         scenes = before_board @ unknowns.frames[board_frame]
         board_steps = adjoint(scenes)
-
         scene = scenes[motion]
         turns = turn_of(scene)
         places = np.einsum("nij,nj->ni", turns, points) + shift_of(scene)
@@ -241,6 +242,20 @@ class Bundle:
         by_errors[..., :POSE] = by_flange
         by_errors[..., focus_column] = by_lens[..., :2] @ lens[:2]
         return pixels, slopes
+
+
+def flange_before(
+    to_camera: Array, flange: Array, in_hand: bool
+) -> tuple[Array, Array]:
+    """The board's parent before a camera (n, 4, 4) [m], and its steps (n, 6, 6) by the flange's.
+
+    to_camera : (4, 4), X^-1;  flange : (n, 4, 4) [m], G E
+    """
+    if in_hand:
+        steps = -adjoint(to_camera)[None].repeat(len(flange), axis=0)
+        return to_camera @ inverse(flange), steps
+    before_board = to_camera @ flange
+    return before_board, adjoint(before_board)
 
 
 def shape_slopes(points: Array, outline: Array) -> Array:
@@ -289,10 +304,9 @@ def project(
         points[:, None], origin, origin, camera.matrix, camera.distortion
     )
     factors = focus[:, None]
-    pixels = pixels[:, 0] - centre
-    slopes = slopes.reshape(len(points), 2, -1)
-    slopes = slopes * factors[:, None]
-    by_centre = slopes[..., 8:10]
-    by_centre /= factors[:, None]
-    pixels = centre + factors * pixels
-    return pixels, slopes[..., 3:6], slopes[..., 6:15]
+    pixels = centre + factors * (pixels[:, 0] - centre)
+
+    # a factor of the focal lengths moves no centre
+    slopes = slopes.reshape(len(points), 2, -1) * factors[:, None]
+    slopes[..., CENTRE] /= factors[:, None]
+    return pixels, slopes[..., BY_POINT], slopes[..., BY_LENS]

@@ -117,6 +117,16 @@ class _Pair:
         rows = inside[spread_rows(len(inside), count)]
         return when[rows], self.x[rows]
 
+    def track_rows(self, when: Array, track: Array) -> TrackRows:
+        """Rows of the track (r, m), with the joints about their times (r,)."""
+        return TrackRows(
+            track,
+            self.joints(when),
+            ahead=self.joints(when + CLOCK.step),
+            behind=self.joints(when - CLOCK.step),
+            since=(when - when.mean())[:, None],
+        )
+
     def refine(
         self, start: Clocks, revolute: tuple[bool, ...] | None
     ) -> Clocks | None:
@@ -154,13 +164,7 @@ class _Pair:
             when, track = self.sample(clocks, count)
             if len(when) < 16:
                 break
-            rows = TrackRows(
-                track,
-                self.joints(when),
-                ahead=self.joints(when + CLOCK.step),
-                behind=self.joints(when - CLOCK.step),
-                since=(when - when.mean())[:, None],
-            )
+            rows = self.track_rows(when, track)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 linear = model.linearise(rows)
                 step = estimate_delay(
@@ -174,12 +178,9 @@ class _Pair:
                 break
             late, change = step
 
-            # three neighbouring rows say as much as one; at the ends of a line twice the sd
-            doubt = np.sqrt(3.0) * late.sd * (2.0 if rate else 1.0)
+            # the best clocks, until they settle
             error_before = clocks.error
-            clocks = replace(
-                clocks, error=median_length(linear.residual), doubt=doubt
-            )
+            clocks = _with_error(clocks, linear.residual, late.sd, rate)
             best = min(best, clocks, key=attrgetter("error"))
             moved = max(abs(late.value), abs(change[-1]) * np.ptp(self.t))
             gain = abs(clocks.error - error_before)
@@ -189,15 +190,28 @@ class _Pair:
             # a step, shortened where the velocity is a poor guide
             scale = min(1.0, CLOCK.farthest_step / max(abs(late.value), 1e-12))
             model.move(scale * change[:-1])
-            offset = clocks.offset - scale * late.value
-            low = start.offset - CLOCK.farthest
-            high = start.offset + CLOCK.farthest
-            clocks = replace(
-                clocks,
-                offset=float(np.clip(offset, low, high)),
-                rate=clocks.rate + float(scale * change[-1]),
-            )
+            later = -scale * late.value
+            clocks = _moved(clocks, start, later, scale * change[-1])
         return best
+
+
+def _with_error(
+    clocks: Clocks, residual: Array, delay_sd: float, rate: bool
+) -> Clocks:
+    """Clocks with the error that they leave, (n, m) [px or mm], and the sd of the joints' time."""
+    # three neighbouring rows say as much as one; at the ends of a line twice the sd
+    doubt = np.sqrt(3.0) * delay_sd * (2.0 if rate else 1.0)
+    return replace(clocks, error=median_length(residual), doubt=doubt)
+
+
+def _moved(
+    clocks: Clocks, start: Clocks, later: float, faster: float
+) -> Clocks:
+    """Clocks after a step of offset [s] and rate, not far from where they started."""
+    low = start.offset - CLOCK.farthest
+    high = start.offset + CLOCK.farthest
+    offset = float(np.clip(clocks.offset + later, low, high))
+    return replace(clocks, offset=offset, rate=clocks.rate + float(faster))
 
 
 def _speed(values: Array) -> Array:
@@ -229,7 +243,8 @@ def align_clocks(
     pair = _Pair(time[usable], track[usable], joint_time, q)
     spread = float(np.sqrt(pair.x.var(axis=0).sum())) if usable.any() else 0.0
     moves = spread >= 5.0 and np.ptp(q, axis=0).max() >= 0.02
-    if len(pair.t) < 20 or not moves or not (peaks := pair.peaks()):
+    peaks = pair.peaks() if moves and len(pair.t) >= 20 else []
+    if not peaks:
         raise ClockError(
             f"the clocks cannot be matched: the tip is in {len(pair.t)} frames, its places spread "
             f"by {spread:.2g} {unit}, or the arm never moves; expected 5 s of motion or more, or "
@@ -241,14 +256,9 @@ def align_clocks(
     short_fits = _by_error(
         pair.fit(Waves(), start, CLOCK.short) for start in starts
     )
-    candidates = [
-        fit
-        for k, fit in enumerate(short_fits)
-        if not any(fit.is_peak_of(better) for better in short_fits[:k])
-    ][: CLOCK.long_fits]
-    long_fits = _long_fits(
-        pair, candidates, revolute, CLOCK.chain_fits * spread
-    )
+    candidates = _best_of_peaks(short_fits)[: CLOCK.long_fits]
+    most = CLOCK.chain_fits * spread
+    long_fits = _long_fits(pair, candidates, revolute, most)
     best, *others = long_fits or short_fits
 
     rivals = [fit.error for fit in others if not fit.is_peak_of(best)]
@@ -272,6 +282,15 @@ def _unsure(best: Clocks, rival: float, spread: float, unit: str) -> ClockError:
         "rate the true one, does the motion repeat itself? record half a minute of varied motion, "
         "or give `time_offset`"
     )
+
+
+def _best_of_peaks(fits: Sequence[Clocks]) -> list[Clocks]:
+    """The best fit of each peak, of fits in the order of their errors."""
+    return [
+        fit
+        for k, fit in enumerate(fits)
+        if not any(fit.is_peak_of(better) for better in fits[:k])
+    ]
 
 
 def _long_fits(

@@ -17,7 +17,7 @@ from .bundle import POSE, Bundle, CornerSight, Unknowns
 
 
 @dataclass(frozen=True)
-class Settings:
+class CornerFitSettings:
     """What a fit is tuned by."""
 
     steps: int = 40  # at most
@@ -38,7 +38,7 @@ class Settings:
     nearly: float = 0.1  # the same of priors
 
 
-SETTINGS = Settings()
+CORNER_FIT = CornerFitSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,23 +109,23 @@ def solve(
     """
     fit = start
     sight = bundle.look(fit.unknowns)
-    for count in range(1, SETTINGS.steps + 1):
+    for count in range(1, CORNER_FIT.steps + 1):
         before = fit.noise
         step = _step(bundle, prior, fit, sight)
         but_lenses = np.delete(step.unknowns, bundle.layout.lenses.ravel())
         moves = np.append(but_lenses, step.errors)
-        if not np.abs(moves).max() < SETTINGS.farthest:
+        if not np.abs(moves).max() < CORNER_FIT.farthest:
             raise np.linalg.LinAlgError("the fit of corners diverged")
         unknowns = fit.unknowns.retract(step.unknowns, step.errors)
         fit = replace(fit, unknowns=unknowns, covariance=step.covariance)
         sight = bundle.look(unknowns)
         if learn:
             fit = _learn(bundle, prior, fit, sight, step.variances)
-        if count >= SETTINGS.fewest and _is_settled(before, fit.noise):
+        if count >= CORNER_FIT.fewest and _is_settled(before, fit.noise):
             break
     # by the noise before the last step: priors that still shrink say too much
     error = before.error.copy()
-    least_turn = error[3] / SETTINGS.reach
+    least_turn = error[3] / CORNER_FIT.reach
     error[:3] = np.maximum(error[:3], least_turn)
     careful = replace(fit, noise=replace(before, error=error))
     step = _step(bundle, prior, careful, sight)
@@ -161,7 +161,7 @@ def _residuals(
 ) -> tuple[Array, Array]:
     """Residuals (N, 2) [px] of corners, and Huber's weights (N,)."""
     residuals = bundle.pixels - sight.pixels
-    far = SETTINGS.huber * noise.corner[bundle.camera]
+    far = CORNER_FIT.huber * noise.corner[bundle.camera]
     lengths = np.linalg.norm(residuals, axis=1)
     ratios = far / np.maximum(lengths, 1e-12)
     return residuals, np.minimum(1.0, ratios)
@@ -239,9 +239,9 @@ def _error_noise(fit: CornerFit, variances: Array) -> tuple[Array, float]:
     sums = np.add.reduceat(squares.sum(axis=0), starts)
     sizes = _next_size(noise.error[starts], sums / counts, 1.7)
     focus = sizes[2:]
-    focus[focus < SETTINGS.least_focus] = 0.0
-    sizes[2:] = np.minimum(focus, SETTINGS.most_focus)
-    sizes = np.maximum(sizes, SETTINGS.least_error)
+    focus[focus < CORNER_FIT.least_focus] = 0.0
+    sizes[2:] = np.minimum(focus, CORNER_FIT.most_focus)
+    sizes = np.maximum(sizes, CORNER_FIT.least_error)
     freedom = float(counts[:2].sum())
     return np.repeat(sizes, widths), freedom
 
@@ -303,7 +303,7 @@ def _corner_noise(
 
     square = np.maximum(independent, correlated)
     sizes = _next_size(noise.corner, square, 1.0)
-    return np.maximum(sizes, SETTINGS.least_corner)
+    return np.maximum(sizes, CORNER_FIT.least_corner)
 
 
 def _next_size(sd: Array, squares: ArrayLike, rate: float) -> Array:
@@ -320,6 +320,6 @@ def _is_settled(before: Noise, after: Noise) -> bool:
     is_sized = np.isfinite(before.prior)
     slow = np.log(after.prior[is_sized] / before.prior[is_sized])
     fast = np.log([*after.corner / before.corner, *after.error / before.error])
-    is_fast_settled = np.abs(fast).max() < SETTINGS.settled
-    is_slow_settled = np.abs(slow).max() < SETTINGS.nearly
+    is_fast_settled = np.abs(fast).max() < CORNER_FIT.settled
+    is_slow_settled = np.abs(slow).max() < CORNER_FIT.nearly
     return bool(is_fast_settled and is_slow_settled)

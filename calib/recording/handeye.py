@@ -23,28 +23,27 @@ from ..common.choices import EYES, PICTURES, check_choice
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
 from ..samples.lens import Lens
-from .answer import answer
+from .answer import solve_rig
 from .board import Pattern, TagGrid
-from .board_pictures import BoardPictures, Source, find_board
+from .board_pictures import BoardPictures, FilePath, Source, find_board
 from .lerobot import is_dataset
 from .motion_tables import FlangeTable, JointTable, read_flange_poses
-from .problem import of_joints, of_poses
+from .problem import problem_of_joints, problem_of_poses
 from .rig import HandEye as HandEye
 from .view import view_of
 
-Path_ = str | os.PathLike[str]
 Pictures = Source | BoardPictures
 Eyes = str | Mapping[str, str]
 
 
 def handeye(
-    arm: Arm | Path_ | None = None,
+    arm: Arm | FilePath | None = None,
     pictures: Pictures | Mapping[str, Pictures] | None = None,
-    joints: Path_ | JointTable | None = None,
+    joints: FilePath | JointTable | None = None,
     board: Pattern | str | None = None,
     eye: Eyes = "hand",
     *,
-    poses: Path_ | FlangeTable | Array | None = None,
+    poses: FilePath | FlangeTable | Array | None = None,
     boards: Array | None = None,
     lens: Lens | Mapping[str, Lens] | None = None,
     degrees: bool | None = None,
@@ -113,11 +112,11 @@ def handeye(
 
         # corners and motions -> start -> bundle -> answer
         if flange is not None:
-            problem = of_poses(flange, views, unit, rotation, degrees)
-            return answer(problem, ("base", "flange"))
+            problem = problem_of_poses(flange, views, unit, rotation, degrees)
+            return solve_rig(problem, ("base", "flange"))
         assert arm is not None  # noqa: S101 - refused above
         frames = (parse_robot(arm.urdf).root, arm.tip)
-        return answer(of_joints(arm, views), frames)
+        return solve_rig(problem_of_joints(arm, views), frames)
 
 
 def _cameras(
@@ -135,7 +134,7 @@ def _cameras(
     return {path.name: path for path in folders} or {"camera": pictures}
 
 
-def _flange_table(poses: Path_ | FlangeTable | Array) -> FlangeTable:
+def _flange_table(poses: FilePath | FlangeTable | Array) -> FlangeTable:
     """The table of flange poses that a file, or matrices (n, 4, 4) [m], are."""
     if isinstance(poses, (str, os.PathLike)):
         return read_flange_poses(poses)

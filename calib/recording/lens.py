@@ -67,24 +67,14 @@ def calibrate_lens(
     """
     cv2 = opencv()
     usable = [shown for shown in corners if len(shown) >= LEAST_CORNERS]
-    if len(usable) < _LEAST_PICTURES:
-        raise LogError(
-            f"the board is in {len(usable)} of {len(corners)} pictures of the lens (at most "
-            f"{max(map(len, corners), default=0)} corners found, {LEAST_CORNERS} expected in "
-            f"each): take {_LEAST_PICTURES} or more, 10 are better, near and tilted, and check the "
-            "board's numbers"
-        )
+    _refuse_few(len(usable), corners)
     world = board.corners().astype(np.float32)
     objects = [world[list(shown)] for shown in usable]
     images = [np.array([*shown.values()], np.float32) for shown in usable]
-    one = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2
-    kinds = {1: one, 2: one & ~cv2.CALIB_FIX_K2}
-    if len(images) >= _TANGENTIAL:
-        kinds[4] = cv2.CALIB_FIX_K3
     count = 2 * sum(map(len, images))
     least = np.inf
     doubt = np.inf
-    for terms, flags in kinds.items():
+    for terms, flags in _flags_by_terms(len(images)).items():
         with suppress(cv2.error), one_thread():
             rms, matrix, bends, *poses = cv2.calibrateCamera(
                 objects, images, size, None, None, flags=flags
@@ -102,6 +92,27 @@ def calibrate_lens(
             "3 % expected: tilt the board this way and that between them"
         )
     return replace(lens, covariance=covariance)
+
+
+def _refuse_few(count: int, corners: Sequence[Mapping[int, Array]]) -> None:
+    """Refuse pictures of which too few show the board."""
+    if count < _LEAST_PICTURES:
+        raise LogError(
+            f"the board is in {count} of {len(corners)} pictures of the lens (at most "
+            f"{max(map(len, corners), default=0)} corners found, {LEAST_CORNERS} expected in "
+            f"each): take {_LEAST_PICTURES} or more, 10 are better, near and tilted, and check the "
+            "board's numbers"
+        )
+
+
+def _flags_by_terms(pictures: int) -> dict[int, int]:
+    """OpenCV's flags of the lenses to try, by their number of terms."""
+    cv2 = opencv()
+    one = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2
+    flags = {1: one, 2: one & ~cv2.CALIB_FIX_K2}
+    if pictures >= _TANGENTIAL:
+        flags[4] = cv2.CALIB_FIX_K3
+    return flags
 
 
 def _parameters(matrix: Array, bends: Array) -> Array:
@@ -136,7 +147,7 @@ def _covariance(
     return 0.5 * lens.rms**2 * share * covariance
 
 
-def _file(path: Path) -> Lens:
+def _lens_of_file(path: Path) -> Lens:
     """The lens of a file of calib, ROS or OpenCV, or of a model."""
     if path.suffix == ".calib":
         from ..model_file.loading import load
@@ -149,7 +160,7 @@ def _file(path: Path) -> Lens:
             f"{path} is no lens ({error}): expected a file of one"
         ) from None
     if '"calib lens"' not in text:
-        return _foreign(text, str(path))
+        return _lens_of_text(text, str(path))
     try:
         return Lens.from_json(json.loads(text))
     except (ValueError, KeyError, TypeError) as error:
@@ -175,18 +186,17 @@ def load_lens(
     """Read a lens of calib, ROS or OpenCV, or a model's; or calibrate by pictures of a board.
 
     path : a file, or a folder or pattern of pictures
-
     board : that the pictures show
     output : where a lens that was calibrated is written
     Returns notes too. Raises LogError if the file is no lens.
     """
     if not Path(path).is_dir() and not any(mark in str(path) for mark in "*?["):
-        return _file(Path(path)), ()
+        return _lens_of_file(Path(path)), ()
     if board is None:
         raise OptionError(
             "`lens` is a folder of pictures: expected `board` too, which they show"
         )
-    notes = list[str]()
+    notes: list[str] = []
     corners = []
     size = (0, 0)
     for _, _, grey in read_series(list_pictures(path), notes):
@@ -203,7 +213,7 @@ def load_lens(
     return lens, tuple(notes)
 
 
-def _foreign(text: str, label: str) -> Lens:
+def _lens_of_text(text: str, label: str) -> Lens:
     """The lens of a YAML or JSON text.
 
     Raises LogError in one line where it has none, where numbers are not finite, or where the lens

@@ -40,8 +40,17 @@ _IGNORED = {"picture", "time", "timestamp", "episode", *map(str.lower, MATRIX)}
 # "[mm]", "(deg)", "_mm": the fit finds units
 _UNIT = r"\s*[\[(].*[\])]$|_(?:m|cm|mm|in|rad|deg|grad)$"
 _OTHERS = {
-    *("time", "timestamp", "picture", "episode"),
-    *("x", "y", "z", "qx", "qy", "qz", "qw"),
+    "time",
+    "timestamp",
+    "picture",
+    "episode",
+    "x",
+    "y",
+    "z",
+    "qx",
+    "qy",
+    "qz",
+    "qw",
 }
 # [rad]; joints that go beyond two turns are taken for degrees
 _TURNS = 4.0 * np.pi

@@ -28,7 +28,7 @@ from .rig import HandEye, frame_of
 
 
 @dataclass(frozen=True)
-class Settings:
+class DrawSettings:
     """How poses are drawn, and which are credited with what."""
 
     draws: int = 2000
@@ -40,7 +40,7 @@ class Settings:
     careful: float = 4.0
 
 
-SETTINGS = Settings()
+DRAW = DrawSettings()
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class ExpectedRig:
             precision = np.roll(precision, POSE, axis=(0, 1))
         turn = max(rig.repeatability["rotation"], 1e-5)
         shift = max(rig.repeatability["position"], 1e-5)
-        corner = SETTINGS.careful * max(rig.reprojection["mean"], 0.1)
+        corner = DRAW.careful * max(rig.reprojection["mean"], 0.1)
         facts = rig.lens
         width, height = facts["size"]
         focal = np.diag(facts["matrix"])[:2]
@@ -130,7 +130,7 @@ class ExpectedRig:
         size = np.array(self.lens.size)
         margin = self.around.edge * size
         inside = (pixels > margin) & (pixels < size - margin)
-        upright = turn_of(boards)[:, 2, 2] > SETTINGS.upright
+        upright = turn_of(boards)[:, 2, 2] > DRAW.upright
         return np.asarray(ahead & upright & inside.all(axis=(1, 2)))
 
     def best(self, flange: Array, count: int) -> tuple[Index, Array]:
@@ -197,7 +197,7 @@ def _greedy_by_trace(
     hand : (6,), its turn and shift among them
     """
     # variance of the place where what is in the hand is used
-    weight = np.repeat([SETTINGS.lever**2, 1.0], 3)
+    weight = np.repeat([DRAW.lever**2, 1.0], 3)
     waiting = np.ones(len(gains), bool)
     chosen: list[int] = []
     covariances: list[Array] = []
@@ -221,7 +221,7 @@ def next_poses(
     Raises OptionError where no pose keeps the board in view.
     """
     expected = ExpectedRig.of(rig)
-    flange = expected.draw(SETTINGS.draws, np.random.default_rng(seed))
+    flange = expected.draw(DRAW.draws, np.random.default_rng(seed))
     in_view = flange[expected.sees(flange)]
     if len(in_view) < count:
         raise OptionError(

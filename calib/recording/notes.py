@@ -18,7 +18,7 @@ from .rig import HandEye
 
 
 @dataclass(frozen=True)
-class Limits:
+class NoteLimits:
     """From where on something is told."""
 
     # least spread of the hand's turns [rad]
@@ -36,7 +36,7 @@ class Limits:
     near: float = 0.3  # from the flange, where something may be in the hand [m]
 
 
-LIMITS = Limits()
+NOTE_LIMITS = NoteLimits()
 
 
 def limit_of(problem: Problem, rig: HandEye, agreeing: Mask) -> str:
@@ -46,10 +46,10 @@ def limit_of(problem: Problem, rig: HandEye, agreeing: Mask) -> str:
     if problem.arm is not None:
         wrist = listing(problem.arm.joint_names[-2:])
     add = f"add pictures with {wrist} turned by 30 deg and more, each way"
-    if turns[1] < LIMITS.turn:
+    if turns[1] < NOTE_LIMITS.turn:
         return f"few turns of the wrist (by {np.degrees(turns[1]):.1f} deg about one axis); {add}"
     focal = rig.lens["focal_95"] / rig.lens["focal"]
-    if focal > LIMITS.doubtful:
+    if focal > NOTE_LIMITS.doubtful:
         return (
             f"the lens (its focal length is known to {100 * focal:.1f} %); add pictures with the "
             "board tilted, nearer and further away, or give a lens"
@@ -105,7 +105,7 @@ def _contradicting(rig: HandEye, agreeing: Mask) -> Iterator[str]:
 
 def _open(rig: HandEye, agreeing: Mask) -> Iterator[str]:
     """A direction that the motions hardly tell, and two poses that would."""
-    if max(rig.hand["position_95_up_to_gauge"]) < LIMITS.open:
+    if max(rig.hand["position_95_up_to_gauge"]) < NOTE_LIMITS.open:
         return
     squares, directions = np.linalg.eigh(rig.covariance[3:6, 3:6])
     half = 1.96e3 * float(np.sqrt(max(squares[-1], 0.0)))
@@ -126,7 +126,10 @@ def _size(rig: HandEye) -> Iterator[str]:
     stated = rig.square["said"]
     measured = rig.square["measured"]
     low, high = rig.square["interval"]
-    if abs(measured / stated - 1.0) > LIMITS.size and not low < stated < high:
+    if (
+        abs(measured / stated - 1.0) > NOTE_LIMITS.size
+        and not low < stated < high
+    ):
         yield (
             f"the board's squares measure {1e3 * measured:.4g} mm (95 %: {1e3 * low:.4g} to "
             f"{1e3 * high:.4g}) by the arm's motions, {1e3 * stated:.4g} mm as said: the measured "
@@ -139,13 +142,13 @@ def _lenses(problem: Problem, fit: CornerFit) -> Iterator[str]:
     for number, view in enumerate(problem.views):
         focus = float(fit.noise.error[POSE + number])
         corner = float(fit.noise.corner[number])
-        if corner > LIMITS.corner:
+        if corner > NOTE_LIMITS.corner:
             yield (
                 f"{view.name}: corners are off by {two_digits(corner)} px, whatever lens and board "
                 "are: blurred pictures, or a lens that bends more than five terms say (fisheye), "
                 "of which the intervals know nothing"
             )
-        elif focus > LIMITS.focus:
+        elif focus > NOTE_LIMITS.focus:
             yield (
                 f"{view.name}: the focal length changes by {two_digits(100 * focus)} % from "
                 "picture to picture: switch the camera's autofocus off and take the pictures "
@@ -156,7 +159,7 @@ def _lenses(problem: Problem, fit: CornerFit) -> Iterator[str]:
         focal = fit.unknowns.values[lenses[number, :2]].mean()
         given = float(view.given.focal.mean())
         off = focal / given - 1.0
-        if abs(off) > LIMITS.focal:
+        if abs(off) > NOTE_LIMITS.focal:
             yield (
                 f"the lens that was given has a focal length of {given:.1f} px, the pictures say "
                 f"{focal:.1f} ({100 * off:+.2g} %): it is of another camera, or the camera "
@@ -168,7 +171,7 @@ def _nearness(rig: HandEye) -> Iterator[str]:
     """Doubt an eye of which what is in the hand is further off than what stands still."""
     hand = float(np.linalg.norm(rig.hand["position"]))
     base = float(np.linalg.norm(rig.base["position"]))
-    if hand > max(base, LIMITS.near):
+    if hand > max(base, NOTE_LIMITS.near):
         other = "base" if rig.eye == "hand" else "hand"
         yield (
             f"with eye {rig.eye} what is in the hand is {two_digits(hand)} m from the flange, "
@@ -182,7 +185,7 @@ def _arm(
 ) -> Iterator[str]:
     """How good the arm is, whether it is this one, and what no picture tells of joints."""
     bundle = problem.bundle
-    most_shift, most_turn = LIMITS.repeats
+    most_shift, most_turn = NOTE_LIMITS.repeats
     is_loose = rig.repeatability["rotation"] > most_turn
     if is_loose or rig.repeatability["position"] > most_shift:
         yield (
@@ -192,7 +195,7 @@ def _arm(
     assert isinstance(bundle.motions, JointMotions)  # noqa: S101 - of an arm
     moves = bundle.motions.largest_move(fit.unknowns.values[bundle.layout.arm])
     name, shifted, turned = moves
-    if shifted > LIMITS.drawing[0] or turned > LIMITS.drawing[1]:
+    if shifted > NOTE_LIMITS.drawing[0] or turned > NOTE_LIMITS.drawing[1]:
         yield (
             f"the chain has to move by {two_digits(1e3 * shifted)} mm and "
             f"{two_digits(np.degrees(turned))} deg at "

@@ -94,7 +94,7 @@ class Problem:
         return self.bundle.look(fit.unknowns.exact(len(self.rows))).pixels
 
 
-def of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
+def problem_of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
     """The problem of joints and a drawn arm.
 
     Raises LogError where the pictures are of other joints, or say that the joints are not these.
@@ -119,7 +119,7 @@ def of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
     return replace(_problem(views, rows, motions), arm=arm)
 
 
-def of_poses(
+def problem_of_poses(
     table: FlangeTable,
     views: Sequence[View],
     unit: str | None,
@@ -210,10 +210,10 @@ def _by_pose(
         )
     merged = []
     for view in views:
-        of_pose = rows[first[pose[np.searchsorted(rows, view.rows)]]]
-        merged.append(
-            replace(view, pictures=replace(view.pictures, rows=of_pose))
-        )
+        place = np.searchsorted(rows, view.rows)
+        first_place = first[pose[place]]
+        pictures = replace(view.pictures, rows=rows[first_place])
+        merged.append(replace(view, pictures=pictures))
     return merged, np.sort(first)
 
 
@@ -329,13 +329,13 @@ def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
             labels += [(number, motion[k])] * len(shown)
     camera, motion = np.array(labels).T
     return Bundle(
-        motions,
-        [view.in_hand for view in views],
-        np.concatenate(points),
-        np.concatenate(bends),
-        np.concatenate(pixels),
-        camera,
-        motion,
+        motions=motions,
+        in_hand=[view.in_hand for view in views],
+        points=np.concatenate(points),
+        bends=np.concatenate(bends),
+        pixels=np.concatenate(pixels),
+        camera=camera,
+        motion=motion,
     )
 
 

@@ -24,7 +24,7 @@ from .pictures import opencv
 
 
 @dataclass(frozen=True)
-class Settings:
+class ReferenceSettings:
     """When a reference is where it was."""
 
     noise: float = 0.01  # [px]; corners are credited with no less
@@ -34,7 +34,7 @@ class Settings:
     elsewhere: float = 0.3
 
 
-SETTINGS = Settings()
+REFERENCE = ReferenceSettings()
 
 Marks = Mapping[int, Array]
 """Places (2,) by number, in a picture [px] or a layout [m]: of corners, or of tags' centres."""
@@ -91,7 +91,7 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     covariance = follows @ lens.covariance @ follows.T
     freedom = max(len(by_pose) - 6, 1)
     square = float((residuals**2).sum())
-    variance = max(square / freedom, SETTINGS.noise**2)
+    variance = max(square / freedom, REFERENCE.noise**2)
     covariance[:6, :6] += np.linalg.pinv(by_pose.T @ by_pose) * variance
     return Pose(rotation, shift.ravel(), covariance)
 
@@ -224,7 +224,7 @@ def find_reference(
         for number, marks in complete.items()
         if _is_elsewhere(usual, marks)
     )
-    if len(elsewhere) > SETTINGS.elsewhere * len(complete):
+    if len(elsewhere) > REFERENCE.elsewhere * len(complete):
         raise LogError(
             f"{layout.what} is elsewhere, or of another size, in {len(elsewhere)} of "
             f"{len(complete)} pictures: was the camera bumped, is it loose, or does it refocus? "
@@ -256,6 +256,6 @@ def _is_elsewhere(usual: Marks, marks: Marks) -> bool:
     moved = np.linalg.norm(places - usual_places, axis=1)
     growth = similarity(usual_places, places)[2] - 1.0
     is_refocused = (
-        abs(growth) > SETTINGS.stretch and moved.max() > SETTINGS.moved
+        abs(growth) > REFERENCE.stretch and moved.max() > REFERENCE.moved
     )
-    return bool(np.median(moved) > SETTINGS.moved or is_refocused)
+    return bool(np.median(moved) > REFERENCE.moved or is_refocused)

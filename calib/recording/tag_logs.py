@@ -27,7 +27,7 @@ from .clocks import Clocks, align_clocks
 from .motion_tables import JointTable, read_shots
 from .pictures import Shot, Video
 from .reference import PlaneReference, find_pose, matrices
-from .setting import LOOKS, Setup, Sightings, find_sightings
+from .setting import LOOKS, Setting, Sightings, find_sightings
 from .tags import LEAST_NOISE, Tag
 from .track import jumps, row_shift
 
@@ -54,7 +54,7 @@ REST = RestSettings()
 def log_pictures(
     source: str | os.PathLike[str] | Sequence[str],
     joints: JointTable,
-    setting: Setup,
+    setting: Setting,
 ) -> Samples:
     """Make a log from pictures of an arm with a printed tag on its tip.
 
@@ -95,14 +95,14 @@ def log_pictures(
 def log_video(
     path: str | os.PathLike[str],
     joints: JointTable,
-    setting: Setup,
+    setting: Setting,
     *,
     time_offset: float | None = None,
     still: float | None = None,
     max_gap: float = MAX_GAP,
     revolute: Sequence[bool] | None = None,
 ) -> Samples:
-    """Make a log from a video, of any format that OpenCV opens; see `log_pictures`.
+    """Make a log from a video, of any format that FFmpeg (PyAV) reads; see `log_pictures`.
 
     joints : with times, by a clock of their own
     time_offset : [s], added to the video's times; found if not given
@@ -121,7 +121,7 @@ def log_video(
     _check_motion(q, sightings, video.name)
     track = np.full((len(time), 2), np.nan)
     track[sightings.numbers] = sightings.pixels
-    notes = list[str]()
+    notes: list[str] = []
     if video.claimed > 1.05 * len(time) + 2:
         notes.append(
             f"{len(time)} of {video.claimed} frames can be read: it is cut off"
@@ -134,46 +134,29 @@ def log_video(
         notes.append(clocks.words())
     when = clocks.joints_time(time)
 
-    # frames whose joints are known
-    usable = np.isfinite(track[:, 0])
-    dropped = dict(sightings.reasons)
-    gaps = gaps_between(when, joint_time, max_gap)
-    for why, wrong in [("a jump of the track", jumps(track)), *gaps.items()]:
-        dropped[why] = int((usable & wrong).sum())
-        usable &= ~wrong
-    if not usable.any():
-        raise LogError(
-            f"the clocks are apart: the video runs from {when[0]:.2f} to {when[-1]:.2f} s of the "
-            f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s"
-        )
-
-    # the frames of each row of the log: a rest, or one in which the arm is slow
+    # frames whose joints are known, and those of each row of the log
+    usable, gaps = _usable_frames(when, track, joint_time, max_gap)
     speed = joint_speed(when, joint_time, q)
-    if still is None:
-        groups = _rests(when, track, usable & (speed < REST.rest))
-        why = "the arm moves"
-        notes.append(
-            f"{len(groups)} rests of {np.mean([0, *map(len, groups)]):.0f} frames"
-        )
-    else:
-        is_slow = usable & (speed < still)
-        groups = list(np.flatnonzero(is_slow)[:, None])
-        why = f"a joint moves faster than {still:g}"
-    dropped[why] = int(usable.sum() - sum(map(len, groups)))
+    groups = _row_groups(when, track, usable, speed, still)
     if not groups:
         raise LogError(
             f"the arm never rests for {REST.least} frames of {video.name}, or moves as slowly as "
             "`still`: record it with stops"
         )
+    if still is None:
+        why = "the arm moves"
+        mean = np.mean([0, *map(len, groups)])
+        notes.append(f"{len(groups)} rests of {mean:.0f} frames")
+    else:
+        why = f"a joint moves faster than {still:g}"
+    moving = int(usable.sum() - sum(map(len, groups)))
+    dropped = {**sightings.reasons, **gaps, why: moving}
 
     # tag, joints and time of each row
-    tag_of = dict(zip(sightings.numbers, sightings.tags, strict=True))
-    tags = [_median_tag([tag_of[k] for k in group]) for group in groups]
     frame_joints = joints_at(when, joint_time, q)
-    row_joints = np.array(
-        [frame_joints[group].mean(axis=0) for group in groups]
+    tags, row_joints, row_time = _rows_of_groups(
+        groups, sightings, when, frame_joints
     )
-    row_time = np.array([np.median(when[group]) for group in groups])
     about: dict[str, object] = {
         "source": "video",
         "time_offset": clocks.offset,
@@ -197,7 +180,7 @@ def _motion_of(joints: JointTable) -> tuple[Array, Array]:
     return time, joints.q[first]
 
 
-def _video_sightings(video: Video, setting: Setup) -> tuple[Sightings, Array]:
+def _video_sightings(video: Video, setting: Setting) -> tuple[Sightings, Array]:
     """What a video's frames show, and the times (n,) [s] of all n frames."""
     times: list[float] = []
 
@@ -211,6 +194,58 @@ def _video_sightings(video: Video, setting: Setup) -> tuple[Sightings, Array]:
         every = max(1, video.claimed // LOOKS)
     sightings = find_sightings(frames(), setting, "frames", every)
     return sightings, np.array(times)
+
+
+def _usable_frames(
+    when: Array, track: Array, joint_time: Array, max_gap: float
+) -> tuple[Mask, dict[str, int]]:
+    """Frames (n,) that show the tag and whose joints are known, and how many are not, by reason.
+
+    Raises LogError where none is.
+    """
+    usable = np.isfinite(track[:, 0])
+    dropped: dict[str, int] = {}
+    gaps = gaps_between(when, joint_time, max_gap)
+    for why, wrong in [("a jump of the track", jumps(track)), *gaps.items()]:
+        dropped[why] = int((usable & wrong).sum())
+        usable &= ~wrong
+    if not usable.any():
+        raise LogError(
+            f"the clocks are apart: the video runs from {when[0]:.2f} to {when[-1]:.2f} s of the "
+            f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s"
+        )
+    return usable, dropped
+
+
+def _row_groups(
+    when: Array,
+    track: Array,
+    usable: Mask,
+    speed: Array,
+    still: float | None,
+) -> list[Index]:
+    """The frames of each row of a log: those of a rest, or one in which the arm is slow.
+
+    speed : (n,), of the fastest joint;  still : below which it is slow [rad/s or m/s]
+    """
+    if still is None:
+        return _rests(when, track, usable & (speed < REST.rest))
+    is_slow = usable & (speed < still)
+    return list(np.flatnonzero(is_slow)[:, None])
+
+
+def _rows_of_groups(
+    groups: Sequence[Index],
+    sightings: Sightings,
+    when: Array,
+    frame_joints: Array,
+) -> tuple[list[Tag], Array, Array]:
+    """Tags, joints (r, dof) and times (r,) [s] of rows, of the frames of each."""
+    tag_of = dict(zip(sightings.numbers, sightings.tags, strict=True))
+    tags = [_median_tag([tag_of[k] for k in group]) for group in groups]
+    joints = [frame_joints[group].mean(axis=0) for group in groups]
+    times = [np.median(when[group]) for group in groups]
+    return tags, np.array(joints), np.array(times)
 
 
 def _rests(when: Array, track: Array, still: Mask) -> list[Index]:
@@ -284,15 +319,7 @@ def _log_of(
     """
     setting = sightings.setting
     reference = sightings.reference[0]
-    pixels = np.array([tag.centre for tag in tags])
-    if setting.lens is not None and setting.tag_size is not None:
-        positions = _by_tag_size(
-            tags, setting.lens, setting.tag_size, reference
-        )
-    elif reference is not None:
-        positions = _on_plane(reference, pixels)
-    else:
-        positions = Positions(pixels, "px", np.ones(1))
+    positions = _positions(tags, setting, reference)
     noise = np.array([tag.noise for tag in tags]) * positions.scale
     dropped = {why: count for why, count in dropped.items() if count}
     notes = [
@@ -319,11 +346,23 @@ def _log_of(
         positions.x,
         joint_names,
         unit=positions.unit,
-        pixels=pixels,
+        pixels=np.array([tag.centre for tag in tags]),
         source=source,
         orientation=positions.quaternion,
         notes=tuple(notes),
     )
+
+
+def _positions(
+    tags: Sequence[Tag], setting: Setting, reference: PlaneReference | None
+) -> Positions:
+    """Where tags are: by their size, in the plane of the reference, or in pixels."""
+    if setting.lens is not None and setting.tag_size is not None:
+        return _by_tag_size(tags, setting.lens, setting.tag_size, reference)
+    pixels = np.array([tag.centre for tag in tags])
+    if reference is not None:
+        return _on_plane(reference, pixels)
+    return Positions(pixels, "px", np.ones(1))
 
 
 def _on_plane(reference: PlaneReference, pixels: Array) -> Positions:

@@ -43,7 +43,7 @@ class Deviation:
 
     @property
     def certain(self) -> bool:
-        """Whether its interval excludes nothing."""
+        """Whether its interval excludes zero."""
         return abs(self.value) > self.half
 
     @property

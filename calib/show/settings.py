@@ -15,6 +15,7 @@ class Settings:
     points: int = 3_000  # in a preview
     played: int = 60  # rows that Play goes through, 15 frames each
     links: int = 24  # of a node
+    photo_cells: int = 16  # along each side of a photo that is bent
 
     # of the largest: deviations with less are not drawn
     small_effect: float = 0.01

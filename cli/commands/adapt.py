@@ -15,8 +15,16 @@ from ..pictures import photo_of_log
 from ..units import units_of
 
 FACTS = (
-    "improved samples outliers left_out correction kept coverage everywhere "
-    "before after"
+    "improved",
+    "samples",
+    "outliers",
+    "left_out",
+    "correction",
+    "kept",
+    "coverage",
+    "everywhere",
+    "before",
+    "after",
 )
 
 
@@ -57,39 +65,51 @@ def adapt(
     about = result.model.about
     document = {
         "model": path if written else None,
-        **fields(result, FACTS),
+        **fields(result, *FACTS),
         "method": method,
         "changed": [change.to_json() for change in result.changed],
         "notes": [as_typed(text) for text in result.notes],
         "unit": about.unit,
         "units": units_of(about),
     }
-    before = with_unit(result.before["mean"], about.unit)
-    after = with_unit(result.after["mean"], about.unit)
     rows = f"on rows that it did not learn from; {result.samples} samples of {data}"
     if result.outliers:
         rows += f", {result.outliers} left out"
     if result.improved:
-        lines = [f"{path}: {before} before, {after} after, {rows}"]
-        for change in result.changed:
-            if change.cause != "unknown":  # which a note has told
-                lines.append(f"changed: {change.words}")
+        lines = _improvement(result, path, rows)
     else:
         state = f"{model} stays as it is, nothing was written"
         if written:
             state = f"{path} predicts as {model} does, with a wider bound"
+        before, after = _errors(result)
         lines = [
             f"no improvement: {state}",
             f"{before} as it is, {after} adapted, {rows}",
         ]
-    if result.improved and result.coverage < 0.99:
-        lines.append(
-            f"limited by coverage: the log measured {100 * result.coverage:.0f} % of the learned "
-            "range; rows from the rest help most"
-        )
-    elif result.improved:
-        lines.append("limited by noise; more rows help most")
     more: list[Line] = [f"corrected: {result.correction}"]
     if result.kept:
         more.append(f"left as it was: {', '.join(result.kept)}")
     return Outcome(document, lines, more, code=0 if result.improved else NO)
+
+
+def _improvement(result: calib.Adaptation, path: str, rows: str) -> list[str]:
+    """Say how much better the new model is, what changed, and what limits it."""
+    before, after = _errors(result)
+    lines = [f"{path}: {before} before, {after} after, {rows}"]
+    for change in result.changed:
+        if change.cause != "unknown":  # which a note has told
+            lines.append(f"changed: {change.words}")
+    limit = "limited by noise; more rows help most"
+    if result.coverage < 0.99:
+        limit = (
+            f"limited by coverage: the log measured {100 * result.coverage:.0f} % of the learned "
+            "range; rows from the rest help most"
+        )
+    return [*lines, limit]
+
+
+def _errors(result: calib.Adaptation) -> tuple[str, str]:
+    """Mean errors before and after, in words."""
+    unit = result.model.about.unit
+    before = with_unit(result.before["mean"], unit)
+    return before, with_unit(result.after["mean"], unit)

@@ -53,67 +53,70 @@ def check(
         log = log_for(loaded, data, log_format)
     else:
         log = log_of_pictures(loaded, data, joints_file, camera, degrees)
-    drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
-    say(drift.notes)
+    verdict = calib.check(loaded, log, cause=cause, tolerance=tolerance)
+    say(verdict.notes)
     document = {
         "model": model,
-        **drift.to_json(),
-        "unit": drift.unit,
-        "units": units_of(loaded.about, drift.unit),
+        **verdict.to_json(),
+        "unit": verdict.unit,
+        "units": units_of(loaded.about, verdict.unit),
     }
-    lines = _verdict(drift, f"calib adapt {quote(model)} --data {quote(data)}")
-    for episode in drift.drifted_episodes:
+    lines = _verdict(
+        verdict, f"calib adapt {quote(model)} --data {quote(data)}"
+    )
+    for episode in verdict.drifted_episodes:
         title = f"episode {episode.episode}: DRIFTED"
         lines.append(f"{title}: {episode.main_cause}")
-    code = 0 if drift.is_calm else NO
-    return Outcome(document, lines, [_signals(drift)], code=code)
+    code = 0 if verdict.is_calm else NO
+    return Outcome(document, lines, [_signals(verdict)], code=code)
 
 
-def _verdict(drift: calib.Verdict, adapt: str) -> list[str]:
+def _verdict(verdict: calib.Verdict, adapt: str) -> list[str]:
     """Say what the rows tell, what to do, and what limits the answer."""
     limit = (
-        f"limited by noise: these {drift.samples} rows show changes from "
-        f"{with_unit(drift.smallest, drift.unit)} on; more rows show smaller ones"
+        f"limited by noise: these {verdict.samples} rows show changes from "
+        f"{with_unit(verdict.smallest, verdict.unit)} on; more rows show smaller ones"
     )
-    if drift.changed:
+    if verdict.changed:
         remedy = f"{adapt} re-calibrates it"
-        scales = [cause for cause in drift.causes if cause.cause == "scale"]
-        if not drift.adapts:
+        scales = [cause for cause in verdict.causes if cause.cause == "scale"]
+        if not verdict.adapts:
             remedy = "calib adapt finds nothing that mends it: check the log and the arm"
+        # a change of unit has no interval
         elif any(cause.interval is None for cause in scales):
             remedy = "check the log's unit before calib adapt, which learns the new scale"
         return [
-            f"DRIFTED: {drift.main_cause}",
-            *drift.explanations[1:],
+            f"DRIFTED: {verdict.main_cause}",
+            *verdict.explanations[1:],
             f"what to do: {remedy}",
             limit,
         ]
-    if drift.drifted:
-        count = f"{len(drift.drifted_episodes)} of {len(drift.episodes)}"
+    if verdict.drifted:
+        count = f"{len(verdict.drifted_episodes)} of {len(verdict.episodes)}"
         return [f"DRIFTED in {count} episodes", limit]
-    if drift.changed is None:
+    if verdict.changed is None:
         return [
             "TOO FEW ROWS TO SAY: they could not show a change of ten times the noise",
             "what to do: measure more poses, spread over the joints' ranges",
         ]
-    if drift.drifted is None:
+    if verdict.drifted is None:
         return [
             "TOO COARSE: these rows could not have shown a change of the tolerated size",
             "what to do: give more rows, or rows of less noise",
             limit,
         ]
-    verdict = "still calibrated"
-    if not drift.bound_holds:
-        share = f"{100 * drift.covered:.0f} %"
-        verdict = f"THE BOUND DOES NOT HOLD: {share} of the rows are within it, 95 % should be"
-    return [verdict, *drift.explanations, limit]
+    headline = "still calibrated"
+    if not verdict.bound_holds:
+        share = f"{100 * verdict.covered:.0f} %"
+        headline = f"THE BOUND DOES NOT HOLD: {share} of the rows are within it, 95 % should be"
+    return [headline, *verdict.explanations, limit]
 
 
-def _signals(drift: calib.Verdict) -> TextTable:
+def _signals(verdict: calib.Verdict) -> TextTable:
     """Return the distortions of the maps, which raise no alarm."""
-    factor, unit = for_people(drift.unit)
+    factor, unit = for_people(verdict.unit)
     rows = []
-    for key, signal in drift.distortion.items():
+    for key, signal in verdict.distortion.items():
         # zeta is a squared share of the unit box: millionths are readable
         size, shown = (factor, unit) if key == "links" else (1e6, "1e-6")
         values = (

@@ -1,7 +1,7 @@
 """Write a model as one C99 header for controllers, or files for ROS, LeRobot and MuJoCo."""
 
 import json
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from .. import options as opt
 from ..output import Outcome, say
@@ -9,6 +9,14 @@ from ..parsing import BadOption, check_file
 from ..units import units_of
 
 _YAML = (".yaml", ".yml")
+
+
+class File(NamedTuple):
+    """A file to write."""
+
+    path: str
+    text: str
+    words: str  # what it is
 
 
 def export(
@@ -88,8 +96,8 @@ def export(
         "model": model,
         "units": units_of(loaded.about),
     }
-    # path, text and words of each file: all are made before anything is written
-    files: list[tuple[str, str, str]] = []
+    # all are made before anything is written
+    files: list[File] = []
     if lerobot or ur or mjcf:
         corrected, zeros = formats.corrected_arm(
             loaded, drawn=free == "offsets"
@@ -99,7 +107,9 @@ def export(
         document |= {"offsets": offsets, "intervals": intervals}
     if output and lerobot:
         text, ticks = with_corrected_zeros(lerobot, offsets)
-        files.append((output, text, f"homing offsets moved by {ticks} ticks"))
+        files.append(
+            File(output, text, f"homing offsets moved by {ticks} ticks")
+        )
         document["ticks"] = ticks
         say([RANGES_MOVE])
     elif output:
@@ -107,33 +117,37 @@ def export(
             loaded, prefix=prefix, single=single, small=small
         )
         document |= {"bytes": len(text), "table_bytes": tables}
-        kind = "float" if single else "double"
-        sizes = (
-            f"tables of {tables / 1024:.1f} kB, {len(text) / 1e3:.0f} kB text"
-        )
-        # names of joints may hold any letter, a C99 compiler need not take them in comments
-        ascii_text = text.encode("ascii", "replace").decode()
-        files.append((output, ascii_text, f"{kind}, {sizes}"))
+        files.append(_c_header(output, text, tables, single=single))
     if camera:
-        files.append((camera, formats.camera_info(loaded), "camera_info"))
+        files.append(File(camera, formats.camera_info(loaded), "camera_info"))
     if transform:
         frames = formats.static_transforms(loaded)
         transforms = frames if len(frames) > 1 else frames[0]
         text = json.dumps(transforms, indent=2) + "\n"
-        files.append((transform, text, "static transform"))
+        files.append(File(transform, text, "static transform"))
     tip = loaded.about.tip
     if ur:
-        files.append((ur, ur_kinematics(corrected, tip), "kinematics of a UR"))
+        text = ur_kinematics(corrected, tip)
+        files.append(File(ur, text, "kinematics of a UR"))
     if mjcf:
         text = formats.mjcf_text(corrected, tip)
-        files.append((mjcf, text, "bodies for MuJoCo"))
+        files.append(File(mjcf, text, "bodies for MuJoCo"))
     lines = []
-    for path, text, words in files:
-        atomic_write(path, text.encode())
-        lines.append(f"{path}: {words}")
+    for file in files:
+        atomic_write(file.path, file.text.encode())
+        lines.append(f"{file.path}: {file.words}")
     if ros2 is not None:
         package = write_ros2_package(loaded, ros2)
         document["ros2"] = ros2
         lines.append(f"{ros2}: a ROS 2 package of {len(package)} files")
     document |= {name: path for name, path in paths.items() if path}
     return Outcome(document, lines)
+
+
+def _c_header(path: str, text: str, tables: int, *, single: bool) -> File:
+    """The C header, whose tables have so many bytes."""
+    kind = "float" if single else "double"
+    sizes = f"tables of {tables / 1024:.1f} kB, {len(text) / 1e3:.0f} kB text"
+    # names of joints may hold any letter, a C99 compiler need not take them in comments
+    ascii_text = text.encode("ascii", "replace").decode()
+    return File(path, ascii_text, f"{kind}, {sizes}")

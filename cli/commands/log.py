@@ -6,7 +6,7 @@ Exit code 3 if no clock offset, or more than one, fits a video to its joints.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument
 
@@ -21,10 +21,13 @@ from ..pictures import (
     JointFile,
     is_film,
     is_of_camera,
+    read_setting,
     record_board,
     record_tag,
-    setup,
 )
+
+if TYPE_CHECKING:
+    from calib.samples.samples import Samples
 
 
 def log(
@@ -88,12 +91,7 @@ def log(
     if is_bag:
         from calib.recording.bags import read_bag
 
-        if len(bag) > 1:
-            raise BadOption(
-                f"{len(bag)} names are for pictures: expected one bag"
-            )
-        if frames is not None and len(frames) != 2:
-            raise BadOption("--frames names two frames: expected SENSOR,TIP")
+        _check_bag(bag, frames)
         rows = read_bag(
             bag[0],
             joints_topic=joints_topic,
@@ -107,10 +105,8 @@ def log(
         say(rows.notes)
     else:
         topics = {"joints_topic": joints_topic, "tip_topic": tip_topic}
-        refuse(
-            {**topics, "frames": frames},
-            "is for bags, not for pictures and videos",
-        )
+        of_bags = {**topics, "frames": frames}
+        refuse(of_bags, "is for bags, not for pictures and videos")
         if not is_film(bag):
             moving = {"still": still, "time_offset": time_offset}
             refuse(moving, "is for videos and bags, not pictures")
@@ -122,15 +118,15 @@ def log(
         if eye is not None:
             rows = record_board(bag[0], board, eye, lens, joint_file, camera)
         else:
-            setting = setup(
+            setting = read_setting(
                 output,
-                tag,
-                dictionary,
-                board,
-                tags_at,
-                lens,
-                tag_size,
-                tag_height,
+                tag=tag,
+                dictionary=dictionary,
+                board=board,
+                tags_at=tags_at,
+                lens=lens,
+                tag_size=tag_size,
+                tag_height=tag_height,
             )
             rows = record_tag(
                 bag,
@@ -142,11 +138,7 @@ def log(
                 still=still,
                 time_offset=time_offset,
             )
-        factor, shown = for_people(rows.unit)
-        noise = factor * float(rows.source["noise"])
-        units = f"[rad, {rows.unit}]"
-        if noise:
-            units = f"[rad, {rows.unit}], noise {noise:.2g} {shown}"
+        units = f"[rad, {rows.unit}]{_noise(rows)}"
     write_log(rows, output)
     names = rows.joint_names
     document = {
@@ -164,6 +156,20 @@ def log(
         },
     }
     columns = ", ".join(log_columns(rows))
-    return Outcome(
-        document, [f"{output}: {len(rows)} rows of {columns} {units}"]
-    )
+    line = f"{output}: {len(rows)} rows of {columns} {units}"
+    return Outcome(document, [line])
+
+
+def _check_bag(bags: Sequence[str], frames: Sequence[str] | None) -> None:
+    """Refuse several bags, and frames that are not two."""
+    if len(bags) > 1:
+        raise BadOption(f"{len(bags)} names are for pictures: expected one bag")
+    if frames is not None and len(frames) != 2:
+        raise BadOption("--frames names two frames: expected SENSOR,TIP")
+
+
+def _noise(rows: Samples) -> str:
+    """The noise that pictures told, in words; none where they did not."""
+    factor, unit = for_people(rows.unit)
+    noise = factor * float(rows.source["noise"])
+    return f", noise {noise:.2g} {unit}" if noise else ""

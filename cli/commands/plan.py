@@ -119,13 +119,14 @@ def plan(
         source = arm
         facts = arm
     shown = JointFormat(facts, degrees)
+    margins = None
+    if margin is not None:
+        margins = [margin / factor for factor in shown.to_typed]
     result = calib.plan(
         source,
         poses,
         seed=seed,
-        margin=None
-        if margin is None
-        else [margin / factor for factor in shown.to_typed],
+        margin=margins,
         ranges=within,
         start=shown.one_each("--from", start),
         touch=touch,
@@ -146,7 +147,7 @@ def plan(
         "seed": seed,
         "travel": by_name(names, travel),
         "poses": result.columns(),
-        **fields(result, "start length unit why"),
+        **fields(result, "start", "length", "unit", "why"),
         "units": {
             "joints": by_name(names, facts.units_of_joints),
             "positions": result.unit,

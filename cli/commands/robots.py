@@ -7,7 +7,7 @@ from ..output import Outcome, TextTable, fields
 
 def robots() -> Outcome:
     document = [
-        fields(entry, "name joints dof description")
+        fields(entry, "name", "joints", "dof", "description")
         for entry in calib.list_robots()
     ]
     rows = [

@@ -1,6 +1,5 @@
 """`train`, `info`, `babble`: what options do; what labs ask next: noise, ISO 9283, plans."""
 
-import json
 import math
 
 import numpy as np
@@ -8,8 +7,6 @@ import pytest
 from scipy.stats import chi2
 
 import calib
-
-SMALL = ("--size", "10", "-n", "500")
 
 
 @pytest.fixture(autouse=True)
@@ -20,21 +17,19 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
 def test_options_reach_the_training(run):
     words = "-n 500 --motor-size 8x9 --sensory-size 7 --map som --rule online --epochs 2"
     words += " --sigma 3:0.5 --noise 0.001 --range elbow=1:2 --change elbow.length=+10%"
-    run.done("train", "two_link", *words.split())
+    document = run.done(f"train two_link {words} --json").document
+    assert document["size"] == {"motor": [8, 9], "sensory": [7, 7]}
     about = calib.load("two_link.calib").about
-    expected = {"map": "som", "rule": "online", "epochs": 2}
-    assert {name: about.options[name] for name in expected} == expected
+    assert [about.options[name] for name in ("map", "rule", "epochs")] == ["som", "online", 2]
     assert list(about.options["sigma"]) == [3.0, 0.5]
     assert about.simulation == {"noise": 0.001, "changes": ["elbow.length=+10%"]}
     assert (about.lower[1], about.upper[1]) == (1.0, 2.0)
-    document = run("info", "two_link.calib", "--json").document
-    assert document["size"] == {"motor": [8, 9], "sensory": [7, 7]}
 
 
 def test_degrees_apply_to_ranges_locks_and_changes(run):
     words = "--range shoulder=10:40 --range slide=0.05:0.2"
     words += " --change shoulder.offset=3 --change slide.offset=0.01"
-    run.done("train", "polar", *SMALL, "--degrees", *words.split())
+    run.done(f"train polar --size 10 -n 500 --degrees {words}")
     about = calib.load("polar.calib").about
     assert about.lower == pytest.approx([math.radians(10), 0.05])
     assert about.upper == pytest.approx([math.radians(40), 0.2])
@@ -42,23 +37,24 @@ def test_degrees_apply_to_ranges_locks_and_changes(run):
     assert float(offset.rpartition("=")[2]) == pytest.approx(math.radians(3))
     assert slide == "slide.offset=0.01"
     words = "--joints shoulder,elbow --tip tip --degrees --lock wrist=30"
-    run.done("train", "three_link", *SMALL, *words.split())
+    run.done(f"train three_link --size 10 -n 500 {words}")
     assert calib.load("three_link.calib").about.locked["wrist"] == pytest.approx(math.radians(30))
 
 
 def test_the_view_is_what_was_asked_for_and_what_was_found(run, log):
-    train = ("train", "--data", log, "--joints", "shoulder,elbow", "--size", "6", "--json")
-    rigid = run(*train).document["view"]
+    data = f"--data {log} --size 6 --json"
+    train = f"train --joints shoulder,elbow {data}"
+    rigid = run(train).document["view"]
     assert (rigid["kind"], rigid["mirror"]) == ("rigid", False)
     assert set(rigid) == {"kind", "mirror", "rotation", "shift_x", "shift_y"}
     for name in ("rotation", "shift_x", "shift_y"):  # the log is in the robot's own frame
         low, high = rigid[name]["interval"]
         assert low - 1e-3 <= 0.0 <= high + 1e-3
     assert (rigid["rotation"]["unit"], rigid["shift_x"]["unit"]) == ("rad", "m")
-    assert "log_scale" in run(*train, "--view", "similarity").document["view"]
-    base = run("train", "two_link", *train[1:3], "--size", "6", "--json", "--view", "base")
-    assert base.document["view"] == {"kind": "base", "mirror": False}
-    assert run(*train, "--body", "none").document["view"] == {"kind": None}
+    assert "log_scale" in run(f"{train} --view similarity").document["view"]
+    base = run(f"train two_link {data} --view base").document["view"]
+    assert base == {"kind": "base", "mirror": False}
+    assert run(f"{train} --body none").document["view"] == {"kind": None}
 
 
 SENSOR, RETURN, OFFSET = 1e-5, 4e-5, 0.004  # [m], [m], [rad] of the elbow
@@ -67,8 +63,7 @@ SENSOR, RETURN, OFFSET = 1e-5, 4e-5, 0.004  # [m], [m], [rad] of the elbow
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory, run):
     """A folder with a log of five poses and thirty cycles, a log to learn from, and a model."""
-    folder = tmp_path_factory.mktemp("lab")
-    arm = calib.load_arm("two_link")
+    folder, arm = tmp_path_factory.mktemp("lab"), calib.load_arm("two_link")
     rng = np.random.default_rng(0)
     poses = np.array([[0.4, 0.8], [0.8, 1.2], [1.2, 1.6], [0.5, 2.0], [1.0, 0.7]])
     q = np.repeat(np.tile(poses, (30, 1)), 2, axis=0)
@@ -78,14 +73,13 @@ def lab(tmp_path_factory, run):
     calib.write_log(calib.Samples(q, x, arm.joint_names), folder / "cycles.csv")
     learned = calib.babble(arm, 120, noise=2e-5, changes=[f"elbow.offset={OFFSET}"], seed=1)
     calib.write_log(learned, folder / "log.csv")
-    train = ("train", "two_link", "--data", folder / "log.csv", "--view", "base", "--size", 4)
-    run.done(*train, "-o", folder / "m.calib")
+    data = f"--data {folder}/log.csv --view base"
+    run.done(f"train two_link {data} --size 4 -o {folder}/m.calib")
     return folder
 
 
 def test_noise_tells_sensor_and_return_apart(lab, run):
-    done = run.done("noise", lab / "cycles.csv", "--json")
-    document = done.document
+    document = run.done("noise", lab / "cycles.csv", "--json").document
     assert document["sensor"] == pytest.approx(SENSOR, rel=0.15)
     assert document["return"] == pytest.approx(RETURN, rel=0.15)
     assert (document["poses"], document["repeats"]) == (5, 295)
@@ -100,18 +94,18 @@ def test_noise_tells_sensor_and_return_apart(lab, run):
 
 
 def test_a_wrong_reading_is_no_noise(lab, run, tmp_path):
-    header, *rows = (lab / "cycles.csv").read_text().splitlines()
-    names = header.split(",")
-    wrong = rows[7].split(",")
-    wrong[names.index("x")] = "0.9"
-    (tmp_path / "log.csv").write_text("\n".join([header, *rows, ",".join(wrong)]))
+    text = (lab / "cycles.csv").read_text()
+    header, *_, last = text.splitlines()
+    wrong = last.split(",")
+    wrong[header.split(",").index("x")] = "0.9"
+    (tmp_path / "log.csv").write_text(text + ",".join(wrong))
     document = run.done("noise", tmp_path / "log.csv", "--json").document
     assert document["sensor"] == pytest.approx(SENSOR, rel=0.15)
     assert document["left_out"] == 1
 
 
 def test_iso_9283_is_as_delivered_and_as_corrected(lab, run):
-    done = run("evaluate", lab / "m.calib", "--data", lab / "cycles.csv", "--iso9283", "--json")
+    done = run(f"evaluate {lab}/m.calib --data {lab}/cycles.csv --iso9283 --json")
     assert done.code == 3, done.err  # the bound does not hold for these readings
     standard = done.document["iso9283"]
     assert (standard["poses"], standard["cycles"]) == (5, 30)
@@ -127,15 +121,14 @@ def test_iso_9283_is_as_delivered_and_as_corrected(lab, run):
 
 
 def test_zeros_alone_are_told_to_a_fraction_of_all(lab, run):
-    urdf = ("urdf", lab / "m.calib", "-o", lab / "new.urdf", "--json")
-    everything = run(*urdf).document["offsets"]["elbow"]
-    alone = run(*urdf, "--free", "offsets").document["offsets"]["elbow"]
+    urdf = f"urdf {lab}/m.calib -o {lab}/new.urdf --json"
+    everything = run(urdf).document["offsets"]["elbow"]
+    alone = run(f"{urdf} --free offsets").document["offsets"]["elbow"]
     assert alone["value"] == pytest.approx(OFFSET, abs=2e-4)
     assert alone["interval"] < 0.5 * everything["interval"]
 
 
-def test_a_plan_stays_above_a_table(tmp_path, run):
-    plan = ("plan", "six_axis", "-n", 6, "--above", 0.1, "-o", tmp_path / "poses.csv", "--json")
-    done = run.done(*plan)
-    assert min(done.document["poses"]["expected_z"]) > 0.1
-    assert json.loads(run("plan", "two_link", *plan[2:]).out)["error"]["parameter"] == "--above"
+def test_a_plan_stays_above_a_table(run):
+    words = "-n 6 --above 0.1 -o poses.csv --json"
+    assert min(run.done(f"plan six_axis {words}").document["poses"]["expected_z"]) > 0.1
+    assert run(f"plan two_link {words}").document["error"]["parameter"] == "--above"

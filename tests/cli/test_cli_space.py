@@ -6,10 +6,16 @@ import pytest
 from reference import Truth, read, table
 
 EYE, FOCAL, CENTRE, K1 = np.array([0.35, -1.1, 0.55]), 880.0, np.array([633.0, 371.0]), -0.09
-MOVED = np.array([0.02, 0.03, -0.01])
 AHEAD = np.array([0.1, 0.0, 0.2]) - EYE
 CAMERA = np.stack([np.cross(AHEAD, (0, 0, 1)), np.cross(AHEAD, np.cross(AHEAD, (0, 0, 1))), AHEAD])
 CAMERA /= np.linalg.norm(CAMERA, axis=1, keepdims=True)  # right, down, ahead
+ROTATION = ["qx", "qy", "qz", "qw"]
+BOUNDS = ["expected_error", "model_error"]
+
+
+def matrix(found, names):
+    """Columns (n, k) of a table."""
+    return np.stack([found[name] for name in names], axis=1)
 
 
 def project(places):
@@ -24,8 +30,7 @@ def pictures(run, tmp_path_factory):
     folder, truth = tmp_path_factory.mktemp("pictures"), Truth("spatial_three", 0)
     q = truth.draw(45)
     pixels = project(truth.pose(q)[0]) + truth.rng.normal(0, 0.3, (45, 2))
-    names = [*truth.arm.joint_names, "u", "v"]
-    table(folder / "log.csv", names, np.c_[q, pixels])
+    table(folder / "log.csv", [*truth.arm.joint_names, *"uv"], np.c_[q, pixels])
     train = f"train spatial_three --data {folder}/log.csv --size 5 -o {folder}/m.calib"
     assert "1280x720" in run.done(train).err
     return truth, folder, q
@@ -33,7 +38,7 @@ def pictures(run, tmp_path_factory):
 
 def test_the_camera_is_where_it_stands(run, pictures):
     _, folder, _ = pictures
-    view = run("info", folder / "m.calib", "--json").document["view"]
+    view = run(f"info {folder}/m.calib --json").document["view"]
     assert view["kind"] == "pinhole"
     camera = view["camera"]
     assert np.linalg.norm(np.array(camera["position"]) - EYE) < 3e-3
@@ -45,7 +50,7 @@ def test_the_camera_is_where_it_stands(run, pictures):
     assert ((known > 0) & (known <= 1.0001 * (high - low) / 2)).all()
     assert view["lens"]["focal"] == pytest.approx(FOCAL, rel=5e-3)
     assert view["focal"]["unit"] == "px"
-    words = run("info", folder / "m.calib").out
+    words = run(f"info {folder}/m.calib").out
     assert "camera at (" in words
     assert "cannot be told from that joint's offset" in words
 
@@ -55,25 +60,23 @@ def test_pixels_and_the_tip_in_the_base_frame_are_those_of_the_truth(run, pictur
     q = truth.draw(60)
     places, names = truth.pose(q)[0], truth.arm.joint_names
     table(folder / "q.csv", names, q)
-    forward = ("query", "forward", folder / "m.calib", "--input", folder / "q.csv")
-    seen, base = read(run(*forward).out), read(run(*forward, "--in", "base").out)
-    assert np.hypot(*(np.c_[seen["x"], seen["y"]] - project(places)).T).mean() < 0.4
-    miss = np.linalg.norm(np.c_[base["x"], base["y"], base["z"]] - places, axis=1)
+    forward = f"query forward {folder}/m.calib --input {folder}/q.csv"
+    seen, base = read(run(forward).out), read(run(f"{forward} --in base").out)
+    assert np.hypot(*(matrix(seen, "xy") - project(places)).T).mean() < 0.4
+    miss = np.linalg.norm(matrix(base, "xyz") - places, axis=1)
     assert miss.mean() < 5e-4
     assert (miss <= base["expected_error"]).mean() >= 0.95
-    answers = ["x", "y", "z", "qx", "qy", "qz", "qw", "expected_error", "model_error"]
-    assert list(base) == [*names, *answers]
+    assert list(base) == [*names, *"xyz", *ROTATION, *BOUNDS]
     one = run("query", "forward", folder / "m.calib", *q[0], "--in", "base", "--json").document
     assert one["unit"] == one["units"]["positions"] == "m"
     assert one["position"] == pytest.approx([base[axis][0] for axis in "xyz"])
     ends = truth.pose(np.array([[-0.3, 0.6, -1.0], [0.4, 0.8, -1.3]]))[0]
     table(folder / "ends.csv", "xyz", ends)
-    ask = ("query", "path", folder / "m.calib", "--input", folder / "ends.csv", "--in", "base")
-    way = read(run.done(" ".join(map(str, ask))).out)
-    aimed = np.c_[way["x"], way["y"], way["z"]]
+    path = f"query path {folder}/m.calib --input {folder}/ends.csv --in base"
+    way = read(run.done(path).out)
+    aimed = matrix(way, "xyz")
     np.testing.assert_allclose(aimed[[0, -1]], ends)
-    there = truth.pose(np.stack([way[name] for name in names], axis=1))[0]
-    miss = np.linalg.norm(there - aimed, axis=1)
+    miss = np.linalg.norm(truth.pose(matrix(way, names))[0] - aimed, axis=1)
     assert (miss <= way["expected_error"]).mean() >= 0.95
 
 
@@ -99,16 +102,19 @@ def test_a_pixel_on_a_plane_gives_a_point_and_joints_that_stand_there(run, pictu
 def test_check_and_adapt_follow_a_camera_that_was_moved(run, pictures):
     truth, folder, _ = pictures
     q = truth.draw(30)
-    pixels = project(truth.pose(q)[0] - MOVED) + truth.rng.normal(0, 0.3, (30, 2))
-    path = table(folder / "moved.csv", [*truth.arm.joint_names, "u", "v"], np.c_[q, pixels])
-    assert run("check", folder / "m.calib", "--data", path).code == 3
-    assert run("adapt", folder / "m.calib", "--data", path, "-o", folder / "a.calib").code == 0
-    camera = run("info", folder / "a.calib", "--json").document["view"]["camera"]
-    assert camera["position"] == pytest.approx(EYE + MOVED, abs=3e-3)
+    moved = np.array([0.02, 0.03, -0.01])
+    pixels = project(truth.pose(q)[0] - moved) + truth.rng.normal(0, 0.3, (30, 2))
+    table(folder / "moved.csv", [*truth.arm.joint_names, *"uv"], np.c_[q, pixels])
+    assert run(f"check {folder}/m.calib --data {folder}/moved.csv").code == 3
+    run.done(f"adapt {folder}/m.calib --data {folder}/moved.csv -o {folder}/a.calib")
+    camera = run(f"info {folder}/a.calib --json").document["view"]["camera"]
+    assert camera["position"] == pytest.approx(EYE + moved, abs=3e-3)
 
 
 X, SHIFT = pin.exp3(np.array([-0.4, 0.9, 2.0])), np.array([2.0, -1.0, 0.5])
 TOOL = pin.exp3(np.array([0.3, -0.5, 0.8]))
+POSTURE = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3])
+NEAR = ("--near", ",".join(map(str, POSTURE)))
 
 
 def quaternions(turns):
@@ -121,14 +127,12 @@ def tracked(run, tmp_path_factory):
     folder, truth = tmp_path_factory.mktemp("tracked"), Truth("six_axis", 1)
     q = truth.draw(60)
     places, turns = seen(truth, q)
-    places = places + truth.rng.normal(0, 5e-5, places.shape)
+    rows = np.c_[q, places + truth.rng.normal(0, 5e-5, places.shape)]
     turns = np.array([pin.exp3(truth.rng.normal(0, 3e-4, 3)) @ turn for turn in turns])
-    names = [*truth.arm.joint_names, "x", "y", "z", "qx", "qy", "qz", "qw"]
-    rows = np.c_[q, places, quaternions(turns)]
-    table(folder / "log.csv", names, rows)
-    angles = np.array([pin.rpy.matrixToRpy(turn) for turn in turns])
-    table(folder / "degrees.csv", [*names[:9], "roll", "pitch", "yaw"],
-          np.c_[rows[:, :9], np.degrees(angles)])  # fmt: skip
+    names = [*truth.arm.joint_names, *"xyz"]
+    table(folder / "log.csv", [*names, *ROTATION], np.c_[rows, quaternions(turns)])
+    angles = np.degrees([pin.rpy.matrixToRpy(turn) for turn in turns])
+    table(folder / "degrees.csv", [*names, "roll", "pitch", "yaw"], np.c_[rows, angles])
     train = f"train six_axis --data {folder}/log.csv --size 4 -o {folder}/m.calib --json"
     return truth, folder, run.done(train).document
 
@@ -146,19 +150,16 @@ def test_orientations_are_learned_and_answered(run, tracked):
     q = truth.draw(40)
     places, turns = seen(truth, q)
     table(folder / "q.csv", truth.arm.joint_names, q)
-    found = read(run("query", "forward", folder / "m.calib", "--input", folder / "q.csv").out)
-    said = np.stack([found[name] for name in ("qx", "qy", "qz", "qw")], axis=1)
-    away = 2 * np.arccos(np.minimum(1, np.abs((said * quaternions(turns)).sum(axis=1))))
-    assert np.degrees(away).max() < 0.05
-    assert np.linalg.norm(np.c_[found["x"], found["y"], found["z"]] - places, axis=1).max() < 2e-4
-    evaluated = run("evaluate", folder / "m.calib", "--data", folder / "log.csv", "-v").out
-    assert "orientation" in evaluated
+    found = read(run(f"query forward {folder}/m.calib --input {folder}/q.csv").out)
+    cosine = np.abs((matrix(found, ROTATION) * quaternions(turns)).sum(axis=1))
+    assert np.degrees(2 * np.arccos(np.minimum(1, cosine))).max() < 0.05
+    assert np.linalg.norm(matrix(found, "xyz") - places, axis=1).max() < 2e-4
+    assert "orientation" in run(f"evaluate {folder}/m.calib --data {folder}/log.csv -v").out
 
 
 def test_a_pose_is_answered_by_every_branch(run, tracked):
     truth, folder, _ = tracked
-    q = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3])
-    places, turns = seen(truth, q)
+    places, turns = seen(truth, POSTURE)
     quaternion = ",".join(repr(v) for v in quaternions(turns)[0].tolist())
     ask = ("query", "inverse", folder / "m.calib", *places[0], "--quaternion", quaternion)
     found = run(*ask, "--all", "--json").document["solutions"]
@@ -167,67 +168,61 @@ def test_a_pose_is_answered_by_every_branch(run, tracked):
     assert len(found) >= 4
     assert np.abs(again - places).max() < 3e-4
     assert max(np.linalg.norm(pin.log3(turn.T @ turns[0])) for turn in turned) < 2e-3
-    near = run(*ask, "--near", ",".join(map(str, q)), "--json").document["solutions"]
-    assert list(near[0]["joints"].values()) == pytest.approx(q, abs=5e-3)
+    near = run(*ask, *NEAR, "--json").document["solutions"][0]["joints"]
+    assert list(near.values()) == pytest.approx(POSTURE, abs=5e-3)
     rpy = ",".join(repr(v) for v in pin.rpy.matrixToRpy(turns[0]).tolist())
-    same = run(*ask[:6], "--rpy", rpy, "--near", ",".join(map(str, q)), "--json").document
-    assert same["solutions"][0]["joints"] == pytest.approx(near[0]["joints"], abs=1e-6)
+    same = run(*ask[:6], "--rpy", rpy, *NEAR, "--json").document["solutions"][0]["joints"]
+    assert same == pytest.approx(near, abs=1e-6)
 
 
 def test_a_table_of_poses_is_answered_row_by_row_in_either_frame(run, tracked):
     truth, folder, _ = tracked
     joints, near = truth.arm.joint_names, [f"near_{name}" for name in truth.arm.joint_names]
-    q = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3]) + truth.rng.uniform(-0.2, 0.2, (4, 6))
-    turned = quaternions(seen(truth, q)[1])
-    rows = np.c_[q + 0.01, seen(truth, q)[0], turned]
+    q = POSTURE + truth.rng.uniform(-0.2, 0.2, (4, 6))
+    places, turns = seen(truth, q)
+    rows = np.c_[q + 0.01, places, quaternions(turns)]
     rows[1, 6:9] += 50.0  # out of reach
-    path = table(folder / "poses.csv", [*near, *"xyz", "qx", "qy", "qz", "qw"], rows)
+    asked = [*near, *"xyz", *ROTATION]
+    path = table(folder / "poses.csv", asked, rows)
     path.write_text(path.read_text().replace(f"{rows[3, 6]:.12g}", "none"))
-    done = run("query", "inverse", folder / "m.calib", "--input", path, "--output", "-")
+    done = run(f"query inverse {folder}/m.calib --input {path} --output -")
     assert done.code == 1
     assert "row 2 of 4: out of reach" in done.err
-    found = read(done.out.replace(",,", ",nan,").replace(",,", ",nan,").replace(",,", ",nan,"))
-    order = [*near, *"xyz", "qx", "qy", "qz", "qw", *joints, "distance", "turned"]
-    assert list(found) == [*order, "expected_error", "model_error", "reachable"]
+    found = read(done.out)
+    assert list(found) == [*asked, *joints, "distance", "turned", *BOUNDS, "reachable"]
     assert found["reachable"].tolist() == [1, 0, 1, 0]
-    own = np.stack([found[name] for name in joints], axis=1)[[0, 2]]
+    own = matrix(found, joints)[[0, 2]]
     np.testing.assert_allclose(own, q[[0, 2]], atol=5e-3)
     np.testing.assert_allclose(seen(truth, own)[0], rows[[0, 2], 6:9], atol=3e-4)
     # the base frame knows nothing of the probe's mounting: ask for what `forward` answers
     table(folder / "q.csv", joints, q[:2])
-    ask = ("--input", folder / "q.csv", "--output", folder / "base.csv", "--in", "base")
-    assert run("query", "forward", folder / "m.calib", *ask).code == 0
-    every = ("--input", folder / "base.csv", "--in", "base", "--all", "--json")
-    told = run("query", "inverse", folder / "m.calib", *every).document
+    ask = f"{folder}/m.calib --input {folder}"
+    run.done(f"query forward {ask}/q.csv --output {folder}/base.csv --in base")
+    told = run(f"query inverse {ask}/base.csv --in base --all --json").document
     assert (told["rows"], told["unit"]) == (2, "m")
-    table_of = {name: np.array(column) for name, column in told["answers"].items()}
-    own = np.stack([table_of[name] for name in joints], axis=1)
     for k in range(2):
-        mine = own[table_of["row"] == k + 1]
+        mine = matrix(told["answers"], joints)[np.equal(told["answers"]["row"], k + 1)]
         assert len(mine) >= 4
         assert np.abs(mine - q[k]).max(axis=1).min() < 1e-6
-    assert max(table_of["distance"]) < 1e-9
-    refused = run("query", "inverse", folder / "m.calib", "--input", folder / "q.csv", "--all")
-    assert refused.code != 0
+    assert max(told["answers"]["distance"]) < 1e-9
+    assert run(f"query inverse {ask}/q.csv --all").code != 0
 
 
 def test_angles_in_degrees_are_told_in_one_line(run, tracked):
-    _, folder, _ = tracked
-    out = folder / "no.calib"
-    done = run("train", "six_axis", "--data", folder / "degrees.csv", "--size", 4, "-o", out)
+    out = tracked[1] / "no.calib"
+    done = run(f"train six_axis --data {tracked[1]}/degrees.csv --size 4 -o {out}")
     assert (done.code, out.exists()) == (1, False)
     assert "give --degrees" in done.err.splitlines()[-1]
 
 
 def test_a_tool_turns_less_where_its_orientation_is_to_stay(run, tracked):
     truth, folder, _ = tracked
-    q = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3])
-    target = seen(truth, q + 0.05)[0][0]
-    ask = ("query", "inverse", folder / "m.calib", *target, "--near", ",".join(map(str, q)))
-    before = seen(truth, q)[1][0]
+    target = seen(truth, POSTURE + 0.05)[0][0]
+    before = seen(truth, POSTURE)[1][0]
     turned = []
-    for more in (("--keep-orientation",), ()):
-        answer = run(*ask, *more, "--json").document["solutions"][0]
+    for more in (["--keep-orientation"], []):
+        ask = ("query", "inverse", folder / "m.calib", *target, *NEAR, *more, "--json")
+        answer = run(*ask).document["solutions"][0]
         places, turns = seen(truth, np.array([list(answer["joints"].values())]))
         assert np.linalg.norm(places[0] - target) < 3e-4
         turned.append(np.linalg.norm(pin.log3(before.T @ turns[0])))

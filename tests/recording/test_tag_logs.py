@@ -16,7 +16,7 @@ from calib import CalibError, OptionError
 from calib.recording.board import parse_board
 from calib.recording.lens import load_lens
 from calib.recording.motion_tables import read_joints
-from calib.recording.tag_logs import Setup, log_pictures, log_video
+from calib.recording.tag_logs import Setting, log_pictures, log_video
 from calib.samples.lens import Lens
 
 CAMERA = Camera(size=(640, 480), focal=600.0)
@@ -67,7 +67,7 @@ def copy(shot, tmp_path):
 
 
 def make(folder, setting=None, joints="joints.csv", **more):
-    return log_pictures(folder / "p", read_joints(folder / joints), setting or Setup(7), **more)
+    return log_pictures(folder / "p", read_joints(folder / joints), setting or Setting(7), **more)
 
 
 @pytest.fixture(scope="module")
@@ -120,18 +120,18 @@ def test_rows_find_their_pictures_by_name(copy):
 
 
 def test_metres_by_the_board_and_the_height(shot):
-    setting = Setup(7, board=BOARD, lens=LENS, tag_height=0.025)
+    setting = Setting(7, board=BOARD, lens=LENS, tag_height=0.025)
     made = make(shot.folder, setting)
     miss = np.linalg.norm(made.x - truth_on_board(shot.scene, shot.q), axis=1)
     assert made.unit == "m"
     assert np.sqrt((miss**2).mean()) < 1e-3  # a small picture, 1.5 mm a pixel
     assert 0.3 * np.sqrt((miss**2).mean()) < 2 * made.source["noise"] < 5e-3
-    flat = make(shot.folder, Setup(7, board=BOARD, lens=LENS))
+    flat = make(shot.folder, Setting(7, board=BOARD, lens=LENS))
     assert np.linalg.norm(flat.x - made.x, axis=1).max() > 5e-3
 
 
 def test_the_pose_of_the_tag(shot):
-    setting = Setup(7, board=BOARD, lens=LENS, tag_size=0.04)
+    setting = Setting(7, board=BOARD, lens=LENS, tag_size=0.04)
     made = make(shot.folder, setting)
     assert made.x.shape == (16, 3)
     assert np.abs(made.x[:, 2] - 0.025).max() < 0.02
@@ -143,7 +143,7 @@ def test_the_pose_of_the_tag(shot):
 def test_a_bump_within_a_recording_is_told(shot, copy):
     bumped = desk(camera=Camera(CAMERA.size, CAMERA.focal, position=(0.205, -0.25, 0.9)))
     rng = np.random.default_rng(3)
-    setting = Setup(7, board=BOARD, lens=LENS, tag_height=0.025)
+    setting = Setting(7, board=BOARD, lens=LENS, tag_height=0.025)
     for k in range(13, 16):
         cv2.imwrite(str(copy.folder / "p" / f"img_{k}.png"), bumped.picture(copy.q[k], rng))
     made = make(copy.folder, setting)
@@ -205,15 +205,15 @@ def test_counts_and_sizes_and_damage(copy):
 
 def test_settings_that_cannot_be(shot, copy):
     words = r"tag 8 is in none of 16 pictures: .* show .*7 \(\d+ times\)"
-    refused(CalibError, words, make, shot.folder, Setup(8))
-    refused(CalibError, "may be off by centimetres", Setup, 7, board=BOARD)
-    refused(CalibError, "`tag_height` is given without", Setup, 7, tag_height=0.02)
-    refused(CalibError, "needs `lens`", Setup, 7, tag_size=0.04)
-    refused(CalibError, "printed on the board too", Setup, 7, "5x5_100", BOARD, lens=LENS)
+    refused(CalibError, words, make, shot.folder, Setting(8))
+    refused(CalibError, "may be off by centimetres", Setting, 7, board=BOARD)
+    refused(CalibError, "`tag_height` is given without", Setting, 7, tag_height=0.02)
+    refused(CalibError, "needs `lens`", Setting, 7, tag_size=0.04)
+    refused(CalibError, "printed on the board too", Setting, 7, "5x5_100", BOARD, lens=LENS)
     refused(CalibError, "expected `board` too", load_lens, shot.pictures, None)
     refused(CalibError, "is no lens", load_lens, shot.folder / "joints.csv", None)
-    other = Lens((320, 240), LENS.focal, LENS.centre, LENS.distortion)
-    refused(CalibError, "lens was calibrated with 320x240", make, shot.folder, Setup(7, lens=other))
+    other = Setting(7, lens=Lens((320, 240), LENS.focal, LENS.centre, LENS.distortion))
+    refused(CalibError, "lens was calibrated with 320x240", make, shot.folder, other)
     path, degrees = copy.folder / "deg.csv", np.rad2deg(copy.q)
     np.savetxt(path, degrees, delimiter=",", header="a,b,c", comments="")
     refused(CalibError, "are these degrees", read_joints, path)
@@ -221,7 +221,7 @@ def test_settings_that_cannot_be(shot, copy):
 
 
 def test_a_video_becomes_rests(film):
-    made = log_video(film.folder / "run.mp4", film.joints, Setup(7))
+    made = log_video(film.folder / "run.mp4", film.joints, Setting(7))
     assert abs(made.source["time_offset"] - 51.0) < 3e-3
     assert 5 <= len(made) <= 9
     miss = made.x - film.scene.tip_pixels(made.q)
@@ -233,28 +233,26 @@ def test_a_video_becomes_rests(film):
 def test_videos_that_make_no_log(film, tmp_path):
     run, joints = film.folder / "run.mp4", film.joints
     refused(
-        CalibError, "tag 9 is in none of 160 frames: .* show 7", log_video, run, joints, Setup(9)
+        CalibError, "tag 9 is in none of 160 frames: .* show 7", log_video, run, joints, Setting(9)
     )
-    refused(CalibError, "clocks are apart", log_video, run, joints, Setup(7), time_offset=500.0)
-    refused(CalibError, "never rests", log_video, run, joints, Setup(7), time_offset=51.3)
+    refused(CalibError, "clocks are apart", log_video, run, joints, Setting(7), time_offset=500.0)
+    refused(CalibError, "never rests", log_video, run, joints, Setting(7), time_offset=51.3)
     (tmp_path / "text.mp4").write_text("no video\n" * 200)
-    refused(CalibError, "cannot be read", log_video, tmp_path / "text.mp4", joints, Setup(7))
-    refused(CalibError, "cannot be read", log_video, tmp_path / "none.mp4", joints, Setup(7))
-    refused(
-        CalibError, "lens was calibrated with 640x480", log_video, run, joints, Setup(7, lens=LENS)
-    )
+    refused(CalibError, "cannot be read", log_video, tmp_path / "text.mp4", joints, Setting(7))
+    refused(CalibError, "cannot be read", log_video, tmp_path / "none.mp4", joints, Setting(7))
+    other = Setting(7, lens=LENS)
+    refused(CalibError, "lens was calibrated with 640x480", log_video, run, joints, other)
     twins = Desk(film.scene.camera, film.scene.lengths, still=(tag(7, 0.05, (0.1, 0.1, 0, 1)),))
     frames = [twins.picture(q, np.random.default_rng(0)) for q in joints.q[:600:50]]
     twice = tmp_path / "twins.mp4"
     write_video(str(twice), frames, 20.0)
-    refused(
-        CalibError, r"twice in \d+ of 12 frames \(twins.mp4 at", log_video, twice, joints, Setup(7)
-    )
+    words = r"twice in \d+ of 12 frames \(twins.mp4 at"
+    refused(CalibError, words, log_video, twice, joints, Setting(7))
     (tmp_path / "p.csv").write_text("a,b\n0,1\n1,2\n")
     refused(
-        CalibError, "a column 'time'", log_video, run, read_joints(tmp_path / "p.csv"), Setup(7)
+        CalibError, "a column 'time'", log_video, run, read_joints(tmp_path / "p.csv"), Setting(7)
     )
-    refused(OptionError, "still", log_video, run, joints, Setup(7), still=-1.0)
+    refused(OptionError, "still", log_video, run, joints, Setting(7), still=-1.0)
 
 
 def test_the_commands(run, shot, film, tmp_path):

@@ -1,5 +1,6 @@
 """Pages in a real browser: what is drawn, where, and that no words overlap, in one look each."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from browser import look, measured_pages
 from flange_worlds import World
 from models import in_space, log, measured, trained
-from scenes import data_of, objects, page_of, project, seen_by_two
+from scenes import data_of, objects, project, seen_by_two
 
 import calib
 
@@ -16,9 +17,7 @@ PANEL = 280  # pixels that the page's panel covers
 NARROW = (390, 844)
 
 
-def full() -> calib.Model:
-    return trained("two_link_full", n=3000, size=24, noise=1e-3)
-
+full = partial(trained, "two_link_full", n=3000, size=24, noise=1e-3)
 
 REPORTED = {
     "simulated": full,
@@ -31,13 +30,9 @@ REPORTED = {
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("pages")
-
-
-@pytest.fixture(scope="module")
-def pages(folder: Path) -> dict[tuple[str, tuple[int, int]], dict]:
+def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, tuple[int, int]], dict]:
     """Reports, and a preview with all its layers, as they are laid out at two sizes."""
+    folder = tmp_path_factory.mktemp("pages")
     paths = {"preview": folder / "preview.html"}  # first: what is out of the window is not drawn
     calib.preview(in_space(), paths["preview"])
     for name, model in REPORTED.items():
@@ -78,16 +73,16 @@ def near(pixels: np.ndarray, places: np.ndarray, wanted: np.ndarray) -> np.ndarr
 
 
 def test_nodes_have_their_colours_where_they_are(tmp_path: Path):
-    page = page_of(full())
-    (tmp_path / "page.html").write_text(page, encoding="utf-8")
-    sight, data = look(tmp_path / "page.html", tmp_path, size=SIZE), data_of(page)
+    page = tmp_path / "page.html"
+    calib.preview(full(), page)
+    sight, data = look(page, tmp_path, size=SIZE), data_of(page.read_text(encoding="utf-8"))
     assert sight.console == []
     for name in ("Sensory map", "Motor map"):
         nodes = objects(data)[f"{name}/nodes"]
         wanted = nodes["tints"].astype(int)
         places = project(data["camera"], nodes["points"], *SIZE, PANEL)
-        hit = near(sight.pixels, places, wanted)
+        hit = near(sight.pixels, places, wanted).mean()
         # the arm, links and paths hide some of them
-        assert hit.mean() > 0.75
-        shuffled = wanted[np.random.default_rng(0).permutation(len(wanted))]
-        assert hit.mean() > near(sight.pixels, places, shuffled).mean() + 0.1
+        assert hit > 0.75
+        shuffled = np.random.default_rng(0).permutation(wanted)
+        assert hit > near(sight.pixels, places, shuffled).mean() + 0.1

@@ -2,12 +2,12 @@
 
 import re
 from dataclasses import replace
-from functools import cache
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from models import babbled, in_pixels, in_space, log, measured, no_arm, trained
+from models import babbled, bare, in_pixels, in_space, log, measured, no_arm, trained
 from refusals import refused
 from scenes import seen_by_two
 from scipy.stats import t as student
@@ -17,15 +17,19 @@ import calib
 WHY = ["where", "coverage", "joints", "arrows"]
 
 
+simulated = partial(trained, "two_link", n=3000, size=20)
+
+
 def report(model, given=None) -> str:
     calib.report(model, "report.html", given)
     return Path("report.html").read_text(encoding="utf-8")
 
 
-@pytest.fixture
-def unrendered(monkeypatch):
-    """Leave out the rendering, which takes most of a report's time: for tests of its words."""
-    monkeypatch.setattr("calib.show.report.html.to_svg", lambda *_: "<svg></svg>")
+def words(model, given=None) -> str:
+    """A report without the rendering of its figures, which takes most of its time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("calib.show.report.html.to_svg", lambda *_: "<svg></svg>")
+        return report(model, given)
 
 
 @pytest.fixture(autouse=True)
@@ -33,18 +37,12 @@ def _elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-@cache
-def longer_elbow():
-    """A model of a simulated arm that a log of a longer elbow has changed."""
-    return calib.adapt(trained("two_link", n=3000, size=20, noise=1e-3), changed_log()).model
-
-
 def changed_log():
     return replace(babbled("elbow.length=+5%", n=60, noise=1e-3), simulation=None)
 
 
 def test_one_small_file_without_addresses_in_the_page_own_ink():
-    model = trained("two_link", n=3000, size=20, noise=1e-3)
+    model = simulated(noise=1e-3)
     page = report(model)
     names = re.findall(r'\sid="([^"]*)"', page)
     addresses = re.findall(r'\s(?:xlink:href|href|src)="([^"]*)"', page)
@@ -61,71 +59,69 @@ def test_one_small_file_without_addresses_in_the_page_own_ink():
     assert report(model) == page
 
 
-@pytest.mark.usefixtures("unrendered")
 def test_the_first_words_are_what_changed_and_what_to_do():
-    lead = re.search(r'class="lead">([^<]*)', report(longer_elbow()))
-    assert lead is not None
-    assert re.search(r"elbow is .* longer", lead[1])
-    assert lead[1].index("longer") < lead[1].index("predicted")
-    assert "is simulated" in report(trained("two_link", n=3000, size=20))
+    changed = words(calib.adapt(simulated(noise=1e-3), changed_log()).model)
+    (lead,) = re.findall(r'class="lead">([^<]*)', changed)
+    assert re.search(r"elbow is .* longer.*predicted", lead, re.DOTALL)
+    assert "is simulated" in words(simulated())
 
 
-@pytest.mark.usefixtures("unrendered")
 def test_a_log_is_told_by_the_verdict_of_check():
-    still = report(measured(), log(300, 1e-3, seed=7))
+    still = words(measured(), log(300, 1e-3, seed=7))
     assert "Still calibrated" in still
     assert "of this log: it holds" in still
-    changed = report(measured(), changed_log())
-    verdict = calib.judge(measured(), changed_log())
-    assert f"Drifted: {verdict.causes[0].words}" in changed
+    changed = words(measured(), changed_log())
+    cause = calib.judge(measured(), changed_log()).causes[0].words
+    assert f"Drifted: {cause}" in changed
     assert "calib adapt" in changed
     # the page said beside it that nothing is off, and that the model is below 2.64 mm
-    off = re.search(r"What is off</dt><dd>([^<]*)", changed)
-    assert off is not None
-    assert off[1].lower() == f"{verdict.causes[0].words}.".lower()
+    (off,) = re.findall(r"What is off</dt><dd>([^<]*)", changed)
+    assert off.lower() == f"{cause}.".lower()
     assert "noisy readings" not in changed
     # rows that the model has learned say nothing of it
     for untold in (log(1200, 1e-3), log(5, 1e-3, seed=7)):
-        page = report(measured(), untold)
+        page = words(measured(), untold)
         assert "rows held out" in page
         assert "fewer than 10 rows" in page
 
 
-@pytest.mark.usefixtures("unrendered")
 def test_words_of_other_models():
-    as_drawn = report(measured())
+    as_drawn = words(measured())
     assert "rows held out" in as_drawn
     assert "As delivered" not in as_drawn
-    assert "below 0.000001 mm on average" in report(trained("two_link", n=3000, size=20))
-    assert report(calib.train(no_arm(300), size=4))
-    few = report(trained("two_link", n=400, size=4, body="none"))
+    assert "below 0.000001 mm on average" in words(simulated())
+    assert words(calib.train(no_arm(300), size=4))
+    few = words(trained("two_link", n=400, size=4, body="none"))
     assert 'id="u_matrices"' in few
     assert re.search(r"of the \d+ % that have an answer, on \d+ fresh exact samples", few)
+    # the errors that a training printed
+    model = simulated(body="none")
+    mean = model.about.errors["linear"]["forward"]["distance"]["mean"]
+    maps_alone = words(model)
+    assert f"{1e3 * mean:.3g} mm on average" in maps_alone
+    assert "noise included" not in maps_alone
 
 
-CAUSES = [  # what was changed, what is told of it [mm or deg]
-    ("two_link", "elbow.offset=0.02", "elbow: zero", np.degrees(0.02)),
-    ("six_axis", "elbow.offset=0.01", "elbow: zero", np.degrees(0.01)),
-    ("spatial_three", "shoulder_lift.length=+2%", "elbow: origin along x", 6.0),
-]
-
-
-@pytest.mark.usefixtures("unrendered")
-@pytest.mark.parametrize(("robot", "change", "words", "size"), CAUSES)
-def test_the_largest_cause_is_the_change_within_its_interval(robot, change, words, size):
+@pytest.mark.parametrize(
+    ("robot", "change", "cause", "size"),  # [mm or deg]
+    [
+        ("two_link", "elbow.offset=0.02", "elbow: zero", np.degrees(0.02)),
+        ("six_axis", "elbow.offset=0.01", "elbow: zero", np.degrees(0.01)),
+        ("spatial_three", "shoulder_lift.length=+2%", "elbow: origin along x", 6.0),
+    ],
+)
+def test_the_largest_cause_is_the_change_within_its_interval(robot, change, cause, size):
     """Of a link 6 mm longer a report told an origin 46 m off along its own axis."""
     for seed in (0, 1):
-        rows = calib.babble(calib.load_arm(robot), 80, seed=seed, noise=1e-4, changes=[change])
-        page = report(calib.train(replace(rows, simulation=None), size=4))
-        told = re.search(rf"{words} ([\d.]+) ± ([\d.]+) (?:mm|deg): it moves the tip", page)
+        page = words(calib.train(bare(robot, 80, seed, change, noise=1e-4), size=4))
+        told = re.search(rf"{cause} ([\d.]+) ± ([\d.]+) (?:mm|deg): it moves the tip", page)
         assert "As delivered it is off by" in page
         value, half = map(float, told.groups())
         assert abs(value - size) < half < 0.1 * size
 
 
-@pytest.mark.usefixtures("unrendered")
 def test_each_of_several_sensors_has_its_bars_and_its_rows():
-    page = report(seen_by_two())
+    page = words(seen_by_two())
     assert "By tracker: the tip" in page
     assert "By left: the tip" in page
     names = set(re.findall(r'id="([^"]*)"', page))
@@ -137,9 +133,8 @@ def test_each_of_several_sensors_has_its_bars_and_its_rows():
 def test_names_from_a_file_reach_a_page_as_text():
     name = "\x1b]0;owned\x07\u202eel\nbow$\\foo$<script>alert(1)</script>"
     model = calib.train(replace(log(300, 1e-4), arm=None), size=8)
-    about = replace(
-        model.about, joint_names=("shoulder", name), robot=name, tip=name, notes=(name,)
-    )
+    joints = ("shoulder", name)
+    about = replace(model.about, joint_names=joints, robot=name, tip=name, notes=(name,))
     page = report(replace(model, about=about))
     assert "<script>" not in page
     assert "internal" not in page
@@ -147,25 +142,15 @@ def test_names_from_a_file_reach_a_page_as_text():
 
 def test_a_joint_that_does_not_move_the_tip_has_no_error():
     """Of wrist_3, whose axis the tip lies on, a figure showed 40,000 mrad."""
-    arm = calib.load_arm("six_axis")
-    rows = replace(calib.babble(arm, 80, seed=0, noise=1e-4), simulation=None)
+    rows = bare("six_axis", 80, 0, noise=1e-4)
     drawn = calib.figures(calib.train(rows, size=4))["joints"]
-    assert [ax.get_title("left") for ax in drawn.axes] == list(arm.joint_names[:-1])
-
-
-@pytest.mark.usefixtures("unrendered")
-def test_a_simulation_has_the_errors_that_its_training_printed():
-    model = trained("two_link", n=3000, size=20, body="none")
-    mean = model.about.errors["linear"]["forward"]["distance"]["mean"]
-    assert f"{1e3 * mean:.3g} mm on average" in report(model)
-    assert "noise included" not in report(model)
+    assert [ax.get_title("left") for ax in drawn.axes] == list(rows.joint_names[:-1])
 
 
 def test_bars_have_the_interval_of_ten_blocks_and_the_noise_of_readings():
-    simulated = trained("two_link", n=3000, size=20, noise=1e-3)
     held_out, noisy = (
         calib.figures(model)["accuracy"].axes[0].texts[k].get_text()
-        for model, k in ((measured(), -1), (simulated, 1))
+        for model, k in ((measured(), -1), (simulated(noise=1e-3), 1))
     )
     distance = np.linalg.norm(measured().rows.held_out, axis=1)
     means = [block.mean() for block in np.array_split(distance, 10)]
@@ -175,15 +160,11 @@ def test_bars_have_the_interval_of_ten_blocks_and_the_noise_of_readings():
     assert mean == pytest.approx(np.sqrt(np.pi / 2), rel=0.03)
 
 
-def test_figures_on_paper():
-    drawn = calib.figures(measured())
+def test_figures_on_paper_of_an_arm_in_space_and_in_pixels():
+    refused(calib.OptionError, "tuple", calib.figures, (measured(), measured()))
+    drawn = calib.figures(in_space())
     drawn["where"].savefig("where.png")
     assert Path("where.png").read_bytes().startswith(b"\x89PNG")
-    refused(calib.OptionError, "tuple", calib.figures, (measured(), measured()))
-
-
-def test_figures_of_an_arm_in_space_and_in_pixels():
-    drawn = calib.figures(in_space())
     assert set(drawn) == {"accuracy", "causes", *WHY, "order"}
     # three projections and their colours
     assert len(drawn["where"].axes) == 4

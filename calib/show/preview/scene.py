@@ -209,10 +209,10 @@ def _draw_photo(
     photo: Photo,
     placement: Placement,
     front: Array,
-    cells: int = 16,
 ) -> Array:
     """Draw the photo as a grid that a tilted camera's picture is bent with; return its points."""
     canvas.layer("Photo", UNKNOWN, "by the camera that measured the arm")
+    cells = SETTINGS.photo_cells
     left, right, low, high = photo.box
     grid = Lattice((cells + 1, cells + 1))
     uv = grid.positions() / cells
@@ -278,27 +278,29 @@ def _draw_motion(
     """Draw the balls that run along."""
     errors = np.linalg.norm(motion.predicted - motion.measured, axis=1)
     words_of_errors = f"{quantity(errors.mean(), unit)} off on average"
+    measured = placement.lift(motion.measured)
+    predicted = placement.lift(motion.predicted)
     # the two may coincide: the measured one is a glass ball around the other
-    for name, words, colour, x, radius, opacity, order in (
-        ("Measured tip", "", _MEASURED, motion.measured, 0.022, 0.45, 1),
-        (
-            "Predicted tip",
-            words_of_errors,
-            _PREDICTED,
-            motion.predicted,
-            0.012,
-            1.0,
-            2,
-        ),
-    ):
-        canvas.layer(name, colour, words)
-        ball = f"{name}/ball"
-        canvas.add(
-            ball, "marker", colour, size=radius, opacity=opacity, order=order
-        )
-        track = np.tile(np.eye(4), (len(x), 1, 1))
-        track[:, :3, 3] = placement.lift(x)
-        canvas.place(ball, track)
+    canvas.layer("Measured tip", _MEASURED, "")
+    canvas.add(
+        "Measured tip/ball",
+        "marker",
+        _MEASURED,
+        size=0.022,
+        opacity=0.45,
+        order=1,
+    )
+    _follow(canvas, "Measured tip/ball", measured)
+    canvas.layer("Predicted tip", _PREDICTED, words_of_errors)
+    canvas.add("Predicted tip/ball", "marker", _PREDICTED, size=0.012, order=2)
+    _follow(canvas, "Predicted tip/ball", predicted)
+
+
+def _follow(canvas: Canvas, name: str, places: Array) -> None:
+    """Let what is drawn run through places (n, 3)."""
+    track = np.tile(np.eye(4), (len(places), 1, 1))
+    track[:, :3, 3] = places
+    canvas.place(name, track)
 
 
 def _draw_robot(

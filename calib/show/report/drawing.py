@@ -57,11 +57,7 @@ def named_rows(names: Sequence[str], label: str) -> tuple[Figure, Axes]:
             textcoords="offset points",
             in_layout=False,
         )
-    ax.set(
-        ylim=(len(names) - 0.6, -0.75),
-        yticks=[],
-        xlabel=label,
-    )
+    ax.set(ylim=(len(names) - 0.6, -0.75), yticks=[], xlabel=label)
     ax.locator_params(axis="x", nbins=4)
     ax.spines[["left", "right", "top"]].set_visible(False)
     return figure, ax
@@ -85,11 +81,7 @@ def projections(
     figure, axes = panels(heights)
     for ax, view in zip(axes, views, strict=True):
         across, up = (f"{'xyz'[k]} [{shown}]" for k in view)
-        ax.set(
-            xlabel=across,
-            ylabel=up,
-            aspect="equal",
-        )
+        ax.set(xlabel=across, ylabel=up, aspect="equal")
         ax.locator_params(nbins=4)
         ax.margins(0.08)
         if unit == "px":  # a picture's y runs down
@@ -160,11 +152,6 @@ def to_file(figure: Figure, kind: str) -> bytes:
         figure.set_layout_engine("none")
     ground = "white" if kind == "png" else "none"
     buffer = io.BytesIO()
-    figure.savefig(
-        buffer,
-        format=kind,
-        dpi=140,
-        facecolor=ground,
-    )
+    figure.savefig(buffer, format=kind, dpi=140, facecolor=ground)
     block = rb"<metadata>.*?</metadata>"
     return re.sub(block, b"", buffer.getvalue(), flags=re.DOTALL)

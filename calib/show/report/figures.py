@@ -168,13 +168,13 @@ def coverage(study: Study) -> Figure | None:
     about = study.model.about
     u = study.model.motor.scale.to_unit(study.rows.q)
     u = u[spread_rows(len(u), SETTINGS.dots)]
-    ends = zip(
-        *(about.joint_names, about.lower, about.upper, about.units_of_joints),
-        strict=True,
+    units = about.units_of_joints
+    ranges = zip(
+        about.joint_names, about.lower, about.upper, units, strict=True
     )
     names = [
         f"{joint}: {quantity(lower, unit)} to {quantity(upper, unit)}"
-        for joint, lower, upper, unit in ends
+        for joint, lower, upper, unit in ranges
     ]
     figure, ax = named_rows(names, "share of the range [%]")
     shade = max(0.08, min(1.0, 60.0 / len(u)))

@@ -102,11 +102,8 @@ def _u_matrices(maps: Map | Association) -> Figure:
             continue
         grid = som.spacings.reshape(*shape[:2], -1).mean(axis=-1).T
         image = ax.imshow(grid, interpolation="nearest")
-        ax.set(
-            title=name,
-            xlabel="first lattice axis [nodes]",
-            ylabel="second",
-        )
+        axis = "first lattice axis [nodes]"
+        ax.set(title=name, xlabel=axis, ylabel="second")
         colour_bar(figure, image, [ax], "distance to the neighbours [range]")
     return figure
 
@@ -121,12 +118,8 @@ def photo(study: Study) -> Figure | None:
     figure, (ax,) = panels([3.5 * len(pixels) / pixels.shape[1] + 0.9])
     # a lighter photo leaves the colours to what is drawn over it
     lighter = (46 + 0.82 * pixels).astype(np.uint8)
-    ax.imshow(
-        lighter,
-        extent=box,
-        origin="upper",
-        interpolation="antialiased",
-    )
+    smooth = "antialiased"
+    ax.imshow(lighter, extent=box, origin="upper", interpolation=smooth)
     errors = node_errors(model)[1]
     edges = drawn_edges(model.sensory)
     reached = np.isfinite(errors[edges]).all(axis=1)
@@ -135,18 +128,8 @@ def photo(study: Study) -> Figure | None:
     nodes = model.sensory.weights
     lines = draw_lattice(ax, nodes, edges[reached], share, 1.0)
     if study.rows is not None:
-        ax.plot(
-            *study.rows.x.T,
-            "o",
-            ms=2.5,
-            mfc="#ffffff",
-            mec=INK,
-        )
-    ax.set(
-        xlim=box[:2],
-        ylim=box[2:],
-        xticks=[],
-        yticks=[],
-    )
+        x, y = study.rows.x.T
+        ax.plot(x, y, "o", ms=2.5, mfc="#ffffff", mec=INK)
+    ax.set(xlim=box[:2], ylim=box[2:], xticks=[], yticks=[])
     colour_bar(figure, lines, [ax], "expected error", scale)
     return figure
