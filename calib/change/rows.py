@@ -20,8 +20,8 @@ from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.diagnosis import diagnose
 from ..samples.findings import refuse_mistakes
-from ..samples.motion import OfRows
-from ..samples.other_readings import readings
+from ..samples.interpretations import interpretations
+from ..samples.motion import RowArrays
 from ..samples.samples import Samples
 from ..training.preparation import sound_log
 from ..training.socket_places import as_positions
@@ -61,7 +61,7 @@ ROWS = RowSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class LogRows(OfRows):
+class LogRows(RowArrays):
     """Rows of a log beside a model; repeated rows count once."""
 
     model: Model
@@ -278,7 +278,9 @@ def _refuse_degrees(model: Model, log: Samples) -> None:
     answered = float(np.isfinite(model.expected_error(q)).mean())
     if max(answered, inside(q)) > ROWS.answered:
         return
-    units, *_ = readings(q, about.joint_names, about.revolute, any_order=False)
+    units, *_ = interpretations(
+        q, about.joint_names, about.revolute, any_order=False
+    )
     for q, other in units if any(about.revolute) else ():
         if inside(q) > ROWS.answered_in_other:
             raise LogError(
