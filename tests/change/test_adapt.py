@@ -148,7 +148,7 @@ def test_the_bound_holds_where_a_joint_stood_still(learned):
     """Rows at one angle of the elbow do not tell links from offsets; the bound says so."""
 
     def changed(q):
-        return arm().forward(q + (4e-3, 3e-3))
+        return arm().forward(q + np.array([4e-3, 3e-3]))
 
     u = np.random.default_rng(3).random((60, 2)) * [1.0, 0.0] + [0.0, 0.5]
     found, probes = calib.adapt(learned, rows_of(u, changed)), drawn(1000, 9)
