@@ -135,7 +135,10 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
 
 
 def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
-    """Return the causes with at most one of the group "tool": a board that moved in its mount."""
+    """Return the causes with at most one of the group "tool".
+
+    That is a camera or a board that moved in its mount.
+    """
     moved = [cause for cause in causes if cause.group.startswith("tool")]
     if not moved:
         return causes
