@@ -19,7 +19,11 @@ def box(*periodic):
 UNIT_BOX = box(False, False)
 
 
+def network(units, shape, scale=UNIT_BOX):
+    return Map(np.array(units, dtype=float), Lattice(shape), scale, np.zeros((0, 4)))
+
+
 def grid(n, periodic=(False, False)):
     """Nodes in the middle of n cells along each coordinate."""
-    lattice = Lattice((n,) * len(periodic))
-    return Map((lattice.positions() + 0.5) / n, lattice, box(*periodic), np.zeros((0, 4)))
+    shape = (n,) * len(periodic)
+    return network((Lattice(shape).positions() + 0.5) / n, shape, box(*periodic))

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reference import random_joints, table
 
 import calib
 from calib.arm.loading import arm_from_urdf
@@ -35,18 +36,13 @@ UR5E = (
 )
 
 
-def drawn(arm, n=20):
-    """Joints (n, dof) all over an arm's range."""
-    return np.random.default_rng(0).uniform(arm.lower, arm.upper, (n, arm.dof))
-
-
 @pytest.mark.parametrize("text", [EVERY_FORM, UR5E], ids=["every form", "ur5e"])
 def test_arms_move_as_mujoco_moves_them(text):
     mujoco = pytest.importorskip("mujoco")
     arm = arm_from_urdf(text)
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
-    q = drawn(arm)
+    q = random_joints(arm, 20)
     for row, place, quaternion in zip(q, *arm.pose(q), strict=True):
         for name, value in zip(arm.joint_names, row, strict=True):
             data.qpos[model.joint(name).qposadr[0]] = value
@@ -64,20 +60,15 @@ def test_a_model_is_trained_from_an_mjcf_and_written_back(run, tmp_path):
     file.write_text(UR5E)
     arm = calib.load_arm(file)
     offsets = np.radians([0.0, 0.5, -0.4, 0.3, 0.2, 0.0])
-    q = drawn(arm, 120)
-    log = tmp_path / "log.csv"
-    rows = np.hstack([q, arm.forward(q + offsets)])
-    names = ",".join([*arm.joint_names, "x", "y", "z"])
-    np.savetxt(log, rows, delimiter=",", header=names, comments="")
-    model = tmp_path / "m.calib"
-    train = ("train", file, "--data", log, "--view", "base", "--size", "3", "-o", model)
-    assert run(*train).code == 0
-    out = tmp_path / "corrected.xml"
-    assert run("urdf", model, "-o", out).code == 0
+    q = random_joints(arm, 120)
+    x = arm.forward(q + offsets)
+    log = table(tmp_path / "log.csv", [*arm.joint_names, *"xyz"], np.hstack([q, x]))
+    model, out = tmp_path / "m.calib", tmp_path / "corrected.xml"
+    run.done("train", file, "--data", log, "--view", "base", "--size", "3", "-o", model)
+    run.done("urdf", model, "-o", out)
     assert out.read_text().count("<body") == UR5E.count("<body")
-    written = calib.load_arm(out)
-    before = np.linalg.norm(arm.forward(q) - rows[:, 6:], axis=1).mean()
-    after = np.linalg.norm(written.forward(q) - rows[:, 6:], axis=1).mean()
+    robots = (calib.load_arm(out), arm)
+    after, before = (np.linalg.norm(each.forward(q) - x, axis=1).mean() for each in robots)
     assert after < 0.02 * before
 
 
@@ -101,13 +92,12 @@ def test_a_joint_that_an_equality_ties_to_another_follows_it():
         np.testing.assert_allclose(arm.forward(q), data.site_xpos[0], atol=1e-12)
 
 
-@pytest.mark.parametrize("geom", ['<geom size=".1"/>', '<geom size=".1" mass="0"/>'])
-def test_masses_count_where_every_moving_body_states_its_own(geom):
+@pytest.mark.parametrize(("mass", "total"), [("", 0), ('mass="0"', 4)])
+def test_masses_count_where_every_moving_body_states_its_own(mass, total):
     """MuJoCo weighs a body without <inertial> by its geoms: the others' masses are half a load."""
     heavy = '<inertial pos="0 0 0.05" mass="2" diaginertia=".01 .01 .01"/>'
     stated = arm_from_urdf(EVERY_FORM).chain.masses
     assert stated.sum() == pytest.approx(6)
     assert EVERY_FORM.count(heavy) == 3
-    part = EVERY_FORM[::-1].replace(heavy[::-1], geom[::-1], 1)[::-1]
-    masses = arm_from_urdf(part).chain.masses
-    assert masses.sum() == (pytest.approx(4) if "mass" in geom else 0)
+    last = f'<geom size=".1" {mass}/>'.join(EVERY_FORM.rsplit(heavy, 1))
+    assert arm_from_urdf(last).chain.masses.sum() == pytest.approx(total, abs=0)

@@ -12,11 +12,12 @@ from scipy.sparse.csgraph import connected_components
 
 import calib
 from calib.arm.loading import arm_from_urdf
-from calib.common.scale import TURN, Scale
+from calib.common.scale import Scale
 from calib.inverse.ways import distinct
 from calib.model.poses import solve_poses
 
 ROBOTS = ("two_link", "two_link_full", "three_link", "polar", "scara", "tilted")
+TURN = 2 * np.pi
 
 
 def away(model, q, near):
@@ -24,10 +25,10 @@ def away(model, q, near):
     return np.linalg.norm((q - near) / (model.about.upper - model.about.lower), axis=-1)
 
 
-@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("answering", [warm, lambda model: model], ids=["C", "batch"])
 @pytest.mark.parametrize(("robot", "least"), [("two_link", 1.0), ("two_link_full", 1.1)])
-def test_all_branches_and_no_others(robot, least, compiled):
-    model = warm(trained(robot)) if compiled else trained(robot)
+def test_all_branches_and_no_others(robot, least, answering):
+    model = answering(trained(robot))
     x = two_link(draw(model, 2000, seed=1))
     ways = np.stack([two_link_inverse(x, sign) for sign in (1.0, -1.0)], axis=1)
     inside = ((ways >= model.about.lower) & (ways <= model.about.upper)).all(axis=2)
@@ -65,8 +66,8 @@ def test_near_is_the_closest_of_all_branches_without_it_the_middle_decides(robot
     model = trained(robot)
     x, near = model.forward(draw(model, 300, seed=3)), draw(model, 300, seed=4)
     middle = (model.about.lower + model.about.upper) / 2
-    np.testing.assert_array_equal(model.inverse(x), model.inverse(x, near=middle))
     nearest, central = model.inverse(x, near=near), model.inverse(x)
+    np.testing.assert_array_equal(central, model.inverse(x, near=middle))
     for i, branches in enumerate(model.inverse_all(x)):
         closest = away(model, branches, near[i]).min()
         assert away(model, nearest[i], near[i]) <= closest + 1e-6
@@ -113,11 +114,9 @@ def test_of_three_joints_at_their_limits_every_branch_is_found():
 
 
 @pytest.mark.parametrize(("joints", "slide"), [(4, None), (5, 1), (7, None)])
-def test_four_to_seven_joints(joints, slide, tmp_path):
-    path = tmp_path / "chain.urdf"
-    path.write_text(planar_chain(joints, slide))
+def test_four_to_seven_joints(joints, slide):
     names = [f"j{k + 1}" for k in range(joints)]
-    arm = calib.load_arm(path, joints=names, tip="tip")
+    arm = arm_from_urdf(planar_chain(joints, slide), names, tip="tip")
     rows = {4: 600, 5: 900, 7: 4600}[joints]
     model = calib.train(calib.babble(arm, rows, seed=0), size=8)
     assert len(model.motor.lattice.shape) == 2
@@ -127,10 +126,9 @@ def test_four_to_seven_joints(joints, slide, tmp_path):
     for said in (model.inverse(x), model.inverse(x, near=q)):
         assert np.linalg.norm(arm.forward(said) - x, axis=1).max() < 1e-8
     np.testing.assert_allclose(model.inverse(x, near=q), q, atol=1e-5)
-    found = model.inverse_all(x[:3])
-    for k, solutions in enumerate(found):
+    for target, solutions in zip(x, model.inverse_all(x[:3]), strict=False):
         assert 1 <= len(solutions) < 10
-        assert np.linalg.norm(arm.forward(solutions) - x[k], axis=1).max() < 1e-8
+        assert np.linalg.norm(arm.forward(solutions) - target, axis=1).max() < 1e-8
 
 
 LIMITS = ((-1.2, 1.6), (-2.4, 2.4), (-2.0, 2.0))
@@ -164,16 +162,14 @@ def family_count(x, n=8001):
     return len(np.unique(label[np.concatenate(inside)]))
 
 
-def test_every_connected_family_is_named_once_whatever_else_is_asked(tmp_path):
+def test_every_connected_family_is_named_once_whatever_else_is_asked():
     limits = iter(LIMITS)
     text = re.sub(
         r'<limit lower="[^"]+" upper="[^"]+"',
         lambda _: '<limit lower="{}" upper="{}"'.format(*next(limits)),
         calib.load_arm("three_link").urdf,
     )
-    path = tmp_path / "wide.urdf"
-    path.write_text(text)
-    arm = calib.load_arm(path)
+    arm = arm_from_urdf(text)
     model = calib.train(calib.babble(arm, 3000, seed=0), size=15)
     x = arm.forward(draw(model, 30, seed=1))
     ways = model.inverse_all(x)

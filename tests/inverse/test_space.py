@@ -14,12 +14,10 @@ from calib.arm.rotations import exponential, matrix_of, quaternion_of
 from calib.model.poses import solve_poses
 
 ROBOTS = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
+needs_robots = pytest.mark.skipif(not ROBOTS.exists(), reason="example-robot-data is not installed")
 
 
-@pytest.fixture(scope="module")
-def drawn():
-    """A model of the six-joint arm as it is drawn."""
-    return calib.train(calib.babble(calib.load_arm("six_axis"), 60, seed=0), size=3)
+either_way = pytest.mark.parametrize("answering", [warm, lambda model: model], ids=["C", "batch"])
 
 
 def inside(model, q):
@@ -36,19 +34,18 @@ def apart(model, a, b):
     return np.abs(gap).max(axis=2)
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_every_way_of_a_closed_form_is_found_and_none_is_invented(drawn, compiled):
-    model = warm(drawn) if compiled else drawn
+@either_way
+def test_every_way_of_a_closed_form_is_found_and_none_is_invented(answering):
+    model = answering(trained("six_axis", 60, 3))
     q = draw(model, 12, seed=5)
     places, turns = model.pose(q)
     places = np.vstack([places, [[2.0, 0.0, 0.0]]])  # out of reach
     turns = np.concatenate([turns, turns[:1]])
     ways = solve_poses(model, places, turns, every=True, bounded=False)
-    zero = calib.load_arm("six_axis").pose(np.zeros((1, 6)))[1]
+    zero = matrix_of(calib.load_arm("six_axis").pose(np.zeros((1, 6)))[1])[0]
     total = 0
-    for k in range(12):
-        frame = matrix_of(turns[k : k + 1])[0]
-        expected = inside(model, closed_form(places[k], frame, matrix_of(zero)[0]))
+    for k, frame in enumerate(matrix_of(turns[:12])):
+        expected = inside(model, closed_form(places[k], frame, zero))
         assert apart(model, expected, q[k : k + 1]).min() < 1e-6  # it is right itself
         gap = apart(model, expected, ways.q[ways.target == k])
         assert (gap.min(axis=0) < 1e-4).all()
@@ -58,9 +55,9 @@ def test_every_way_of_a_closed_form_is_found_and_none_is_invented(drawn, compile
     assert not ways.reachable[ways.target == 12].any()
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_ways_of_a_calibrated_arm_are_named_once_the_nearest_first(compiled):
-    model = warm(six()) if compiled else six()
+@either_way
+def test_ways_of_a_calibrated_arm_are_named_once_the_nearest_first(answering):
+    model = answering(six())
     scale = model.motor.scale
     q, near = draw(model, 8, seed=5, margin=0.05), draw(model, 8, seed=6)
     position, turn = model.pose(q)
@@ -79,9 +76,9 @@ def test_ways_of_a_calibrated_arm_are_named_once_the_nearest_first(compiled):
         np.testing.assert_allclose(nearest[k], found[0], atol=1e-5)
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_a_free_axis_leaves_the_turn_about_it_open(compiled):
-    model = warm(six()) if compiled else six()
+@either_way
+def test_a_free_axis_leaves_the_turn_about_it_open(answering):
+    model = answering(six())
     q = draw(model, 6, seed=7, margin=0.1)
     position, turn = model.pose(q)
     spun = quaternion_of(matrix_of(turn) @ exponential([0.0, 0.0, 1.0])[None])
@@ -131,7 +128,7 @@ def closed_form(position: np.ndarray, frame: np.ndarray, tip: np.ndarray) -> np.
     return np.array(out).reshape(-1, 6)
 
 
-@pytest.mark.skipif(not ROBOTS.exists(), reason="example-robot-data is not installed")
+@needs_robots
 @pytest.mark.parametrize("file", ["tiago_description/robots/tiago", "panda_description/urdf/panda"])
 def test_every_reachable_pose_of_seven_joints_is_reached_and_none_is_invented(file):
     """A way that slid into a corner of the limits was given up, 1 and 4 of 80 poses."""
@@ -148,7 +145,7 @@ def test_every_reachable_pose_of_seven_joints_is_reached_and_none_is_invented(fi
     np.testing.assert_allclose(turned, matrix_of(turns), atol=1e-5)
 
 
-@pytest.mark.skipif(not ROBOTS.exists(), reason="example-robot-data is not installed")
+@needs_robots
 def test_what_lies_just_inside_of_the_edge_of_a_redundant_arm_is_reached():
     """Once compiled C said of 28 of 40 such positions that nothing reaches them."""
     arm = calib.load_arm(ROBOTS / "g1_description/urdf/g1_29dof_rev_1_0.urdf")
@@ -164,10 +161,10 @@ def test_what_lies_just_inside_of_the_edge_of_a_redundant_arm_is_reached():
     assert np.isfinite(model.inverse(edge)).all(axis=1).mean() > 0.9
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_no_rows_are_no_answers(compiled):
+@either_way
+def test_no_rows_are_no_answers(answering):
     """Once bounds in space, and compiled C asked for every way, failed at an empty batch."""
-    model = warm(six()) if compiled else six()
+    model = answering(six())
     none = np.empty((0, 3))
     assert model.expected_error(np.empty((0, 6))).shape == (0,)
     for every in (False, True):
@@ -179,13 +176,11 @@ def test_no_rows_are_no_answers(compiled):
 def test_poses_with_joints_at_their_limits_keep_their_ways():
     """Once the table of starts lay between the limits: one of seven such poses lost a way."""
     model = warm(trained("so101"))
-    about = model.about
-    rng = np.random.default_rng(3)
+    lower, upper, rng = model.about.lower, model.about.upper, np.random.default_rng(3)
     q = draw(model, 60, seed=5)
     for row in q:
         joints = rng.permutation(5)[:3]
-        row[joints] = np.where(rng.random(3) < 0.5, about.lower[joints], about.upper[joints])
-    position, turn = model.pose(q)
-    ways = solve_poses(model, position, turn, every=True, bounded=False)
+        row[joints] = np.where(rng.random(3) < 0.5, lower[joints], upper[joints])
+    ways = solve_poses(model, *model.pose(q), every=True, bounded=False)
     gaps = [apart(model, ways.q[ways.target == k], q[k : k + 1]).min() for k in range(len(q))]
     assert np.count_nonzero(np.array(gaps) > 1e-3) <= 1

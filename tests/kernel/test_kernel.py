@@ -9,19 +9,7 @@ from pathlib import Path
 import models
 import numpy as np
 import pytest
-from models import (
-    draw,
-    in_pixels,
-    in_plane,
-    in_space,
-    measured,
-    of_a_third,
-    six,
-    trained,
-    turning,
-    warm,
-    wide,
-)
+from models import draw, in_pixels, in_space, log_of, of_a_third, six, trained, warm
 from refusals import refused
 
 import calib
@@ -31,17 +19,6 @@ from calib.model.header import Header
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
 ROBOTS = sorted(path.stem for path in (Path(__file__).parents[2] / "robots").glob("*.urdf"))
-MODELS = {
-    **{name: lambda name=name: trained(name, 600, 6) for name in ROBOTS},
-    "measured": measured,
-    "turning": turning,
-    "space": in_space,
-    "pixels": in_pixels,
-    "planar pixels": lambda: homography(),
-    "four": in_plane,
-    "six": six,
-    "six in pixels": lambda: in_pixels(40, "six_axis"),
-}
 
 
 def homography():
@@ -51,7 +28,20 @@ def homography():
     x = arm.forward(q)
     seen = 640 + 900 * x / (1.2 + 0.2 * x[:, :1])
     seen += 1e-7 * (seen - 640) * ((seen - 640) ** 2).sum(axis=1, keepdims=True)
-    return calib.train(models.log_of(arm, q, seen, unit="px"), size=8)
+    return calib.train(log_of(arm, q, seen, unit="px"), size=8)
+
+
+MODELS = {
+    **{name: lambda name=name: trained(name, 600, 6) for name in ROBOTS},
+    "measured": models.measured,
+    "turning": models.turning,
+    "space": in_space,
+    "pixels": in_pixels,
+    "planar pixels": homography,
+    "four": models.in_plane,
+    "six": six,
+    "six in pixels": lambda: in_pixels(40, "six_axis"),
+}
 
 
 def cold(model):
@@ -104,21 +94,15 @@ def test_one_inverse_reaches_its_target_on_the_nearest_branch(kind, away):
     assert (np.isnan(alone) == np.isnan(together)).all()
     known = np.isfinite(alone[:, 0])
     assert known.mean() > 0.9
-    gap = np.linalg.norm(model.forward(alone[known]) - x[known], axis=1)
-    met = np.linalg.norm(model.forward(together[known]) - x[known], axis=1)
+    alone, together, x, near = alone[known], together[known], x[known], near[known]
+    gap, met = (np.linalg.norm(model.forward(joints) - x, axis=1) for joints in (alone, together))
     assert (gap <= np.maximum(met, 1e-9 * model.reach)).all()
-
-    def far(joints):
-        there, here = scale.to_unit(joints[known]), scale.to_unit(near[known])
-        return np.linalg.norm(scale.difference(there, here), axis=1)
-
-    further = far(alone) - far(together)
+    moves = (scale.difference(scale.to_unit(a), scale.to_unit(near)) for a in (alone, together))
+    further = np.subtract(*(np.linalg.norm(move, axis=1) for move in moves))
     if spare and away > 1.0:  # of infinitely many ways either may find the nearer one
         assert further.mean() < 0.01
-    elif spare:
-        assert (further <= 2e-2).all()
     else:
-        assert (further <= 1e-6).all()
+        assert (further <= (2e-2 if spare else 1e-6)).all()
 
 
 @needs_compiler
@@ -145,13 +129,12 @@ def poses_in_millimetres():
     arm = calib.load_arm("six_axis")
     q = np.random.default_rng(0).uniform(0.6 * arm.lower, 0.6 * arm.upper, (60, 6))
     x, turns = arm.pose(q)
-    log = models.log_of(arm, q, 1e3 * x + 200.0, orientation=turns, unit="mm")
-    return calib.train(log, size=3)
+    return calib.train(log_of(arm, q, 1e3 * x + 200.0, orientation=turns, unit="mm"), size=3)
 
 
 @needs_compiler
 @pytest.mark.parametrize("made", [six, poses_in_millimetres])
-def test_one_pose_is_that_of_the_batch(made):
+def test_one_pose_is_that_of_the_batch_and_what_is_no_rotation_is_refused(made):
     model = made()
     fast = cold(model)
     fast.warm_up(strict=True)  # or the batch would answer for C
@@ -160,12 +143,17 @@ def test_one_pose_is_that_of_the_batch(made):
     shift = np.random.default_rng(0).uniform(-0.2, 0.2, q.shape)
     near = np.clip(q + shift, model.about.lower, model.about.upper)
     together = model.inverse_pose(x, turns, near)
-    for k in range(len(q)):
-        alone = fast.inverse_pose(x[k], turns[k], near[k])
-        np.testing.assert_allclose(alone, together[k], rtol=0, atol=1e-6)
-        place, turned = fast.pose(alone)
-        np.testing.assert_allclose(place, x[k], rtol=0, atol=1e-9 * model.reach)
-        assert abs(abs(turned @ turns[k]) - 1.0) < 1e-12
+    for place, turn, beside, expected in zip(x, turns, near, together, strict=True):
+        alone = fast.inverse_pose(place, turn, beside)
+        np.testing.assert_allclose(alone, expected, rtol=0, atol=1e-6)
+        reached, turned = fast.pose(alone)
+        np.testing.assert_allclose(reached, place, rtol=0, atol=1e-9 * model.reach)
+        assert abs(abs(turned @ turn) - 1.0) < 1e-12
+    # compiled C would answer for the direction of what is no rotation
+    once = warm(model).inverse_pose
+    np.testing.assert_allclose(once(x[0], turns[0], q[0]), q[0], atol=1e-6)
+    for length in (0.5, 1.1):
+        refused(calib.QueryError, "expected length 1", once, x[0], length * turns[0], q[0])
 
 
 @needs_compiler
@@ -205,7 +193,7 @@ def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond():
 
 @needs_compiler
 def test_a_joint_of_several_turns_is_answered_on_the_turn_of_near():
-    arm = wide()
+    arm = models.wide()
     model = calib.train(calib.babble(arm, 1500, seed=0), size=10)
     fast = warm(model)
     q = np.array([[-6.0, 1.0], [-3.3, 0.8], [3.4, 1.2], [5.9, 1.1], [-2.0, 0.5]])
@@ -227,19 +215,8 @@ def test_without_a_compiler_the_batch_answers(monkeypatch, name, value):
     assert "batch" in slow.warm_up()
     assert not slow.warm
     refused(OptionError, "strict", slow.warm_up, strict=True)
-    q = poses(model, 3)
-    np.testing.assert_array_equal(slow.forward(q[0]), model.forward(q[:1])[0])
-
-
-@needs_compiler
-def test_a_quaternion_that_is_none_is_still_refused():
-    """Compiled C would answer for the rotation of its direction."""
-    fast = warm(six())
-    q = draw(fast, 1)[0]
-    place, turn = fast.pose(q)
-    np.testing.assert_allclose(fast.inverse_pose(place, turn, q), q, atol=1e-6)
-    for length in (0.5, 1.1):
-        refused(calib.QueryError, "expected length 1", fast.inverse_pose, place, length * turn, q)
+    q = draw(model, 1)
+    np.testing.assert_array_equal(slow.forward(q[0]), model.forward(q)[0])
 
 
 @pytest.mark.parametrize("waves", [0.0, 3e-4])
@@ -257,12 +234,10 @@ def test_a_position_a_hair_beyond_a_limit_is_no_answer():
     """Once a last step that a limit cut short was not looked at, and its miss called a solution."""
     model = trained("polar")
     fast = warm(model)
-    lower, upper = model.about.lower, model.about.upper
-    q = np.random.default_rng(5).uniform(lower, upper, (50, 2))
-    q[:, 1] = upper[1]
-    inside = q - [0, 1e-4]
+    q = draw(model, 50, seed=5)
+    q[:, 1] = model.about.upper[1]
     x = model.forward(q)
-    beyond = x + 1e-2 * (x - model.forward(inside))  # 1 um beyond the stop of a slide
+    beyond = x + 1e-2 * (x - model.forward(q - [0, 1e-4]))  # 1 um beyond the stop of a slide
     assert np.isnan(fast.inverse(beyond, near=q)).all()
     alone = [fast.inverse(place, near=joints) for place, joints in zip(beyond, q, strict=True)]
     assert np.isnan(alone).all()

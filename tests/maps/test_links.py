@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
-from small_maps import UNIT_BOX, box, points
+from small_maps import box, network, points
 
-from calib import SOM, Association, Map
+from calib import SOM, Association
 from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS, SparseRows, Wiring
@@ -13,14 +13,12 @@ from calib.maps.links import WIRINGS, SparseRows, Wiring
 BANDWIDTH = WIRINGS["oja"].bandwidth
 
 
-def grid(n, m=None):
-    shape = (n, m or n)
-    lattice = Lattice(shape)
-    return Map(lattice.positions() / (np.array(shape) - 1), lattice, UNIT_BOX, np.zeros((0, 4)))
+def grid(n):
+    return network(Lattice((n, n)).positions() / (n - 1), (n, n))
 
 
-def activity(network, u, bandwidth=BANDWIDTH, *, local=False):
-    return Wiring(local=local, bandwidth=bandwidth).activity(network, u)
+def activity(nodes, u, bandwidth=BANDWIDTH, *, local=False):
+    return Wiring(local=local, bandwidth=bandwidth).activity(nodes, u)
 
 
 def link(a_motor, a_sensory, *, mutual=False):
@@ -28,29 +26,22 @@ def link(a_motor, a_sensory, *, mutual=False):
     return csr_array((found.data, found.indices, found.indptr), found.shape)
 
 
-def equation_6(network, u, bandwidth):
-    square = ((u[:, None] - network.units[None]) ** 2).sum(axis=2)
-    a = np.exp(-square / (bandwidth * network.spacing) ** 2)
-    return a / a.max(axis=1, keepdims=True)
-
-
-def stationary(a_motor, a_sensory):
-    return a_motor.T @ a_sensory / (a_sensory**2).sum(axis=0)
-
-
 @pytest.fixture(scope="module")
 def pair():
     """Activities of two 3x3 maps for samples of a smooth function."""
     u = points(400)
     v = np.stack([u[:, 1] ** 1.3, 1 - u[:, 0]], axis=1)
-    return activity(grid(3), u).toarray(), activity(grid(3), v).toarray()
+    return activity(grid(3), u), activity(grid(3), v)
 
 
 @pytest.mark.parametrize("bandwidth", [BANDWIDTH, 1.5])
 def test_activity_is_equation_6_relative_to_the_winner(bandwidth):
-    network, u = grid(3), points(20)
-    a = activity(network, u, bandwidth).toarray()
-    np.testing.assert_allclose(a, equation_6(network, u, bandwidth), rtol=1e-9, atol=1e-300)
+    nodes, u = grid(3), points(20)
+    square = ((u[:, None] - nodes.units[None]) ** 2).sum(axis=2)
+    expected = np.exp(-square / (bandwidth * nodes.spacing) ** 2)
+    expected /= expected.max(axis=1, keepdims=True)
+    found = activity(nodes, u, bandwidth).toarray()
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-300)
 
 
 def test_a_local_bandwidth_is_that_of_each_node():
@@ -59,15 +50,16 @@ def test_a_local_bandwidth_is_that_of_each_node():
         activity(even, u, local=True).toarray(), activity(even, u).toarray(), rtol=1e-9, atol=1e-12
     )
     # nodes at 0, 1, 3: spacings 1, 1.5, 2
-    line = Map(np.array([[0.0], [1.0], [3.0]]), Lattice((3,)), box(False), np.zeros((0, 4)))
-    a = activity(line, np.array([[1.2]]), 0.8, local=True).toarray()[0]
+    uneven = network([[0.0], [1.0], [3.0]], (3,), box(False))
+    a = activity(uneven, np.array([[1.2]]), 0.8, local=True).toarray()[0]
     z = (np.array([1.2, 0.2, 1.8]) / (0.8 * np.array([1.0, 1.5, 2.0]))) ** 2
     np.testing.assert_allclose(a, np.exp(z.min() - z))
 
 
 def test_links_are_the_fixed_point_of_ojas_rule_but_for_weak_ones(pair):
-    dense = stationary(*pair)
-    links = link(*(csr_array(a) for a in pair)).toarray()
+    a_motor, a_sensory = (a.toarray() for a in pair)
+    dense = a_motor.T @ a_sensory / (a_sensory**2).sum(axis=0)
+    links = link(*pair).toarray()
     kept = links > 0
     np.testing.assert_allclose(links[kept], dense[kept], rtol=1e-6)
     weakest = np.minimum(dense.max(axis=1)[:, None], dense.max(axis=0)[None])
@@ -77,15 +69,13 @@ def test_links_are_the_fixed_point_of_ojas_rule_but_for_weak_ones(pair):
 
 
 def test_mutual_links_are_the_same_in_both_directions(pair):
-    a_motor, a_sensory = (csr_array(a) for a in pair)
-    there = link(a_motor, a_sensory, mutual=True).toarray()
-    back = link(a_sensory, a_motor, mutual=True).toarray()
+    there = link(*pair, mutual=True).toarray()
+    back = link(*pair[::-1], mutual=True).toarray()
     np.testing.assert_allclose(there, back.T, rtol=1e-6)
     # the cosine between the activities of two nodes, where they have been active enough
-    i, j = (np.asarray(a) / np.linalg.norm(a, axis=0) for a in pair)
-    cosine = i.T @ j
+    i, j = (a.toarray() / np.linalg.norm(a.toarray(), axis=0) for a in pair)
     kept = there > 0
-    np.testing.assert_allclose(there[kept], cosine[kept], rtol=1e-6)
+    np.testing.assert_allclose(there[kept], (i.T @ j)[kept], rtol=1e-6)
 
 
 def test_a_node_that_was_hardly_active_has_hardly_a_link():
@@ -100,26 +90,16 @@ def line(places, periodic=False, d=1):
     units = np.zeros((len(places), d))
     units[:, 0] = places
     scale = Scale(np.zeros(d), np.where(periodic, TURN, np.ones(d)), np.full(d, periodic))
-    return Map(units, Lattice((len(places),)), scale, np.zeros((0, 4)))
+    return network(units, (len(places),), scale)
 
 
 def linked(motor, sensory, dense):
-    links = csr_array(dense)
+    links = csr_array(np.array(dense))
     rows = SparseRows(links.data, links.indices, links.indptr, links.shape)
     return Association(motor, sensory, rows)
 
 
-def branching():
-    """One position that motor nodes 4, 5 and 35, 36 of 41 reach, and one in the middle."""
-    links = np.zeros((41, 2))
-    links[[4, 5, 35, 36], 0] = 1.0, 0.5, 0.25, 0.75
-    links[20, 1] = 1.0
-    return linked(line(np.linspace(0, 1, 41)), line([0.2, 0.8], d=2), links)
-
-
-FORKED = linked(
-    line([0.0, 1.0]), line([0.1, 0.4, 0.9], d=2), np.array([[0.2, 0.0, 0.7], [0.4, 0.5, 0.0]])
-)
+FORKED = linked(line([0.0, 1.0]), line([0.1, 0.4, 0.9], d=2), [[0.2, 0.0, 0.7], [0.4, 0.5, 0.0]])
 """Two motor nodes, each linked to two of three sensory nodes."""
 ONE_TO_ONE = linked(line([0.0, 0.5, 1.0]), line([0.0, 0.5, 1.0], d=2), np.eye(3))
 
@@ -148,27 +128,28 @@ def test_activity_answers_with_the_mean_of_the_partners_weighted_through_the_lin
 
 
 @pytest.mark.parametrize(
-    ("near", "winner", "activity"),
+    ("wishes", "winner", "activity"),
     [
-        (0.0, 0.1, (0.1 * 1.0 + 0.125 * 0.5) / 1.5),
-        (0.45, 0.1, (0.1 * 1.0 + 0.125 * 0.5) / 1.5),
-        (0.55, 0.9, 0.875 * 0.25 + 0.9 * 0.75),
-        (1.0, 0.9, 0.875 * 0.25 + 0.9 * 0.75),
+        ([0.0, 0.45], 0.1, (0.1 * 1.0 + 0.125 * 0.5) / 1.5),
+        ([0.55, 1.0], 0.9, 0.875 * 0.25 + 0.9 * 0.75),
     ],
 )
 def test_the_branch_near_to_the_wish_answers_and_branches_are_never_averaged(
-    near, winner, activity
+    wishes, winner, activity
 ):
-    v, wish = np.array([[0.2, 0.0]]), np.array([[near]])
-    assert branching().inverses(v, wish)["winner"][0, 0] == pytest.approx(winner)
-    said = branching().inverses(v, wish)["activity"][0, 0]
-    assert said == pytest.approx(activity)
+    # motor nodes 4, 5 and 35, 36 of 41 reach one position, the middle one another
+    links = np.zeros((41, 2))
+    links[[4, 5, 35, 36], 0] = 1.0, 0.5, 0.25, 0.75
+    links[20, 1] = 1.0
+    branching = linked(line(np.linspace(0, 1, 41)), line([0.2, 0.8], d=2), links)
+    said = branching.inverses(np.array([[0.2, 0.0]] * 2), np.array(wishes)[:, None])
+    np.testing.assert_allclose(said["winner"], winner, rtol=1e-6)
+    np.testing.assert_allclose(said["activity"], activity, rtol=1e-6)
 
 
 def test_a_branch_across_the_seam_of_a_turn_is_one_branch():
     motor = line([0.05, 0.35, 0.65, 0.95], periodic=True)
-    dense = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])
-    pair = linked(motor, line([0.2, 0.8], d=2), dense)
+    pair = linked(motor, line([0.2, 0.8], d=2), [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])
     said = pair.inverses(np.array([[0.2, 0.0]]), np.array([[0.9]]))["activity"][0, 0]
     assert min(said % 1.0, -said % 1.0) < 0.05
 

@@ -7,7 +7,6 @@ import pytest
 from small_maps import grid, points
 
 from calib import SOM, Association
-from calib.common.scale import TURN, Scale
 from calib.maps.blend import Blend
 from calib.maps.links import WIRINGS
 from calib.maps.local_models import (
@@ -61,7 +60,7 @@ def test_models_join_at_the_seam_of_a_joint_that_turns_round():
     motor, u = grid(9, (True, False)), points(4000)
 
     def truth(u):
-        angle = TURN * u[:, 0]
+        angle = 2 * np.pi * u[:, 0]
         return np.stack([np.cos(angle) + u[:, 1], np.sin(angle)], axis=1)
 
     models = fitted(motor, u, truth(u), 2, 60)
@@ -90,9 +89,8 @@ def test_each_node_has_the_least_squares_fit_with_weights_that_end_at_its_radius
 
 def test_weights_have_slopes_where_many_nodes_stand_on_a_point():
     """Of 12 rows a map's nodes stand on these: 0 over 0 stopped `train --body none`."""
-    motor = grid(5)
-    motor = replace(motor, units=np.repeat(motor.units[:1], 25, axis=0))
-    blend = Blend(motor, motor.units[:1])
+    place = np.array([[0.1, 0.1]])
+    blend = Blend(replace(grid(5), units=np.repeat(place, 25, axis=0)), place)
     np.testing.assert_allclose(blend.weight, 0.25)
     np.testing.assert_array_equal(blend.tilt(), 0.0)
 
@@ -105,28 +103,23 @@ def test_nodes_with_models_count_smoothly_by_their_share():
     np.testing.assert_allclose(answers, [0.0, ramp, 0.5, 1 - ramp, 1.0], atol=1e-12)
 
 
-def associated(truth, n=9, rows=20_000):
-    u = points(rows)
-    x = truth(u)
-    scale = Scale.of_data(x)
-    sensory = SOM((n, n), "som").fit(x, scale=scale)
-    return Association.learn(grid(n), u, sensory, scale.to_unit(x), WIRINGS["reciprocal"])
-
-
 def test_slopes_are_finite_differences_of_the_blended_value():
-    affine = associated(lambda u: np.stack([np.sin(2 * u[:, 0]), u[:, 0] * u[:, 1]], axis=1))
+    u = points(20_000)
+    x = np.stack([np.sin(2 * u[:, 0]), u[:, 0] * u[:, 1]], axis=1)
+    sensory = SOM((9, 9), "som").fit(x)
+    v = sensory.scale.to_unit(x)
+    linear = Association.learn(grid(9), u, sensory, v, WIRINGS["reciprocal"]).linear
     u, h = 0.05 + 0.9 * points(300, seed=3), 1e-6
-    value, slope = affine.linear.value_and_slope(u)
-    np.testing.assert_allclose(value, affine.linear.value(u), rtol=0, atol=1e-15)
+    value, slope = linear.value_and_slope(u)
+    np.testing.assert_allclose(value, linear.value(u), rtol=0, atol=1e-15)
     for k in range(2):
         step = h * np.eye(2)[k]
-        found = (affine.linear.value(u + step) - affine.linear.value(u - step)) / (2 * h)
+        found = (linear.value(u + step) - linear.value(u - step)) / (2 * h)
         # but for a point or two whose nearest nodes change within the step
         assert np.quantile(np.abs(found - slope[:, :, k]), 0.99) < 1e-6
 
 
-N = 6000
-MOTOR = grid(20)
+N, MOTOR = 6000, grid(20)
 
 
 class Known:

@@ -52,11 +52,8 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 @cache
 def digests(threads: int, hash_seed: int, cores: int) -> dict[str, str]:
     """Return the digests of all recipes, each made by a process of its own surroundings."""
-    environment = {
-        **os.environ,
-        **dict.fromkeys(THREADS, str(threads)),
-        "PYTHONHASHSEED": str(hash_seed),
-    }
+    environment = os.environ | dict.fromkeys(THREADS, str(threads))
+    environment["PYTHONHASHSEED"] = str(hash_seed)
 
     def pin():
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])

@@ -1,28 +1,19 @@
 """What a model remembers of its log, how its file is named, and how it is shown."""
 
 import numpy as np
-import pytest
+from models import babbled
+from reference import table
 
 import calib
 
 
-@pytest.fixture
-def camera(tmp_path, monkeypatch):
-    """A log in degrees whose columns have other names, and the model that it gave."""
+def test_later_commands_need_no_option(tmp_path, monkeypatch, run):
+    """Of a log in degrees whose columns have other names."""
     monkeypatch.chdir(tmp_path)
-    s = calib.babble(calib.load_arm("two_link"), 200, seed=3, noise=1e-4)
-    degrees = np.degrees(s.q)
-    rows = np.column_stack([degrees, s.x])
-    header = "j1,j2,cam_u,cam_v"
-    np.savetxt("camera.csv", rows, delimiter=",", header=header, comments="")
-    return tmp_path
-
-
-COLUMNS = "shoulder=j1,elbow=j2,x=cam_u,y=cam_v"
-
-
-def test_later_commands_need_no_option(camera, run):
-    line = ["train", "--data", "camera.csv", "--joints", "shoulder,elbow", "--columns", COLUMNS]
+    s = babbled(n=200, seed=3, noise=1e-4)
+    table("camera.csv", ["j1", "j2", "cam_u", "cam_v"], np.column_stack([np.degrees(s.q), s.x]))
+    columns = "shoulder=j1,elbow=j2,x=cam_u,y=cam_v"
+    line = ["train", "--data", "camera.csv", "--joints", "shoulder,elbow", "--columns", columns]
     run.done(*line, "--degrees", "--size", "6")
     model = calib.load("camera.calib")
     assert model.about.degrees
@@ -35,12 +26,12 @@ def test_later_commands_need_no_option(camera, run):
         "plan camera.calib -n 3 -o poses.csv",
     ):
         run.done(line)
-    assert run("evaluate", "camera.calib", "--data", "camera.csv", "--radians").code == 1
+    assert run("evaluate camera.calib --data camera.csv --radians").code == 1
     for words in ("forward camera.calib 30 60", "inverse camera.calib 0.3 0.3 --near 30,60"):
         assert "is outside of the learned range" in run(f"query {words}").err
         run.done(f"query {words} --degrees")
-    plain = calib.babble(calib.load_arm("two_link"), 60, seed=4, noise=1e-4)
-    calib.write_log(plain, "plain.csv")  # other names, and rad: what the log has goes first
+    # other names, and rad: what the log has goes first
+    calib.write_log(babbled(n=60, seed=4, noise=1e-4), "plain.csv")
     run.done("evaluate camera.calib --data plain.csv --radians")
 
 

@@ -1,7 +1,6 @@
 """The paper's experiments: what they hold, and a small run of the command line."""
 
 import csv
-import json
 
 import numpy as np
 import pytest
@@ -31,9 +30,8 @@ def test_schedules_are_chosen_on_points_that_no_table_sees():
     q, x = setting.validation(samples, 0)
     np.testing.assert_array_equal(x, samples.simulation.exact(q))
     model = calib.train(samples, size=4)
-    tested = samples.simulation.draw(
-        10_000, np.random.default_rng(np.random.SeedSequence(0, spawn_key=(4,)))
-    )
+    rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(4,)))
+    tested = samples.simulation.draw(10_000, rng)
     assert not np.isin(q[:, 0], tested[:, 0]).any()
     assert not np.isin(q[:, 0], samples.q[:, 0]).any()
     assert model.about.errors
@@ -42,15 +40,12 @@ def test_schedules_are_chosen_on_points_that_no_table_sees():
 def test_the_same_schedule_gives_the_paper_its_ratio():
     """At a last radius of 2 nodes the varying density is far ahead, as in Table 1."""
     log = calib.babble(calib.load_arm("two_link"), 3000, seed=0)
-    som, vdsom = (
-        calib.train(log, size=16, map=name, epochs=12, sigma=(10.0, 2.0), body="none").about.errors[
-            "activity"
-        ]
-        for name in ("som", "vdsom")
-    )
-    for side, column in (("forward", "x"), ("forward", "y")):
-        assert vdsom[side][column]["mean"] < 0.6 * som[side][column]["mean"]
-        assert vdsom[side][column]["max"] < 0.7 * som[side][column]["max"]
+    options = {"size": 16, "epochs": 12, "sigma": (10.0, 2.0), "body": "none"}
+    models = [calib.train(log, map=name, **options) for name in ("som", "vdsom")]
+    som, vdsom = (model.about.errors["activity"] for model in models)
+    for column in ("x", "y"):
+        assert vdsom["forward"][column]["mean"] < 0.6 * som["forward"][column]["mean"]
+        assert vdsom["forward"][column]["max"] < 0.7 * som["forward"][column]["max"]
     for joint in ("shoulder", "elbow"):
         assert vdsom["inverse"][joint]["mean"] < 0.8 * som["inverse"][joint]["mean"]
 
@@ -59,8 +54,7 @@ def test_a_quick_run_writes_tables_and_one_json_document(run, tmp_path):
     done = run.done("reproduce", "table2", "--quick", "--json", "-o", tmp_path)
     table = done.document["table2"]
     assert set(table) >= {"8x8", "12x12", "paper"}
-    cells = table["12x12"]["activity"]
-    cell = cells["x"]
+    cell = table["12x12"]["activity"]["x"]
     assert set(cell) >= {"mean", "max", "p99", "mean_spread", "mean_of_range"}
     assert set(table["12x12"]) == {"winner", "activity", "linear"}
     printed = table["paper"]["30x30"]["shoulder"]
@@ -74,10 +68,10 @@ def test_a_quick_run_writes_tables_and_one_json_document(run, tmp_path):
 
 def test_figures_and_curves_of_the_adaptation_are_drawn(run, tmp_path):
     done = run.done("reproduce", "adaptation", "--quick", "--json", "-o", tmp_path)
-    found = json.loads(json.dumps(done.document["adaptation"]))
     for name in ("lengthened", "shortened"):
-        errors = found[name]["errors"]["activity"]
+        found = done.document["adaptation"][name]
+        errors, distortion = found["errors"]["activity"], found["distortion"]
         assert errors["adapted"]["mean"] < 0.6 * errors["changed"]["mean"]
-        assert found[name]["distortion"]["adapted"] < found[name]["distortion"]["changed"]
+        assert distortion["adapted"] < distortion["changed"]
     for picture in ("changed.png", "adaptation.png"):
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")

@@ -212,10 +212,8 @@ def test_settings_that_cannot_be(shot, copy):
     refused(CalibError, "printed on the board too", Setting, 7, "5x5_100", BOARD, lens=LENS)
     refused(CalibError, "expected `board` too", load_lens, shot.pictures, None)
     refused(CalibError, "is no lens", load_lens, shot.folder / "joints.csv", None)
-    other = Lens((320, 240), LENS.focal, LENS.centre, LENS.distortion)
-    refused(
-        CalibError, "lens was calibrated with 320x240", make, shot.folder, Setting(7, lens=other)
-    )
+    other = Setting(7, lens=Lens((320, 240), LENS.focal, LENS.centre, LENS.distortion))
+    refused(CalibError, "lens was calibrated with 320x240", make, shot.folder, other)
     path, degrees = copy.folder / "deg.csv", np.rad2deg(copy.q)
     np.savetxt(path, degrees, delimiter=",", header="a,b,c", comments="")
     refused(CalibError, "are these degrees", read_joints, path)
@@ -242,26 +240,14 @@ def test_videos_that_make_no_log(film, tmp_path):
     (tmp_path / "text.mp4").write_text("no video\n" * 200)
     refused(CalibError, "cannot be read", log_video, tmp_path / "text.mp4", joints, Setting(7))
     refused(CalibError, "cannot be read", log_video, tmp_path / "none.mp4", joints, Setting(7))
-    refused(
-        CalibError,
-        "lens was calibrated with 640x480",
-        log_video,
-        run,
-        joints,
-        Setting(7, lens=LENS),
-    )
+    other = Setting(7, lens=LENS)
+    refused(CalibError, "lens was calibrated with 640x480", log_video, run, joints, other)
     twins = Desk(film.scene.camera, film.scene.lengths, still=(tag(7, 0.05, (0.1, 0.1, 0, 1)),))
     frames = [twins.picture(q, np.random.default_rng(0)) for q in joints.q[:600:50]]
     twice = tmp_path / "twins.mp4"
     write_video(str(twice), frames, 20.0)
-    refused(
-        CalibError,
-        r"twice in \d+ of 12 frames \(twins.mp4 at",
-        log_video,
-        twice,
-        joints,
-        Setting(7),
-    )
+    words = r"twice in \d+ of 12 frames \(twins.mp4 at"
+    refused(CalibError, words, log_video, twice, joints, Setting(7))
     (tmp_path / "p.csv").write_text("a,b\n0,1\n1,2\n")
     refused(
         CalibError, "a column 'time'", log_video, run, read_joints(tmp_path / "p.csv"), Setting(7)
