@@ -26,7 +26,7 @@ from calib.maps.local_models import NO_MODELS
 from calib.maps.model_selection import select
 from calib.maps.predictor import Predictor
 from calib.training.fitted_log import FittedLog
-from calib.training.maps import associate, wrong_around
+from calib.training.maps import associate, misfit_around
 from calib.training.options import TrainingOptions
 
 Array = Any
@@ -114,7 +114,7 @@ class Ground:
 
     scale: Scale
     log: FittedLog
-    wrong: Array
+    misfit: Array
 
     @staticmethod
     def of(case: Case, seed: int) -> "Ground":
@@ -122,7 +122,7 @@ class Ground:
         samples = case.samples
         scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
         log = FittedLog.of(samples, TrainingOptions(seed=seed))
-        return Ground(scale, log, wrong_around(log, scale.to_unit(log.samples.q)))
+        return Ground(scale, log, misfit_around(log, scale.to_unit(log.samples.q)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ def train_on(ground: Ground, network: str, side: int, seed: int) -> Trained:
     The maps of a log learn from its rows alone here, without imagined samples, so that
     the networks differ by what they make of the same rows.
     """
-    scale, log, wrong = ground.scale, ground.log, ground.wrong
+    scale, log, misfit = ground.scale, ground.log, ground.misfit
     samples = log.samples
     u = scale.to_unit(samples.q)
     started = time.perf_counter()
@@ -158,12 +158,12 @@ def train_on(ground: Ground, network: str, side: int, seed: int) -> Trained:
         pair = untrained_pair(network, scale, u, samples.x, side, seed)
     else:
         options = TrainingOptions(side, map=network, seed=seed)
-        pair = associate(scale, u, samples.x, options, wrong)
+        pair = associate(scale, u, samples.x, options, misfit)
     alone = pair
     seconds, motor = time.perf_counter() - started, pair.motor
     held, seen = u[log.rows], samples.x[log.rows]
     predictor, _ = select(motor, held, seen, log.body, log.fit.held_out)
-    if wrong is not None and network == "vdsom:residual":  # without a body nothing tells that
+    if misfit is not None and network == "vdsom:residual":  # without a body nothing tells that
         alone = associate(scale, u, samples.x, TrainingOptions(side, map=network, seed=seed))
     predictors = {
         "local": predictor,

@@ -174,10 +174,8 @@ def run(folder: Path, count: int, seconds: float) -> None:
         film(folder / "film", DESK, seconds, 3)
         lens, _ = load_lens(folder / "still" / "shots", BOARD)
         table = read_joints(folder / "film" / "joints.csv")
-        for what, setting in (
-            ("pixels", Setting(7)),
-            ("metres", Setting(7, board=BOARD, lens=lens)),
-        ):
+        settings = {"pixels": Setting(7), "metres": Setting(7, board=BOARD, lens=lens)}
+        for what, setting in settings.items():
             shot = log_video(folder / "film" / "run.mp4", table, setting)
             off = 1e3 * abs(shot.source["time_offset"] - 1004.0)
             calib.write_log(shot, folder / "film" / f"{what}.csv")

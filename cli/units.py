@@ -112,12 +112,12 @@ def in_si(
 def revolute_joints(robot: str) -> dict[str, bool]:
     """Return whether each movable joint of a robot turns."""
     from calib.arm.description import parse_robot
-    from calib.arm.robot_text import read_urdf
+    from calib.arm.robot_text import read_robot_text
     from calib.arm.robots import resolve_robot
 
     # units are wanted before it is known which arm is loaded
     path = resolve_robot(robot)
-    urdf = parse_robot(read_urdf(path), path.stem)
+    urdf = parse_robot(read_robot_text(path), path.stem)
     return {
         joint.name: joint.revolute for joint in urdf.joints if joint.movable
     }

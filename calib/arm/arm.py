@@ -26,11 +26,11 @@ _A = TypeVar("_A", bound="Arm")
 _MIN_LENGTH = 1e-9
 """A link shorter than this [m] has no direction in which it could be lengthened."""
 
-_CACHED = 2_048  # rows whose intermediate arrays stay in the processor's cache
+_CACHED = 2_048
+"""Rows whose intermediate arrays stay in the processor's cache."""
 
-
-# [rad or m] over one turn or a limit (3.1416, 1.5708) is clipped in silence
 _ROUNDING = 1e-3
+"""So much [rad or m] over one turn or a limit (3.1416, 1.5708) is clipped in silence."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -52,7 +52,7 @@ class Arm:
     locked : dict of str to float [rad or m]
         The other movable joints between root and tip, and the values they are held at.
     urdf : str
-        The URDF's own text.
+        The text of the URDF or MJCF.
     notes : tuple of str
         What was assumed or mended, for the user.
     limits : tuple of (float, float) [rad or m]
@@ -104,11 +104,11 @@ class Arm:
         At joint values (n, dof) or (dof,) [rad or m]; as qx, qy, qz, qw, in the root link's frame.
         """
 
-        def together(rows: Array) -> Array:
+        def poses(rows: Array) -> Array:
             positions, matrices = self.chain.poses(rows)
             return np.hstack([positions, quaternion_of(matrices)])
 
-        pose = self._by_rows(q, together)
+        pose = self._by_rows(q, poses)
         return pose[..., :3], pose[..., 3:]
 
     def __repr__(self) -> str:
@@ -127,10 +127,10 @@ class Arm:
 
         The link is stretched along itself; all that lies beyond is carried along.
         """
-        k = self._index(joint, "length")
+        k = self._joint_number(joint, "length")
         link = self._links()[k]
         chain = self.chain
-        places = self._active
+        places = self._active_places
         old = float(np.linalg.norm(link))
         if old < _MIN_LENGTH or not 0.0 <= length < math.inf:
             raise OptionError(
@@ -183,7 +183,7 @@ class Arm:
         travel = list(self.travel)
         turning: dict[str, Range] = {}
         for name, chosen in ranges.items():
-            k = self._index(name, "ranges")
+            k = self._joint_number(name, "ranges")
             if chosen != self.limits[k]:
                 chosen = clip_range(
                     name, chosen, self.limits[k], self.units_of_joints[k]
@@ -199,19 +199,17 @@ class Arm:
 
     def _links(self) -> Array:
         """Vectors (dof, 3) [m] from each active joint to the next, the last to the tip, at zero."""
-        return np.diff(
-            np.vstack([self.chain.points[self._active], self.chain.tip]), axis=0
-        )
+        points = self.chain.points[self._active_places]
+        return np.diff(np.vstack([points, self.chain.tip]), axis=0)
 
     @property
-    def _active(self) -> list[int]:
-        """Chain joints that are the active ones themselves, not their followers."""
+    def _active_places(self) -> list[int]:
+        """Places in the chain of the active joints themselves, not of their followers."""
         places: list[int] = []
+        is_unbiased = self.chain.bias == 0
         for unit in np.eye(self.dof):
-            same = (self.chain.coupling == unit).all(axis=1) & (
-                self.chain.bias == 0
-            )
-            places.append(int(np.flatnonzero(same)[0]))
+            is_leader = (self.chain.coupling == unit).all(axis=1) & is_unbiased
+            places.append(int(np.flatnonzero(is_leader)[0]))
         return places
 
     def _by_rows(
@@ -225,7 +223,8 @@ class Arm:
         )
         return out[0] if single else out
 
-    def _index(self, joint: str, what: str) -> int:
+    def _joint_number(self, joint: str, what: str) -> int:
+        """Number of an active joint; `what` is the option that names it."""
         if joint not in self.joint_names:
             raise OptionError(
                 f"`{what}`: {quoted(joint)} is not an active joint: "
@@ -252,9 +251,12 @@ class PlanarArm(Arm):
 
     def forward(self, q: ArrayLike) -> Array:
         """Positions in the plane (n, 2) or (2,) [m] at joint values (n, dof) or (dof,)."""
-        return self._by_rows(
-            q, lambda rows: self.plane.project(self.chain.poses(rows)[0])
-        )
+
+        def positions(rows: Array) -> Array:
+            points, _ = self.chain.poses(rows)
+            return self.plane.project(points)
+
+        return self._by_rows(q, positions)
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Derivatives of the position by the joint values, (n, 2, dof) or (2, dof)."""
@@ -275,9 +277,8 @@ class PlanarArm(Arm):
         along = self._links()[-1]
         length = float(np.linalg.norm(along))
         along = along / length if length >= _MIN_LENGTH else self.plane.x
-        return np.stack(
-            [along, np.cross(self.plane.normal, along), self.plane.normal]
-        )
+        normal = self.plane.normal
+        return np.stack([along, np.cross(normal, along), normal])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

@@ -30,6 +30,7 @@ def check_lock(urdf: Urdf, lock: Collection[str]) -> None:
 def choose_joints(
     urdf: Urdf,
     posture: Posture,
+    *,
     joints: Sequence[str] | None,
     tip: str | None,
     lock: Mapping[str, float],

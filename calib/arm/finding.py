@@ -40,7 +40,6 @@ class Finding:
 
 FINDING = Finding()
 
-#: Usual names (their ends) of the frame that a robot's maker means by its tip.
 TIP_NAMES = (
     "tool0",
     "tcp",
@@ -51,6 +50,7 @@ TIP_NAMES = (
     "end_effector",
     "gripper_frame_link",
 )
+"""Usual names (their ends) of the frame that a robot's maker means by its tip."""
 
 
 @dataclass(frozen=True)

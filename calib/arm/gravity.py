@@ -16,10 +16,13 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..errors import OptionError
-from .spatial_chain import Motion, SpatialChain, cross, turned
+from .spatial_chain import Motion, SpatialChain, cross, rotate
 
-#: Standard gravity in the root frame of an arm that stands upright [m/s2].
-GRAVITY = (0.0, 0.0, -9.80665)
+_STANDARD = 9.80665
+"""Standard gravity [m/s2]."""
+
+GRAVITY = (0.0, 0.0, -_STANDARD)
+"""That in the root frame of an arm that stands upright [m/s2]."""
 
 
 def standard(direction: Sequence[float]) -> tuple[float, float, float]:
@@ -36,7 +39,7 @@ def standard(direction: Sequence[float]) -> tuple[float, float, float]:
             parameter="gravity",
             value=direction,
         )
-    x, y, z = (9.80665 * vector / length).tolist()
+    x, y, z = (_STANDARD * vector / length).tolist()
     return x, y, z
 
 
@@ -97,7 +100,8 @@ class Loads:
         """Derivatives (e, dof, n) of the loads under gravity (3,) by the joint values (n, dof)."""
         motion = self.chain.motion(q)
         positions = self._point_positions(motion)
-        across = cross(gravity[:, None], motion.axes) * self.chain.still.turning
+        across = cross(gravity[:, None], motion.axes)
+        across *= self.chain.nominal_links.turning
         by_joint = np.empty((len(self.joints), self.chain.joints, len(q)))
         for k in range(self.chain.joints):
             # a joint before the load's turns the whole lever, one beyond it the points that follow
@@ -112,7 +116,7 @@ class Loads:
         """Positions (p, 3, n) [m] of the points."""
         arms = self.points - self.chain.points[self.links]
         frames = motion.frames[1:][self.links]
-        return motion.places[self.links] + turned(frames, arms[..., None])
+        return motion.places[self.links] + rotate(frames, arms[..., None])
 
     def _pull(
         self, motion: Motion, positions: Array, joints: NDArray[np.intp]
@@ -123,5 +127,5 @@ class Loads:
         moments = np.tensordot(weights, positions, axes=1)
         moments -= total * motion.places[joints]
         axes = motion.axes[joints]
-        turning = self.chain.still.turning[joints]
+        turning = self.chain.nominal_links.turning[joints]
         return np.where(turning, cross(axes, moments), total * axes)

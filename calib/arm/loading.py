@@ -24,11 +24,9 @@ from .finding import FINDING, JointChoice, check_planar, check_tip, plane_normal
 from .gravity import standard
 from .plane import plane_of
 from .posture import Posture, chain_of, posture_of, with_masses
-from .robot_text import read_urdf
+from .robot_text import read_robot_text
 from .robots import resolve_robot
 from .urdf import Mimic, Range, Urdf
-
-__all__ = ["PlanarArm", "SpatialArm", "arm_from_urdf", "load_arm"]
 
 
 def load_arm(
@@ -86,7 +84,7 @@ def load_arm(
     (('shoulder', 'elbow'), 'tip', [0.55, 0.0])
     """
     path = resolve_robot(robot)
-    text = read_urdf(path)
+    text = read_robot_text(path)
     try:
         arm = arm_from_urdf(
             text,
@@ -114,9 +112,9 @@ def arm_from_urdf(
     planar: bool = False,
     columns: Collection[str] | None = None,
 ) -> PlanarArm | SpatialArm:
-    """Build an arm from the text of a URDF; see `load_arm`.
+    """Build an arm from the text of a URDF or MJCF; see `load_arm`.
 
-    `name` is used where the URDF gives its robot none.
+    `name` is used where the text gives its robot none.
     """
     urdf = parse_robot(text, name)
     lock = dict(lock or {})
@@ -124,7 +122,14 @@ def arm_from_urdf(
     ranges = dict(ranges or {})
     neutral = posture_of(urdf, lock)
     choice, notes = choose_joints(
-        urdf, neutral, joints, tip, lock, ranges, planar, columns
+        urdf,
+        neutral,
+        joints=joints,
+        tip=tip,
+        lock=lock,
+        ranges=ranges,
+        planar=planar,
+        columns=columns,
     )
     active = choice.joints
     names = [joint.name for joint in active]

@@ -17,12 +17,14 @@ from numpy.typing import ArrayLike
 from ..common.arrays import Array, freeze_copies
 from ..errors import LogError, RobotError
 
-#: Axes closer to the normal than this (cosine of 45 degrees, rounding apart) are skipped.
 _NEAR_NORMAL = np.cos(np.pi / 4) + 1e-6
-#: A second axis that leaves less than this across the first one is skipped too.
+"""Axes closer to the normal than this (cosine of 45 degrees, rounding apart) are skipped."""
+
 _MIN_ACROSS = 0.1
-#: Points whose second spread is below this share of the first lie on a line.
+"""A second axis that leaves less than this across the first one is skipped too."""
+
 _MIN_SPREAD = 1e-9
+"""Points whose second spread is below this share of the first lie on a line."""
 
 
 @dataclass(frozen=True, eq=False)

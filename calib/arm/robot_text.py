@@ -43,8 +43,8 @@ MJCF = "mujoco"
 """Root element of the other kind of description that is read, see `calib.arm.mjcf`."""
 
 
-def read_urdf(path: Path) -> str:
-    """Read a URDF file as text.
+def read_robot_text(path: Path) -> str:
+    """Read a URDF or MJCF file as text.
 
     Raises RobotError if it is missing, a folder, empty, not UTF-8, or larger than `LIMITS.size`.
     """
@@ -70,7 +70,7 @@ def read_urdf(path: Path) -> str:
 
 
 def parse_xml(text: str) -> ET.Element:
-    """The root element of a robot's description.
+    """Root element of a robot's description.
 
     Raises RobotError if it is none, or holds what has to be expanded first.
     """
@@ -87,11 +87,9 @@ def parse_xml(text: str) -> ET.Element:
     try:
         robot = ET.fromstring(text)  # noqa: S314 - entities were refused above
     except (ET.ParseError, ValueError) as error:
-        remedy = (
-            expand
-            if "<xacro:" in text
-            else "correct it there, or fetch a truncated file anew"
-        )
+        remedy = "correct it there, or fetch a truncated file anew"
+        if "<xacro:" in text:
+            remedy = expand
         raise RobotError(
             f"the URDF is not well-formed XML ({error}): {remedy}"
         ) from None

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..common.wording import quoted, suggestion
 from ..errors import RobotError
-from .robot_text import parse_xml, read_urdf
+from .robot_text import parse_xml, read_robot_text
 
 _DESCRIPTION = re.compile(r"<!--\s*calib:\s*(.*?)\s*-->", re.DOTALL)
 
@@ -26,19 +26,18 @@ class RobotEntry:
 
 def robots_folder() -> Path:
     """Folder of the bundled URDF files, installed or in a checkout."""
-    installed = Path(__file__).parent.parent / "_robots"
-    return (
-        installed
-        if installed.is_dir()
-        else Path(__file__).parent.parent.parent / "robots"
-    )
+    package = Path(__file__).parent.parent
+    installed = package / "_robots"
+    if installed.is_dir():
+        return installed
+    return package.parent / "robots"
 
 
 def list_robots() -> tuple[RobotEntry, ...]:
     """Return the bundled robots, sorted by name."""
     entries = []
     for path in sorted(robots_folder().glob("*.urdf")):
-        text = read_urdf(path)
+        text = read_robot_text(path)
         joints = tuple(
             joint.get("name", "")
             for joint in parse_xml(text).findall("joint")
@@ -67,10 +66,8 @@ def resolve_robot(robot: str | Path) -> Path:
     try:
         if str(robot).strip() and path.exists():
             return path
-    except (
-        OSError,
-        ValueError,
-    ):  # a name too long for the file system, or with a null byte
+    # a name too long for the file system, or with a null byte
+    except (OSError, ValueError):
         pass
     raise RobotError(
         f"robot {quoted(str(robot))}: no such file and no bundled robot; give a path to a URDF, or "

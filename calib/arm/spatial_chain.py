@@ -57,18 +57,20 @@ class Motion:
         turning = self.links.turning
         if turning.all():
             return swept, self.axes
-        return np.where(turning, swept, self.axes), np.where(
-            turning, self.axes, 0.0
-        )
+        velocities = np.where(turning, swept, self.axes)
+        turns_of_tip = np.where(turning, self.axes, 0.0)
+        return velocities, turns_of_tip
 
     def turns(self) -> tuple[Array, Array]:
-        """The same (m, 3, 3, n) as the origins turn about the axes, second, of their own frames."""
-        about = np.swapaxes(
-            _product(self.frames[:-1], self.links.turns[..., None]), 1, 2
-        )
-        return np.cross(
-            about, (self.position - self.origins)[:, None], axis=2
-        ), about
+        """Velocity and angular velocity (m, 3, 3, n) of the tip by turns of the origins.
+
+        Each origin turns about the axes, the second index, of its own frame.
+        """
+        own_frames = _product(self.frames[:-1], self.links.rotations[..., None])
+        axes = np.swapaxes(own_frames, 1, 2)
+        arms = self.position - self.origins
+        swept = np.cross(axes, arms[:, None], axis=2)
+        return swept, axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +119,8 @@ class SpatialChain:
     def reach(self) -> float:
         """Sum of the distances from the first joint over the others to the tip [m]."""
         stops = np.vstack([self.points, self.tip])
-        return float(np.linalg.norm(np.diff(stops, axis=0), axis=1).sum())
+        strides = np.diff(stops, axis=0)
+        return float(np.linalg.norm(strides, axis=1).sum())
 
     def values(self, q: Array) -> Array:
         """Values of all joints: (n, dof) [rad or m] -> (m, n)."""
@@ -125,14 +128,14 @@ class SpatialChain:
 
     def motion(self, q: Array) -> Motion:
         """Where its parts are at joint values (n, dof) [rad or m]."""
-        return move(self.still, self.values(q))
+        return move(self.nominal_links, self.values(q))
 
     def poses(self, q: Array) -> tuple[Array, Array]:
         """Positions (n, 3) [m] and orientations (n, 3, 3) of the tip's frame."""
         motion = self.motion(q)
-        return np.ascontiguousarray(motion.position.T), np.moveaxis(
-            motion.rotation, 2, 0
-        ).copy()
+        positions = np.ascontiguousarray(motion.position.T)
+        orientations = np.moveaxis(motion.rotation, 2, 0).copy()
+        return positions, orientations
 
     def jacobian(self, q: Array) -> Array:
         """Geometric Jacobian of the tip in the root frame: (n, dof) -> (n, 6, dof).
@@ -144,7 +147,7 @@ class SpatialChain:
         return twists.transpose(2, 1, 0) @ self.coupling
 
     @cached_property
-    def still(self) -> Links:
+    def nominal_links(self) -> Links:
         """The links of the nominal chain."""
         return Links.of(self, Deviations.none(self.joints))
 
@@ -155,46 +158,48 @@ class Links:
 
     strides: Array  # (m + 1, 3, 1) [m], from each joint's origin to the next, in the frame before
     axes: Array  # (m, 3, 1), in the frame before
-    turns: Array  # (m, 3, 3), of the joint origins
+    rotations: Array  # (m, 3, 3), of the joint origins
     sines: Array  # (m, 3, 3, 1), what a joint adds to that by the sine of its angle
     swings: Array  # (m, 3, 3, 1), and by one less the cosine
     turning: Array  # (m, 1, 1), whether each joint turns
     rotation: Array  # (3, 3), orientation of the flange
     tool: Array  # (3, 1) [m]
-    tool_turn: Array | None  # (3, 3); None where it does not turn
+    tool_rotation: Array | None  # (3, 3); None where it does not turn
 
     @property
     def tip(self) -> tuple[Array, Array]:
         """Place (3,) [m] and orientation (3, 3) of the tip in the last joint's frame."""
         place = self.strides[-1] + self.rotation @ self.tool
-        turn = (
-            self.rotation
-            if self.tool_turn is None
-            else self.rotation @ self.tool_turn
-        )
-        return place[:, 0], turn
+        orientation = self.rotation
+        if self.tool_rotation is not None:
+            orientation = self.rotation @ self.tool_rotation
+        return place[:, 0], orientation
 
     @staticmethod
-    def of(chain: SpatialChain, moved: Deviations) -> Links:
+    def of(chain: SpatialChain, deviations: Deviations) -> Links:
         """The links of a chain that is off its drawing."""
-        strides = (
-            np.diff(chain.points, axis=0, prepend=np.zeros((1, 3)))
-            + moved.shifts
-        )
-        turns = exponential(moved.turns)
+        strides = np.diff(chain.points, axis=0, prepend=np.zeros((1, 3)))
+        strides += deviations.shifts
+        to_tip = chain.tip - chain.points[-1]
+        axes = chain.axes[..., None]
+        rotations = exponential(deviations.turns)
         # Rodrigues: exp = 1 + sin(v) K + (1 - cos(v)) K^2
         about = cross_matrix(chain.axes)
-        sines = turns @ about
+        sines = rotations @ about
+        swings = sines @ about
+        tool_rotation: Array | None = None
+        if deviations.tool_turn.any():
+            tool_rotation = exponential(deviations.tool_turn)
         return Links(
-            np.vstack([strides, chain.tip - chain.points[-1]])[..., None],
-            (turns @ chain.axes[..., None]),
-            turns,
-            sines[..., None],
-            (sines @ about)[..., None],
-            np.reshape(chain.revolute, (-1, 1, 1)),
-            chain.rotation,
-            moved.tool[:, None],
-            exponential(moved.tool_turn) if moved.tool_turn.any() else None,
+            strides=np.vstack([strides, to_tip])[..., None],
+            axes=rotations @ axes,
+            rotations=rotations,
+            sines=sines[..., None],
+            swings=swings[..., None],
+            turning=np.reshape(chain.revolute, (-1, 1, 1)),
+            rotation=chain.rotation,
+            tool=deviations.tool[:, None],
+            tool_rotation=tool_rotation,
         )
 
 
@@ -203,20 +208,19 @@ def move(links: Links, values: Array) -> Motion:
     m, n = values.shape
     # coordinates come first and rows last, so that every operation runs along the rows
     angles = values[:, None, None]
-    local = links.turns[..., None] + np.sin(angles) * links.sines
+    local = links.rotations[..., None] + np.sin(angles) * links.sines
     local += (1.0 - np.cos(angles)) * links.swings
     slides = not links.turning.all()
     if slides:
-        local = np.where(
-            links.turning[..., None], local, links.turns[..., None]
-        )
+        turning = links.turning[..., None]
+        local = np.where(turning, local, links.rotations[..., None])
     frames = np.empty((m + 1, 3, 3, n))
     frames[0] = np.eye(3)[:, :, None]
     frames[1] = local[0]
     for i in range(1, m):
         frames[i + 1] = _product(frames[i], local[i])
-    axes = turned(frames[:-1], links.axes)
-    steps = turned(frames, links.strides)
+    axes = rotate(frames[:-1], links.axes)
+    steps = rotate(frames, links.strides)
     if slides:  # a slide moves all that comes after it
         slid = np.where(links.turning, 0.0, axes * values[:, None])
         steps[1:] += slid
@@ -225,12 +229,10 @@ def move(links: Links, values: Array) -> Motion:
     if slides:
         places = origins + slid
     flange = _product(frames[-1], links.rotation[..., None])
-    position = stops[-1] + turned(flange, links.tool)
-    tip = (
-        flange
-        if links.tool_turn is None
-        else _product(flange, links.tool_turn[..., None])
-    )
+    position = stops[-1] + rotate(flange, links.tool)
+    tip = flange
+    if links.tool_rotation is not None:
+        tip = _product(flange, links.tool_rotation[..., None])
     return Motion(position, tip, origins, places, frames, axes, flange, links)
 
 
@@ -246,7 +248,7 @@ def cross(a: Array, b: Array) -> Array:
     return out
 
 
-def turned(rotations: Array, vectors: Array) -> Array:
+def rotate(rotations: Array, vectors: Array) -> Array:
     """Vectors (..., 3, n or 1) turned by rotations (..., 3, 3, n), (..., 3, n)."""
     x, y, z = (vectors[..., None, k, :] for k in range(3))
     out = rotations[..., 0, :] * x + rotations[..., 1, :] * y

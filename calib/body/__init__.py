@@ -5,7 +5,8 @@ In the order of a fit, whose steps `body_fit.fit` goes through:
 - `settings`: every number that was chosen, with its reason
 - `parameters`, `curves`: named blocks with their priors; error curves of joints
 - `views`, `sensors`: kinds of readings, where a sensor stands
-- `layout`, `structure`: the parameters of a chain and its sensors; predictions and derivatives
+- `layout`, `loads`, `structure`: the parameters of a chain and its sensors; loads that bend its
+  joints; predictions and derivatives
 - `spatial`, `planar`, `drawing`: structures of both kinds of arms; a planar arm's drawing
 - `rows`, `normal`, `fit`: rows of sensors, normal equations, one maximisation of a posterior
 - `starts`: the best parameters to begin with

@@ -157,7 +157,7 @@ class Body(OfStructure):
     def with_beliefs(
         self, change: Callable[[Gaussian], tuple[Array, Array]]
     ) -> Body:
-        """Return the body with other beliefs in both its fits.
+        """The body with other beliefs in both its fits.
 
         change : gives the parameters (d,) and the root (d, r) of their covariance
         """
@@ -168,20 +168,20 @@ class Body(OfStructure):
         return replace(body, second=second)
 
     @property
-    def deviations(self) -> Array:
+    def sds(self) -> Array:
         """Posterior sd (d,) of each parameter, zero where nothing was fitted."""
         sd = np.zeros(self.structure.size)
         sd[self.active] = row_lengths(self.root)
         return sd
 
     @property
-    def deviations_by_rows(self) -> Array:
+    def sds_by_rows(self) -> Array:
         """Sd (d,) of what the rows say of each parameter.
 
         The last joint's offset and a tool that stands anywhere are one: where the belief of it is
         the prior's, the rows say nothing, and its sd is that of a turn.
         """
-        sd = self.deviations
+        sd = self.sds
         groups = self.structure.groups
         last = groups["offset"][-1]
         vague = PRIOR_SHARE * self.scales.get("offset", np.inf)
@@ -192,7 +192,7 @@ class Body(OfStructure):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The fitted parameters with 95 % intervals; the curves' harmonics are left out."""
-        half = 1.96 * self.deviations_by_rows
+        half = 1.96 * self.sds_by_rows
         parameters: list[Parameter] = []
         for k in self.active.tolist():
             group, joint, name, unit = self.structure.labels[k]
@@ -218,7 +218,7 @@ class Body(OfStructure):
             a turn
         """
         structure = self.structure
-        sd = self.deviations_by_rows
+        sd = self.sds_by_rows
         lines = [*words_of(structure, self.beta, sd, lower, upper)]
         if not self.simulated:  # of a simulation both bounds are of the truth
             repeats = "no pose was repeated: all of the residual counts as the model's"
@@ -249,7 +249,7 @@ class Body(OfStructure):
 
 
 def _with_belief(belief: _Belief, beta: Array, root: Array) -> _Belief:
-    """Return a fit with other parameters (d,) and the root (d, r) of their covariance."""
+    """A fit with other parameters (d,) and the root (d, r) of their covariance."""
     active = np.flatnonzero(root.any(axis=1))
     kept = as_kept(root[active])
     return replace(belief, beta=beta, active=active, root=kept)

@@ -45,11 +45,11 @@ class BodyFit:
     widening: Array
     notes: tuple[str, ...] = ()  # what the rows cannot tell
     # (n,), held-out errors of orientation, where they were measured
-    turned: Array | None = None
+    orientation_errors: Array | None = None
     beside: tuple[BodyFit, ...] = ()  # the same body as further sensors see it
 
     def of_positions(self) -> BodyFit:
-        """Return a fit to poses as one of positions, with the orientations' errors beside it.
+        """A fit to poses as one of positions, with the orientations' errors beside it.
 
         The parameters that the orientations told stay, the tool's rotation among them.
         """
@@ -66,9 +66,11 @@ class BodyFit:
             residual=body.residual[:3],
             second=second,
         )
-        turned = row_lengths(self.held_out[:, 3:])
+        errors = row_lengths(self.held_out[:, 3:])
         held_out = self.held_out[:, :3]
-        return replace(self, body=positions, held_out=held_out, turned=turned)
+        return replace(
+            self, body=positions, held_out=held_out, orientation_errors=errors
+        )
 
 
 def fit(
@@ -105,9 +107,11 @@ def _fit(
     structure: Structure, rows: Sequence[Rows], begin: Array | None, seed: int
 ) -> BodyFit:
     """Fit a structure, whose drawing counts: start, gate, all rows, second fit, bound."""
-    rows = [replace(some, floor=_least_noise(structure, some)) for some in rows]
-    members = structure.members()
-    chain = dict(members).get("chain", members[0][1])
+    rows = [
+        replace(rows_of_sensor, floor=_least_noise(structure, rows_of_sensor))
+        for rows_of_sensor in rows
+    ]
+    chain = structure.chain_blocks
     if begin is None:
         best = best_start(structure, rows[0], chain)
         start = with_other_sensors(best, rows)
@@ -145,18 +149,18 @@ def fit_sensors(
 def _gate_rows(
     structure: Structure, rows: Sequence[Rows], seed: int
 ) -> list[Rows]:
-    """Return those rows of each sensor that the gate uses, in the order of the log."""
+    """Those rows of each sensor that the gate uses, in the order of the log."""
     rng = np.random.default_rng(seed)
     gate_rows: list[Rows] = []
-    for some in rows:
-        order = rng.permutation(len(some))
+    for rows_of_sensor in rows:
+        order = rng.permutation(len(rows_of_sensor))
         first = order[: structure.gate_rows]
-        gate_rows.append(some.take(np.sort(first)))
+        gate_rows.append(rows_of_sensor.take(np.sort(first)))
     return gate_rows
 
 
 def _least_noise(structure: Structure, rows: Rows) -> Array:
-    """Return the least noise (m,) [unit, rad] that rows are taken to have."""
+    """The least noise (m,) [unit, rad] that rows are taken to have."""
     as_seen = structure.as_seen_by(rows.sensor)
     share = LOG_FLOOR if as_seen.outputs <= 3 else POSE_FLOOR
     if structure.simulated:
@@ -165,19 +169,21 @@ def _least_noise(structure: Structure, rows: Rows) -> Array:
 
 
 def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
-    """Return a fit of the gate's rows carried on over all, its scales as they are."""
+    """A fit of the gate's rows carried on over all, its scales as they are."""
     if max(map(len, rows)) <= fit.structure.gate_rows:
         return fit
     sd = np.zeros(len(fit.beta))
     sd[fit.active] = fit.sd
     prior = Prior(fit.mean, sd)
-    return fit.beginning(rows, prior).maximise(steps=4, tolerance=FIT.settled)
+    return fit.continued_on(rows, prior).maximise(
+        steps=4, tolerance=FIT.settled
+    )
 
 
 def _with_bound(
     member: Member, final: Fit, root: Array, sensor: int, second: Second | None
 ) -> BodyFit:
-    """Return the body as one sensor sees it, with its bound and held-out errors.
+    """The body as one sensor sees it, with its bound and held-out errors.
 
     final : the member's fit to all rows
     root : (k, k), of its covariance
@@ -213,7 +219,7 @@ def _with_bound(
 def _second_fits(
     member: Member, chain: tuple[str, ...], rows: Sequence[Rows]
 ) -> Sequence[Second | None]:
-    """Return a fit of what the member has not, for the bound, as each sensor sees it.
+    """A fit of what the member has not, for the bound, as each sensor sees it.
 
     The whole chain, lens and elasticity, and larger curves.  None of exact samples, and where the
     member has them and the rows speak against curves.
@@ -229,7 +235,7 @@ def _second_fits(
         blocks.add("curve")
     elif blocks <= {*member.free}:
         return none
-    wide = member.fit.beginning(rows, _wide_prior(member, blocks))
+    wide = member.fit.continued_on(rows, _wide_prior(member, blocks))
     wide.maximise(steps=4)
     share = 1.0
     if len(rows[0]) < structure.few_rows:
@@ -243,7 +249,7 @@ def _second_fits(
 
 
 def _wide_prior(member: Member, blocks: set[str]) -> Prior:
-    """Return the prior of what a member fits, which stays as it is, and of further blocks.
+    """The prior of what a member fits, which stays as it is, and of further blocks.
 
     The curves are larger, and some blocks as the structure guards them.
     """

@@ -21,7 +21,7 @@ from .spatial import SpatialStructure
 
 
 def chains(structure: SpatialStructure, rows: Rows) -> list[Start]:
-    """Return chains that fit rows, the best first; at their origins the parameters are zero.
+    """Chains that fit rows, the best first; at their origins the parameters are zero.
 
     The search begins at the structure's own chain, of a drawing where there is one, and goes on at
     random ones until the best end leaves no more than the rows' noise or another one agrees.
@@ -56,7 +56,7 @@ def _beginnings(
 def _ends(
     begins: Iterable[SpatialStructure], rows: Rows, least: float
 ) -> list[Start]:
-    """Return where the search ends that begins at some chains, for the best of these.
+    """Where the search ends that begins at some chains, for the best of these.
 
     Rows of a short path leave a long valley, so that the best ends are carried on.
 
@@ -79,13 +79,13 @@ def _ends(
 
 
 def _after_steps(start: Start, rows: Rows, steps: int) -> Start:
-    """Return a start after damped steps of the chain, which may be anywhere."""
+    """A start after damped steps of the chain, which may be anywhere."""
     prior = start.structure.prior(("placement", "tool"))
     return start.run(rows, prior, steps)
 
 
 def _agreeing(ends: list[Start], near: float) -> int:
-    """Return how many ends explain the rows as well as the best of these, but for some nats."""
+    """How many ends explain the rows as well as the best of these, but for some nats."""
     share = START.explained_share
     costs = [end.cost for end in ends if end.noise <= share]
     best = min(costs, default=0.0)
@@ -93,7 +93,7 @@ def _agreeing(ends: list[Start], near: float) -> int:
 
 
 def _with_fitted_chain(end: Start) -> Start:
-    """Return an end whose nominal chain is where its parameters put origins and tip."""
+    """An end whose nominal chain is where its parameters put origins and tip."""
     structure = end.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - chains are in space
     zero = np.zeros((structure.chain.joints, 1))

@@ -19,7 +19,7 @@ from .structure import Structure
 class Fit:
     """Some parameters of a structure fitted to rows of one sensor or several.
 
-    structure : of several sensors that which `rows.with_measurements` gives
+    structure : of several sensors as `rows.with_measurements` makes it
     rows : what each sensor saw; what is said of a fit's residuals and noise is of the first
     beta : (d,), start
     prior : parameters with a zero sd stay at the prior's mean
@@ -72,7 +72,8 @@ class Fit:
         self.scales = {hyper.name: float(hyper.scale) for hyper in self.hypers}
         blocks = min(FIT.blocks, len(rows[0]))
         self.readings = [
-            Readings(structure, some, self.beta, nu, blocks) for some in rows
+            Readings(structure, rows_of_sensor, self.beta, nu, blocks)
+            for rows_of_sensor in rows
         ]
 
     @property
@@ -92,11 +93,13 @@ class Fit:
             return self._precision
         return np.diag(self.sd**-2.0)
 
-    def beginning(self, rows: Sequence[Rows], prior: Prior) -> Fit:
-        """A fit of rows of the same sensors under another prior, from what was found on."""
+    def continued_on(self, rows: Sequence[Rows], prior: Prior) -> Fit:
+        """A fit of rows of the same sensors under another prior, which starts at this one's end."""
         noisy = [
-            replace(some, noise=readings.noise)
-            for some, readings in zip(rows, self.readings, strict=True)
+            replace(rows_of_sensor, noise=readings.noise)
+            for rows_of_sensor, readings in zip(
+                rows, self.readings, strict=True
+            )
         ]
         return Fit(self.structure, noisy, self.beta, prior, nu=self.nu)
 
@@ -119,21 +122,21 @@ class Fit:
     def covariance(self) -> Array:
         """Posterior covariance (k, k)."""
         gram = self.grams.sum(axis=0)
-        return self.softer(gram).inverse()
+        return self.posterior_precision(gram).inverse()
 
-    def softer(self, gram: Array) -> Factor:
+    def posterior_precision(self, gram: Array) -> Factor:
         """Factor of the precision that is left of rows of information `gram` (k, k), and prior."""
         information = self.information_share * gram
         return Factor(information + self.prior_precision)
 
     def without(self, blocks: slice) -> tuple[Array, Array]:
-        """The information (k, k) of all rows but those of some blocks, and the step (k,) to it."""
+        """Information (k, k) of all other blocks, and the step (k,) from beta to their maximum."""
         others = np.ones(len(self.grams))
         others[blocks] = 0.0
         # summed, not subtracted: a parameter that these blocks alone tell, such as where a socket
         # is, has a prior that is lost in the rounding of a difference
         gram = np.tensordot(others, self.grams, axes=1)
-        gradient = others @ self.moments - self._pull(self.beta)
+        gradient = others @ self.moments - self._prior_gradient(self.beta)
         return gram, Factor(gram + self.prior_precision).solve(gradient)
 
     # The search.
@@ -155,11 +158,12 @@ class Fit:
             # drawing, are the long and curved part of it.
             dampings = (0.0, *1e-4 * 8.0 ** np.arange(8))
             gain, delta, damping = self.descend(dampings)
-            self._learn(inverse)
+            self._learn_scales_and_noise(inverse)
             shares = np.abs(delta) / np.sqrt(variance)
             settled = shares.max(initial=0.0) <= tolerance
             if step >= least and settled:
                 break
+            # not even a damped step gains much: the valley's floor
             if damping > 0 and gain <= 0.05:
                 break
         self._linearise()
@@ -258,7 +262,7 @@ class Fit:
         grams, moments = self._information(beta, residuals, indices)
         prior = self.prior_precision[np.ix_(linear, linear)]
         factor = Factor(grams.sum(axis=0) + prior)
-        gradient = moments.sum(axis=0) - self._pull(beta)[linear]
+        gradient = moments.sum(axis=0) - self._prior_gradient(beta)[linear]
         step = np.zeros(len(linear))
         step[linear] = factor.solve(gradient)
         return step
@@ -275,7 +279,7 @@ class Fit:
         gram = self.grams.sum(axis=0)
         self.precision = gram + self.prior_precision
         moment = self.moments.sum(axis=0)
-        self.gradient = moment - self._pull(self.beta)
+        self.gradient = moment - self._prior_gradient(self.beta)
 
     def _information(
         self, beta: Array, residuals: list[Array], indices: Indices
@@ -296,8 +300,8 @@ class Fit:
                 moments[block] += flat.T @ misfit[rows].ravel()
         return grams, moments
 
-    def _learn(self, covariance: Array) -> None:
-        """One step of EM: scales and noise; `covariance` (k, k) is that of the posterior."""
+    def _learn_scales_and_noise(self, covariance: Array) -> None:
+        """Take one step of EM: scales and noise; `covariance` (k, k) is that of the posterior."""
         deviation = (self.beta - self.mean)[self.active]
         variance = np.diag(covariance)
         prior_share = float((covariance * self.prior_precision).sum())
@@ -325,7 +329,7 @@ class Fit:
         for readings in self.readings:
             readings.learn_noise(share)
 
-    def _pull(self, beta: Array) -> Array:
+    def _prior_gradient(self, beta: Array) -> Array:
         """Gradient (k,) of the prior's energy."""
         return self.prior_precision @ (beta - self.mean)[self.active]
 
@@ -338,7 +342,7 @@ class Fit:
             ):
                 energy += readings.energy(residual)
             deviation = (beta - self.mean)[self.active]
-            energy += 0.5 * float(deviation @ self._pull(beta))
+            energy += 0.5 * float(deviation @ self._prior_gradient(beta))
         return energy if np.isfinite(energy) else np.inf
 
 
@@ -352,7 +356,7 @@ class Start:
     noise: float = 0.0  # share of the extents that the residuals have
 
     def run(self, rows: Rows, prior: Prior, steps: int) -> Start:
-        """Return the start carried on by damped steps, with Student noise."""
+        """The start carried on by damped steps, with Student noise."""
         floor = SIMULATED_FLOOR * self.structure.extents
         rows = replace(rows, floor=floor)
         fit = Fit(self.structure, [rows], self.beta, prior, nu=STUDENT)

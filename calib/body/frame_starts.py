@@ -23,25 +23,25 @@ from .spatial import SpatialStructure
 
 
 def best_frame(structure: SpatialStructure, rows: Rows, arm: Array) -> Start:
-    """Return an arm whose sensor and tool are found anew.
+    """An arm whose sensor and tool are found anew.
 
     arm : (d,), the arm's parameters, which stay
     """
     groups = [group for group in structure.frame_groups if group != "lens"]
     sd = structure.prior(groups).sd
-    some = rows.spread(START.guessed_rows)
+    subset = rows.spread(START.guessed_rows)
     runs: list[Start] = []
     for guess in _guesses(structure, rows, arm):
         prior = Prior(guess, sd)
         start = Start(structure, guess)
-        runs.append(start.run(some, prior, START.guess_steps))
+        runs.append(start.run(subset, prior, START.guess_steps))
     best = min(runs, key=lambda run: run.cost)
     prior = Prior(best.beta, sd)
     return best.run(rows, prior, START.steps)
 
 
 def frame_of_drawing(structure: SpatialStructure, rows: Rows) -> Array:
-    """Return parameters (d,) of the nominal arm in the sensor frame that fits rows best.
+    """Parameters (d,) of the nominal arm in the sensor frame that fits rows best.
 
     Raises LogError where even these leave most of what the rows spread.
     """
@@ -145,7 +145,7 @@ def _trackers(
 def _with_tool_turn(
     structure: SpatialStructure, guess: Array, flange: Array, z: Array
 ) -> Array:
-    """Return parameters (d,) with the turn of the tool.
+    """Parameters (d,) with the turn of the tool.
 
     flange : (n, 3, 3), orientations without it, in the sensor's frame
     """
@@ -160,7 +160,7 @@ def _with_tool_turn(
 
 
 def _turn_of_poses(rotations: Array, seen: Array) -> Array:
-    """Return the turn X (3, 3) of the sensor of orientations (n, 3, 3): Z_k = X A_k Y.
+    """The turn X (3, 3) of the sensor of orientations (n, 3, 3): Z_k = X A_k Y.
 
     Relative rotations of any two rows are conjugate, so that X turns the axes of A_k A_l' into
     those of Z_k Z_l' (Park and Martin 1994); rows are paired with their neighbours.

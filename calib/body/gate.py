@@ -80,7 +80,7 @@ def _member_of(
     start: Start,
     nu: float,
 ) -> Member | None:
-    """Return a member with some blocks free, None where the rows leave them open."""
+    """A member with some blocks free, None where the rows leave them open."""
     structure = start.structure
     try:
         prior = structure.prior(free)
@@ -97,7 +97,7 @@ def _member_of(
 
 
 def _wins(richer: Member, simpler: Member) -> bool:
-    """Whether a richer member is better in both currencies.
+    """Whether a richer member is better by both measures.
 
     Either its held-out score gains more than one paired standard error over the blocks and the
     evidence agrees, or the evidence gains three nats and the score agrees.  The blocks of few rows

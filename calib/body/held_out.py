@@ -78,7 +78,7 @@ def leave_blocks_out(fit: Fit, *, sensor: int = 0) -> HeldOut:
     """
     readings = fit.readings[sensor]
     slopes = list(readings.by_blocks(fit.beta, fit.active))
-    in_sample = _prediction(fit, readings, slopes, 0)
+    in_sample = _prediction(fit, readings, slopes, 1, held_out=False)
     by_others = [_prediction(fit, readings, slopes, n) for n in _PARTITIONS]
     finest = by_others[-1]
     wider = finest.radius / in_sample.radius
@@ -109,9 +109,14 @@ def block_scores(fit: Fit) -> Array:
 
 
 def _prediction(
-    fit: Fit, readings: Readings, slopes: Sequence[BlockSlope], count: int
+    fit: Fit,
+    readings: Readings,
+    slopes: Sequence[BlockSlope],
+    count: int,
+    *,
+    held_out: bool = True,
 ) -> Prediction:
-    """Predict the rows of each of `count` groups of blocks from the others; of none from all."""
+    """Predict the rows of each of `count` groups of blocks from the others, or from all rows."""
     positions = readings.outputs[0]
     noise = np.diag(readings.noise[positions] ** 2)
     work = len(readings.z) * len(fit.active)
@@ -119,20 +124,21 @@ def _prediction(
     residual = np.full_like(readings.residual, np.nan)
     shape = (len(residual), *noise.shape)
     spread = np.full(shape, np.nan)
-    groups = max(min(count, len(slopes)), 1)
+    groups = min(count, len(slopes))
     limits = edges_of(len(slopes), groups)
     for first, last in pairwise(limits.tolist()):
-        left_out = slice(first, last) if count else slice(0)
+        left_out = slice(first, last) if held_out else slice(0)
         try:
             gram, step = fit.without(left_out)
-            precision = fit.softer(gram)
+            precision = fit.posterior_precision(gram)
         except np.linalg.LinAlgError:  # the others leave parameters open
             continue
         for rows, slope in slopes[first:last]:
             residual[rows] = readings.residual[rows] - slope @ step
             position_slope = slope[::every, positions]
             predicted = _predicted_covariance(precision, position_slope)
-            spread[rows][::every] = predicted + noise
+            thinned = spread[rows]
+            thinned[::every] = predicted + noise
     return Prediction(residual, spread)
 
 

@@ -30,8 +30,8 @@ Members = tuple[tuple[str, tuple[str, ...]], ...]
 class Layout:
     """A chain and its sensors by their parameters; see `Structure`.
 
-    It sees as one of its `sensors` and of `others`, by number its `place`: its `measurement`.  The
-    `viewpoint` is that sensor, or the first one, and `view`, `unit`, `metre`, `extent` are its.
+    `place` numbers the measurement that predictions are of, among `sensors` and then `others`.
+    `viewpoint` is that sensor, or the first one where it is no sensor.
 
     ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters, ``c`` joints of the chain.  Joint
     values are in rad or m as they are logged; positions in the structure's own unit.
@@ -56,7 +56,8 @@ class Layout:
     sensors: tuple[Sensor, ...]  # all that see the arm
     # what else is measured of it: touches
     others: tuple[Measurement, ...]
-    place: int  # number, in both together, of that which it sees as
+    # number, among `sensors` and then `others`, of what predictions are of
+    place: int
 
     @property
     def is_revolute(self) -> Mask:
@@ -68,18 +69,18 @@ class Layout:
         """Number of joints."""
         return len(self.joint_names)
 
-    # What it is seen by.
+    # Its sensors.
 
     @property
     def viewpoint(self) -> Sensor:
-        """The sensor that it sees as, or beside which it measures something else."""
+        """The sensor that predictions are of, or the first one where they are of no sensor."""
         if self.place < len(self.sensors):
             return self.sensors[self.place]
         return self.sensors[0]
 
     @property
     def measurement(self) -> Measurement:
-        """What it sees as."""
+        """What predictions are of: a sensor, or what else is measured."""
         return (*self.sensors, *self.others)[self.place]
 
     @property
@@ -149,17 +150,17 @@ class Layout:
         return tuple(groups)
 
     def _group_of(self, sensor: Sensor, block: str) -> str:
-        """Name of a sensor's block: of one that it does not see as, after the sensor's name."""
+        """Name of a sensor's block: after the sensor's name, but of the viewpoint."""
         if sensor is self.viewpoint:
             return block
         return f"{sensor.name}.{block}"
 
     def with_fields(self, **fields: Any) -> Self:
-        """Return the structure with other values of its fields."""
+        """The structure with other values of its fields."""
         return replace(self, **fields)  # type: ignore[type-var]
 
     def with_sensor(self, **fields: Any) -> Self:
-        """Return the structure with other values of its sensor's fields: view, unit, ..."""
+        """The structure with other values of its sensor's fields: view, unit, ..."""
         sensors = list(self.sensors)
         sensors[sensors.index(self.viewpoint)] = replace(
             self.viewpoint, **fields
@@ -167,7 +168,7 @@ class Layout:
         return self.with_fields(sensors=tuple(sensors))
 
     def as_seen_by(self, sensor: str | Measurement | None) -> Self:
-        """Return the structure as one of its sensors, by name, or of its measurements sees it.
+        """The structure as one of its sensors, by name, or of its measurements sees it.
 
         None is the only sensor.
         """
@@ -228,6 +229,12 @@ class Layout:
         return tuple(
             (name, groups) for name, groups, wanted in self.ladder() if wanted
         )
+
+    @property
+    def chain_blocks(self) -> tuple[str, ...]:
+        """Blocks of the member that frees the chain, or of the simplest one without it."""
+        members = self.members()
+        return dict(members).get("chain", members[0][1])
 
     # Parameters.
 
@@ -335,7 +342,7 @@ class Layout:
 
 
 def with_all_sensors(structures: Mapping[str, L]) -> L:
-    """Return the first structure with the sensors of all, which are of one chain, by name."""
+    """The first structure with the sensors of all, which are of one chain, by name."""
     first, *further = structures.values()
     if any(type(structure) is not type(first) for structure in further):
         raise OptionError(

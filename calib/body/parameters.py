@@ -65,7 +65,7 @@ class Block:
         scales: tuple[Hyper, ...] = (),
         joints: Sequence[str | None] = (None,),
     ) -> Block:
-        """Return parameters, some or one of each joint, or of none; units in turn."""
+        """Parameters named `parts`, once for each joint; `unit` may be a cycle."""
         units = cycle([unit] if isinstance(unit, str) else unit)
         labels: list[tuple[str | None, str, str]] = []
         for joint in joints:
@@ -75,7 +75,7 @@ class Block:
         return Block(name, tuple(labels), mean, sd, scales)
 
     def with_sensor_name(self, sensor: str) -> Block:
-        """Return the block with the name of a sensor before its parameters'."""
+        """The block with the name of a sensor before its parameters'."""
         if not sensor:
             return self
         parts = tuple(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
@@ -214,7 +214,7 @@ class PlanarStructure(Structure):
 
     def _joints_of_drawing(self, drawing: PlanarDrawing) -> tuple[Block, ...]:
         """Lengths, offsets and gains near those of a drawing."""
-        names = self.joint_names
+        of_joints = partial(Block.of, joints=self.joint_names)
         unit = self._unit_of_lengths
         size = Hyper("length", SHIFT, PRIOR.wider)
         zero = Hyper("offset", TURN, PRIOR.servos, indices=self._has_offset)
@@ -222,9 +222,9 @@ class PlanarStructure(Structure):
         length = np.array(drawing.lengths)
         offset = np.array(drawing.offsets)
         return (
-            Block.of("length", unit, ["length"], 0.0, length, (size,), names),
-            Block.of("offset", "rad", ["offset"], 0.0, offset, (zero,), names),
-            Block.of("gain", "1", ["gain"], 0.0, 1.0, (gain,), names),
+            of_joints("length", unit, ["length"], mean=length, scales=(size,)),
+            of_joints("offset", "rad", ["offset"], mean=offset, scales=(zero,)),
+            of_joints("gain", "1", ["gain"], mean=1.0, scales=(gain,)),
         )
 
     def _unknown_joints(self) -> tuple[Block, ...]:
@@ -238,9 +238,11 @@ class PlanarStructure(Structure):
         anywhere = np.where(self._has_offset, 10.0, 0.0)
         gain = 2.0 * PRIOR.gain
         return (
-            Block.of("length", unit, ["length"], sd, length, (), names),
-            Block.of("offset", "rad", ["offset"], anywhere, joints=names),
-            Block.of("gain", "1", ["gain"], gain, 1.0, (), names),
+            Block.of(
+                "length", unit, ["length"], sd=sd, mean=length, joints=names
+            ),
+            Block.of("offset", "rad", ["offset"], sd=anywhere, joints=names),
+            Block.of("gain", "1", ["gain"], sd=gain, mean=1.0, joints=names),
         )
 
     def _elasticity(self, size: float) -> Block:

@@ -57,9 +57,9 @@ def _free_starts(structure: PlanarStructure, rows: Rows) -> Iterator[Start]:
     if any(revolute):
         choices[revolute.index(True)] = (1,)
     for signs in product(*choices):
-        turned = structure.with_fields(signs=signs)
+        with_signs = structure.with_fields(signs=signs)
         for mirror in (1, -1):
-            side = turned.with_sensor(mirror=mirror)
+            side = with_signs.with_sensor(mirror=mirror)
             yield Start(side, _linear_fit(side, rows))
 
 
@@ -69,9 +69,9 @@ def _starts_of_drawing(
     """The drawing with all signs of its joints, in front of the sensor."""
     for turns in product((1, -1), repeat=structure.dof):
         signs = np.multiply(turns, drawing.signs)
-        turned = structure.with_fields(signs=tuple(signs.tolist()))
-        turned = turned.with_sensor(mirror=drawing.mirror)
-        side, beta = side_and_frame(turned, rows, turned.neutral())
+        candidate = structure.with_fields(signs=tuple(signs.tolist()))
+        candidate = candidate.with_sensor(mirror=drawing.mirror)
+        side, beta = side_and_frame(candidate, rows, candidate.neutral())
         yield Start(side, beta)
 
 

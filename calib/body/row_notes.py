@@ -21,7 +21,7 @@ def warnings_of(
     revolute: Sequence[bool],
     travel: Array | None = None,
 ) -> tuple[str, ...]:
-    """Return short sentences on what rows cannot tell of an arm; empty where they can.
+    """Short sentences on what rows cannot tell of an arm; empty where they can.
 
     q : (n, dof), joint values [rad or m]
     joint_names, revolute : names of the joints; which of them turn
@@ -63,7 +63,7 @@ def _of_small_motions(
 def _tied_joints(
     q: Array, turning: Mask, least_part: float = 0.03
 ) -> tuple[Mask, int]:
-    """Return which joints (dof,) a linear relation ties, and in how many directions they move.
+    """Which joints (dof,) a linear relation ties, and in how many directions they move.
 
     Joints that hardly move by themselves are none of these.
 

@@ -43,9 +43,11 @@ class Rows:
 
 
 def with_measurements(structure: S, rows: Sequence[Rows]) -> S:
-    """Return the structure that measures all that rows are of, as the first of them."""
+    """The structure that measures all that rows are of, as the first of them."""
     others = tuple(
-        some.sensor for some in rows if isinstance(some.sensor, Measurement)
+        rows_of_sensor.sensor
+        for rows_of_sensor in rows
+        if isinstance(rows_of_sensor.sensor, Measurement)
     )
     if not others or structure.others:
         return structure
@@ -162,11 +164,11 @@ class Readings:
         roots: Array = np.sqrt(self.weight)
         return roots / self.noise
 
-    def _weights(self, away: Array, p: int) -> Array:
-        """Weights (n,) of p residuals each, whose squared lengths over the noise's are `away`."""
+    def _weights(self, ratios: Array, p: int) -> Array:
+        """Weights (n,) of p residuals each, whose squared lengths over the noise's are `ratios`."""
         if np.isinf(self.nu):
-            return np.ones_like(away)
-        return (self.nu + p) / (self.nu + away)
+            return np.ones_like(ratios)
+        return (self.nu + p) / (self.nu + ratios)
 
     def energy(self, residual: Array) -> float:
         """Negative log likelihood of residuals (n, m), up to a constant."""

@@ -37,7 +37,7 @@ class PoseFunction:
     value: Callable[[Array], tuple[Array, Array]]
     indices: Indices  # of the parameters that it depends on
 
-    def deviations(self, belief: OfStructure, root: Array) -> Array:
+    def sds(self, belief: OfStructure, root: Array) -> Array:
         """Sd (6,) [m, rad] along and about the axes that it is told in.
 
         root : (d, r), of the covariance of the belief's parameters
@@ -85,9 +85,9 @@ class SensorPose:
         pose = PoseFunction(sensor_pose, sensor_of(structure))
         position, rotation = sensor_pose(body.beta)
         root = body.full_root
-        sd = pose.deviations(body, root)
+        sd = pose.sds(body, root)
         root[body.active] = without_gauge(structure, body, not structure.camera)
-        sd_up_to_gauge = pose.deviations(body, root)
+        sd_up_to_gauge = pose.sds(body, root)
         first: str | None = None
         if structure.view != "base" and structure.revolute[0]:
             first = structure.joint_names[0]
@@ -135,7 +135,7 @@ class SensorPose:
 
 
 def hand_pose(body: OfStructure) -> SensorPose:
-    """Return where what is in the hand stands in the tip's frame, by a belief of its poses.
+    """Where what is in the hand stands in the tip's frame, by a belief of its poses.
 
     The last joint counts as its encoder says: what is in the hand turned about that joint's axis,
     and the joint's offset the other way, give the same pictures; so does a shift along it.  The
@@ -177,9 +177,9 @@ def hand_pose(body: OfStructure) -> SensorPose:
     of_tool = np.append(tool, tool_turn)
     of_last = np.concatenate([of_tool, shift, turn, [offset]])
     root = body.full_root
-    sd = PoseFunction(hand, of_tool).deviations(body, root)
+    sd = PoseFunction(hand, of_tool).sds(body, root)
     at_encoder = PoseFunction(hand_at_encoder, of_last)
-    sd_up_to_gauge = at_encoder.deviations(body, root)
+    sd_up_to_gauge = at_encoder.sds(body, root)
     position, axes = hand_at_encoder(body.beta)
     return SensorPose(position, axes, sd, sd_up_to_gauge)
 

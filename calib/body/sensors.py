@@ -50,28 +50,28 @@ class Sensor(Measurement):
 
     @property
     def view_kind(self) -> ViewKind:
-        """Return the kind of its view."""
+        """The kind of its view."""
         return self.kinds[self.view]
 
     @property
     def outputs(self) -> int:  # type: ignore[override]
-        """Return how many numbers a row has."""
+        """How many numbers a row has."""
         return self.view_kind.outputs
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Return the blocks that every member of the gate fits: its place, the tip that it sees."""
+        """The blocks that every member of the gate fits: its place, the tip that it sees."""
         return self.view_kind.groups
 
     def place(self, beta: Mapping[str, Array]) -> Projection:
-        """Return the sensor at its parameters, by block."""
+        """The sensor at its parameters, by block."""
         raise NotImplementedError
 
     def look(
         self,
         blocks: Mapping[str, Array],
         motion: Motion,
-        also: Array,  # noqa: ARG002
+        row_facts: Array,  # noqa: ARG002
     ) -> Sight:
         """See the tip."""
         return self.place(blocks).look(motion)
@@ -79,7 +79,7 @@ class Sensor(Measurement):
     def parameters_with_name(
         self, arm: ArmSize, *, further: bool
     ) -> tuple[Block, ...]:
-        """Return its parameters with its own name before theirs."""
+        """Its parameters with its own name before theirs."""
         blocks = self.parameters(arm)
         if further and self.marked:
             distance = Hyper(f"{self.name}.marker", PRIOR.marker, PRIOR.markers)
@@ -105,7 +105,7 @@ class InSpace(Sensor):
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Return the blocks that every member of the gate fits; of a camera its lens, too."""
+        """The blocks that every member of the gate fits; of a camera its lens, too."""
         groups = self.view_kind.groups
         if self.camera and any(self.lens_sd):
             return (*groups, "lens")
@@ -113,13 +113,13 @@ class InSpace(Sensor):
 
     @property
     def tool(self) -> Hyper | None:  # type: ignore[override]
-        """Return what is known of the tool: a camera's tag is near the tip."""
+        """What is known of the tool: a camera's tag is near the tip."""
         if not self.camera:
             return None
         return Hyper("tool", PRIOR.tag, PRIOR.wider)
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
-        """Return what the sensor has of its own; a camera stands metres away."""
+        """What the sensor has of its own; a camera stands metres away."""
         unit = self.unit
         size = self.extent
         if self.camera:
@@ -129,18 +129,18 @@ class InSpace(Sensor):
             "lens",
             ("px", "px", "px", "1"),
             ("focal", "centre.u", "centre.v", "k1"),
-            np.asarray(self.lens_sd),
-            np.asarray(self.lens),
+            sd=np.asarray(self.lens_sd),
+            mean=np.asarray(self.lens),
         )
         return (
-            Block.of("view.rotation", "rad", "xyz", 100.0),
-            Block.of("view.shift", unit, "xyz", FREE * size),
-            Block.of("view.scale", "1", "", 100.0),
+            Block.of("view.rotation", "rad", "xyz", sd=100.0),
+            Block.of("view.shift", unit, "xyz", sd=FREE * size),
+            Block.of("view.scale", "1", sd=100.0),
             lens,
         )
 
     def place(self, beta: Mapping[str, Array]) -> Projection:
-        """Return the sensor: where it stands, its scale and its lens."""
+        """The sensor: where it stands, its scale and its lens."""
         scale = float(np.exp(beta["view.scale"][0]))
         if not self.camera:
             scale *= self.metre
@@ -172,25 +172,26 @@ class InPlane(Sensor):
     centre: tuple[float, float] = (0.0, 0.0)
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
-        """Return what the sensor has of its own."""
+        """What the sensor has of its own."""
         rotation = 0.0
         shift = np.zeros(2)
         if self.view == "base":
             rotation = arm.rotation
             shift = self.metre * np.asarray(arm.shift)
+        anywhere = FREE * self.extent
         slope = f"1/{arm.unit}"
         middle = ("radial", "centre x", "centre y")
         return (
-            Block.of("view.rotation", "rad", "", 100.0, rotation),
-            Block.of("view.scale", "1", "", 100.0),
-            Block.of("view.shear", "1", ("stretch", "shear"), 1.0),
-            Block.of("view.shift", self.unit, "xy", FREE * self.extent, shift),
-            Block.of("view.tilt", slope, "xy", 1.0 / arm.reach),
-            Block.of("lens", "1", middle, 0.5),
+            Block.of("view.rotation", "rad", sd=100.0, mean=rotation),
+            Block.of("view.scale", "1", sd=100.0),
+            Block.of("view.shear", "1", ("stretch", "shear"), sd=1.0),
+            Block.of("view.shift", self.unit, "xy", sd=anywhere, mean=shift),
+            Block.of("view.tilt", slope, "xy", sd=1.0 / arm.reach),
+            Block.of("lens", "1", middle, sd=0.5),
         )
 
     def place(self, beta: Mapping[str, Array]) -> Projection:
-        """Return the plane as a picture, or without tilt and bend positions as they are."""
+        """The plane as a picture, or without tilt and bend positions as they are."""
         size = PRIOR.lens_size * self.extent
         radial = beta["lens"][0]
         middle = self.centre + size * beta["lens"][1:]

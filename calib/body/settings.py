@@ -52,6 +52,10 @@ class PriorSettings:
     wider: tuple[float, float] = (1.0, 20.0)
     # the same of offsets: 10 deg where servos were put on
     servos: tuple[float, float] = (1.0, 100.0)
+    # the same of joint origins by touches: not far off where nothing tells how large the arm is,
+    # further where a sensor or a distance does
+    touches: tuple[float, float] = (FINER[0], 1.0)
+    sized_touches: tuple[float, float] = (FINER[0], 5.0)
     # sd of a joint's gain, of a drawing; twice that without one
     gain: float = 1e-3
     # joints bend by this much [rad] under the largest torque of gravity, or of a unit weight; in

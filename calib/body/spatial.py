@@ -34,11 +34,11 @@ class SpatialStructure(Structure):
     kind = "spatial"
     gate_rows = 1200  # each has three outputs and hundreds of parameters
     wide = (200.0, 1e-3)
-    # they tell how large its curves are altogether, if not where
+    # fewer rows tell how large its curves are altogether, if not where
     few_rows = FIT.shared_rows
     # the nominal chain [m]: of a URDF, or what `chain_starts` found without one
     chain: SpatialChain
-    # active joints (dof), and all joints of the chain (m) with mimic joints
+    # active joints (dof), and all joints of the chain (c) with mimic joints
     joint_names: tuple[str, ...]
     chain_names: tuple[str, ...]
     revolute: tuple[bool, ...]  # which active joints turn
@@ -109,13 +109,17 @@ class SpatialStructure(Structure):
         indices = np.flatnonzero(self._has_motor_before)
         gears = Hyper("coupling", PRIOR.coupling, pseudo=1.0, indices=indices)
         return (
-            Block.of("tool", "m", "xyz", self._reach, 0.0, tools),
-            Block.of("tool.rotation", "rad", "xyz", turn),
+            Block.of("tool", "m", "xyz", sd=self._reach, scales=tools),
+            Block.of("tool.rotation", "rad", "xyz", sd=turn),
             self._placement(),
             self._offset(),
-            Block.of("gain", "1", ["gain"], 0.0, 1.0, (gain,), names),
+            Block.of(
+                "gain", "1", ["gain"], mean=1.0, scales=(gain,), joints=names
+            ),
             *self._elasticity(),
-            Block.of("coupling", "1", ["coupling"], 0, 0, (gears,), names[1:]),
+            Block.of(
+                "coupling", "1", ["coupling"], scales=(gears,), joints=names[1:]
+            ),
             *self.curves(PRIOR.curve_rms, PRIOR.curve_rows, curve_shape()),
         )
 
@@ -155,8 +159,9 @@ class SpatialStructure(Structure):
             sd = np.tile(shift_and_turn, count)
         parts = [f"{way}.{axis}" for way in ("shift", "turn") for axis in "xyz"]
         units = ["m"] * 3 + ["rad"] * 3
+        names = self.chain_names
         return Block.of(
-            "placement", units, parts, sd, 0.0, scales, self.chain_names
+            "placement", units, parts, sd=sd, scales=scales, joints=names
         )
 
     def _offset(self) -> Block:
@@ -171,7 +176,9 @@ class SpatialStructure(Structure):
         )
         units = np.where(turning, "rad", "m").tolist()
         names = self.joint_names
-        return Block.of("offset", units, ["offset"], 0.0, 0.0, scales, names)
+        return Block.of(
+            "offset", units, ["offset"], scales=scales, joints=names
+        )
 
     def _elasticity(self) -> Iterator[Block]:
         """Blocks of how much loads bend the joints, and of where gravity points."""
@@ -187,7 +194,7 @@ class SpatialStructure(Structure):
             scale = Hyper(block, PRIOR.elastic, pseudo=1.0)
             yield Block(block, tuple(labels), scales=(scale,))
         axes = ["xyz"[axis] for axis in self._level_axes]
-        yield Block.of("gravity", "rad", axes, PRIOR.tilt)
+        yield Block.of("gravity", "rad", axes, sd=PRIOR.tilt)
 
     @property
     def has_masses(self) -> bool:
@@ -341,7 +348,7 @@ def _axes(rotation: Array) -> Array:
 def structure_of(
     arm: PlanarArm | SpatialArm, view: str = "rigid", **fields: Any
 ) -> SpatialStructure:
-    """Return the structure of an arm and a view of it, its URDF being the prior.
+    """The structure of an arm and a view of it, its URDF being the prior.
 
     `fields` are those of its sensor, see `InSpace`, and of the structure: gravity.
     """
@@ -371,7 +378,7 @@ def unknown_structure(
     metre: float = 1.0,
     simulated: bool = False,
 ) -> SpatialStructure:
-    """Return the structure of a serial arm of which only its joints' names are known.
+    """The structure of a serial arm of which only its joints' names are known.
 
     extent : size of the workspace along an output [unit]: the positions' rms spread
     metre : units of positions in one metre

@@ -28,31 +28,30 @@ from .structure import Structure
 def best_start(
     structure: Structure, rows: Rows, free: tuple[str, ...]
 ) -> Start:
-    """Return the start that explains rows best.
+    """The start that explains rows best.
 
     free : groups that the runs fit; the gate's chain
     """
     order = np.random.default_rng(0).permutation(len(rows))
-    some = rows.take(np.sort(order[: START.rows]))
-    runs = candidates(structure, some)
-    if len(runs) == 1:  # nothing to choose from: the gate goes on from here
-        return runs[0]
+    subset = rows.take(np.sort(order[: START.rows]))
+    starts = candidates(structure, subset)
+    if len(starts) == 1:  # nothing to choose from: the gate goes on from here
+        return starts[0]
     for steps in START.run_steps:
-        ends: list[Start] = []
-        for run in runs:
-            prior = run.structure.prior(free)
-            ends.append(run.run(some, prior, steps))
-        runs = ends
-        runs.sort(key=lambda run: run.cost)
-        runs = runs[: START.runs]
+        refined: list[Start] = []
+        for start in starts:
+            prior = start.structure.prior(free)
+            refined.append(start.run(subset, prior, steps))
+        refined.sort(key=lambda start: start.cost)
+        starts = refined[: START.runs]
     # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
-    most = runs[0].cost + START.tied_nats
-    tied = [run for run in runs if not run.cost > most]
-    return min(tied, key=lambda run: run.structure.reversals)
+    most = starts[0].cost + START.tied_nats
+    tied = [start for start in starts if not start.cost > most]
+    return min(tied, key=lambda start: start.structure.reversals)
 
 
 def candidates(structure: Structure, rows: Rows) -> list[Start]:
-    """Return structures (signs, mirror, chain) and parameters to begin with, the best first.
+    """Structures (signs, mirror, chain) and parameters to begin with, the best first.
 
     The noise of `rows` is that of a simulation, where it says so.
     """
@@ -61,8 +60,8 @@ def candidates(structure: Structure, rows: Rows) -> list[Start]:
     assert isinstance(structure, SpatialStructure)  # noqa: S101
     _refuse_open(structure, rows.z)
     if not structure.informed:
-        some = rows.spread(START.chain_rows)
-        return chains(structure, some)
+        subset = rows.spread(START.chain_rows)
+        return chains(structure, subset)
     return [_start_of_drawing(structure, rows)]
 
 
@@ -87,7 +86,7 @@ def _refuse_open(structure: SpatialStructure, z: Array) -> None:
 
 
 def _start_of_drawing(structure: SpatialStructure, rows: Rows) -> Start:
-    """Return the drawing in front of its sensor."""
+    """The drawing in front of its sensor."""
     beta = frame_of_drawing(structure, rows)
     if structure.view == "base pose":
         turn = beta[structure.groups["tool.rotation"]]
@@ -97,24 +96,24 @@ def _start_of_drawing(structure: SpatialStructure, rows: Rows) -> Start:
 
 
 def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
-    """Return a start with the further sensors placed where its arm, and their rows, say."""
+    """A start with the further sensors placed where its arm, and their rows, say."""
     structure = start.structure
     beta = start.beta
     for rows_of_sensor in rows[1:]:
         if not isinstance(rows_of_sensor.sensor, str):
             continue
         other = structure.as_seen_by(rows_of_sensor.sensor)
-        some = rows_of_sensor.spread(START.rows)
+        subset = rows_of_sensor.spread(START.rows)
         if isinstance(other, PlanarStructure):
-            other, beta = side_and_frame(other, some, beta)
+            other, beta = side_and_frame(other, subset, beta)
         elif isinstance(other, SpatialStructure):
-            beta = _with_sensor(other, some, beta)
+            beta = _with_sensor(other, subset, beta)
         structure = other.as_seen_by(structure.viewpoint.name)
     return replace(start, structure=structure, beta=beta)
 
 
 def _with_sensor(structure: SpatialStructure, rows: Rows, arm: Array) -> Array:
-    """Return parameters (d,) of an arm with the sensor and its marker where rows say."""
+    """Parameters (d,) of an arm with the sensor and its marker where rows say."""
     groups = structure.groups
     fitted = best_frame(structure, rows, arm).beta
     beta = arm.copy()

@@ -158,8 +158,10 @@ class Structure(Layout):
         motion = self.move(values, beta)
         if isinstance(self.measurement, Sensor):
             return motion, constants.sensor.look(motion)
-        also = q[:, self.dof :]
-        return motion, self.measurement.look(constants.blocks, motion, also)
+        row_facts = q[:, self.dof :]
+        return motion, self.measurement.look(
+            constants.blocks, motion, row_facts
+        )
 
     def sensor(self, beta: Array) -> Projection:
         """The sensor: where it stands, its scale and its lens."""
@@ -251,33 +253,33 @@ class Structure(Layout):
 
     def _by_gravity(self, q: Array, beta: Array, chain_slope: Array) -> Array:
         """How outputs (t, m, n) move as gravity tilts."""
-        moved: list[Array] = []
+        slopes: list[Array] = []
         for tilt in self.tilts["gravity"]:
             bends = self.bends(q, beta, tilt)
             by_joints = chain_slope * bends[:, None]
-            moved.append(by_joints.sum(axis=0))
-        return np.array(moved)
+            slopes.append(by_joints.sum(axis=0))
+        return np.array(slopes)
 
     def _by_sensor(
         self, block: str, q: Array, motion: Motion, beta: Array
     ) -> Array:
         """How outputs (k, m, n) move with a block of the sensor's parameters, by differences."""
-        moved: list[Array] = []
+        slopes: list[Array] = []
         for index in self.groups[block]:
             step = np.zeros(self.size)
             step[index] = _STEP
             ahead = self._sight_after(step, beta, motion, q)
             behind = self._sight_after(-step, beta, motion, q)
-            moved.append(self.residual(ahead, behind).T)
-        return np.array(moved) / (2 * _STEP)
+            slopes.append(self.residual(ahead, behind).T)
+        return np.array(slopes) / (2 * _STEP)
 
     def _sight_after(
         self, step: Array, beta: Array, motion: Motion, q: Array
     ) -> Array:
         """Outputs (n, m) of a motion at rows (n, dof + a), after a step (d,) of the sensor."""
         blocks = self.by_blocks(self.retract(beta, step))
-        also = q[:, self.dof :]
-        sight = self.measurement.look(blocks, motion, also)
+        row_facts = q[:, self.dof :]
+        sight = self.measurement.look(blocks, motion, row_facts)
         return sight.values
 
     def by_blocks(self, beta: Array) -> dict[str, Array]:
@@ -302,17 +304,17 @@ class Structure(Layout):
             logged = joints.T[bent]
             rates[bent] += curve_slope(logged, constants.curves)
         joint_slope = self.joint_slope(chain_slope)
-        moved = joint_slope * rates[:, None]
+        slopes = joint_slope * rates[:, None]
         coupling = constants.coupling
         if coupling is not None:
-            moved[:-1] += joint_slope[1:] * coupling[:, None]
+            slopes[:-1] += joint_slope[1:] * coupling[:, None]
         for block, elastic in constants.elastic.items():
             loads = self.loads[block]
-            slopes = loads.slopes(joints, constants.gravity)
-            bends = elastic[:, None, None] * slopes
+            load_slopes = loads.slopes(joints, constants.gravity)
+            bends = elastic[:, None, None] * load_slopes
             bent_slope = chain_slope[loads.joints]
-            moved += np.einsum("emn,ekn->kmn", bent_slope, bends)
-        return np.ascontiguousarray(moved.transpose(2, 1, 0))
+            slopes += np.einsum("emn,ekn->kmn", bent_slope, bends)
+        return np.ascontiguousarray(slopes.transpose(2, 1, 0))
 
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, m, dof) of the outputs by the joint values."""

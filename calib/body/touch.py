@@ -47,14 +47,14 @@ class Touch(Measurement):
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
         """The sockets."""
         names = [f"{k}.{axis}" for k in range(self.count) for axis in "xyz"]
-        return (Block.of("point", "m", names, FREE * arm.reach),)
+        return (Block.of("point", "m", names, sd=FREE * arm.reach),)
 
     def look(
-        self, blocks: Mapping[str, Array], motion: Motion, also: Array
+        self, blocks: Mapping[str, Array], motion: Motion, row_facts: Array
     ) -> Sight:
         """See the tip in its sockets."""
         places = blocks["point"].reshape(-1, 3)
-        number = also[:, 0].astype(int)
+        number = row_facts[:, 0].astype(int)
         miss = motion.position.T - places[number]
         return Sight(miss, np.eye(3))
 
@@ -75,7 +75,7 @@ class Facts(Measurement):
         self,
         blocks: Mapping[str, Array],
         motion: Motion,  # noqa: ARG002
-        also: Array,
+        row_facts: Array,
     ) -> Sight:
         """See how far the sockets are off."""
         places = blocks["point"].reshape(-1, 3)
@@ -84,7 +84,7 @@ class Facts(Measurement):
             misfit = fact.misfit(places)
             misfits.append(misfit / fact.tolerance)
         misfit = np.concatenate(misfits)
-        rows = also[:, 0].astype(int)
+        rows = row_facts[:, 0].astype(int)
         values = misfit[rows, None]
         return Sight(values, np.zeros((1, 3)))
 
@@ -92,19 +92,18 @@ class Facts(Measurement):
 def rows_of_touches(
     q: Array, point: Indices, known: Sequence[Known], x: Array
 ) -> list[Rows]:
-    """Return touches, positions, and what is known of sockets, each a measurement.
+    """Touches, positions, and what is known of sockets, each a measurement.
 
     The parameters are those of `fit_touches`.
     """
     touched = point >= 0
     measured = ~touched
-    # origins are not far off where nothing tells how large the arm is
     has_distance = any(fact.value is not None for fact in known)
-    most = 1.0
+    within = PRIOR.touches
     if measured.any() or has_distance:
-        most = 5.0
+        within = PRIOR.sized_touches
     sockets = int(point.max()) + 1
-    touch = Touch(sockets, within=(FINER[0], most))
+    touch = Touch(sockets, within=within)
     number = point[touched].astype(float)
     numbered = np.column_stack([q[touched], number])
     miss = np.zeros((len(number), 3))
@@ -211,7 +210,7 @@ def _beginning(
 
 
 def _about_means(residual: Array, point: Indices) -> Array:
-    """Return held-out residuals, about their mean where a block has most touches of a socket.
+    """Held-out residuals, about their mean where a block has most touches of a socket.
 
     What the other blocks say of the arm does not tell where such a socket is.
     """
@@ -228,7 +227,7 @@ def _about_means(residual: Array, point: Indices) -> Array:
 
 
 def in_structure(body: Body, structure: SpatialStructure) -> Body:
-    """Return the belief in another structure of the same arm, without what that does not have."""
+    """The belief in another structure of the same arm, without what that does not have."""
     index = {label.name: k for k, label in enumerate(structure.labels)}
     names = [label.name for label in body.structure.labels]
     shared = [k for k, name in enumerate(names) if name in index]
@@ -247,7 +246,7 @@ def in_structure(body: Body, structure: SpatialStructure) -> Body:
 
 
 def without_whole_motion(body: Body, q: Array) -> Body:
-    """Return the belief without what moves the arm as a whole, on average over `q` (n, dof).
+    """The belief without what moves the arm as a whole, on average over `q` (n, dof).
 
     No touch tells a motion of the whole arm: it stays as drawn, and intervals and bounds leave it
     out.  The first joint's origin moves the arm as a whole, so that it takes the opposite part.
@@ -272,7 +271,7 @@ def without_whole_motion(body: Body, q: Array) -> Body:
 
 
 def with_size(body: Body, sd: float) -> Body:
-    """Return the belief of an arm whose size is known to a relative `sd` alone.
+    """The belief of an arm whose size is known to a relative `sd` alone.
 
     Growing by one factor, arm and sockets together, leaves every touch as it was.  The drawing
     knows the size to some `DRAWN_SIZE`, and so does a distance of sockets that somebody stated.

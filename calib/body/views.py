@@ -95,11 +95,11 @@ class Sight(NamedTuple):
         return moved
 
 
-def _product(slope: Array, moved: Array) -> Array:
+def _product(slope: Array, motions: Array) -> Array:
     """Products (..., m, n) of derivatives (m, d) or (m, d, n) and motions (..., d, n)."""
     if slope.ndim == 2:
-        return slope @ moved
-    products = slope * moved[..., None, :, :]
+        return slope @ motions
+    products = slope * motions[..., None, :, :]
     total: Array = products.sum(axis=-2)
     return total
 
@@ -129,17 +129,17 @@ class Measurement:
     tool: Hyper | None = None
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:  # noqa: ARG002
-        """Return the sensor's own parameters."""
+        """The sensor's own parameters."""
         return ()
 
     def look(
-        self, blocks: Mapping[str, Array], motion: Motion, also: Array
+        self, blocks: Mapping[str, Array], motion: Motion, row_facts: Array
     ) -> Sight:
         """See the chain at n rows.
 
         blocks : all parameters, by block
         motion : where the chain is
-        also : (n, g), what else a row tells: which point was touched, which corner was seen
+        row_facts : (n, g), what else a row tells: which point was touched, which corner was seen
         """
         raise NotImplementedError
 

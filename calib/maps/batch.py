@@ -114,7 +114,8 @@ def _growing(lattice: Lattice, coarse: list[Lattice]) -> list[Stage]:
     An epoch costs little there.
     """
     stages = _refinement(lattice, coarse)
-    times = np.linspace(0.0, BATCH.grown, len(stages) + 1).tolist()
+    ends = len(stages) + 1
+    times = np.linspace(0.0, BATCH.grown, ends).tolist()
     growing = [
         replace(stage, progress=span)
         for stage, span in zip(stages, pairwise(times), strict=True)

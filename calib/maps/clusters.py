@@ -54,7 +54,8 @@ class Clusters:
 
     def nearest(self, nodes: Index, place: Array, scale: Scale) -> Index:
         """Which cluster (...) of sensory nodes (...) is nearest to places (..., dof)."""
-        gap = scale.difference(self.centre[nodes], place[..., None, :])
+        centres = self.centre[nodes]
+        gap = scale.difference(centres, place[..., None, :])
         distance = np.linalg.norm(gap, axis=-1)
         exists = self.strength[nodes] > 0
         distance = np.where(exists, distance, np.inf)
@@ -74,7 +75,8 @@ def _table_of_clusters(links: SparseRows, strongest: Index) -> Index:
     column = np.arange(len(owner)) - first
     strong = column < READOUT.most_clusters
     columns = int(column[strong].max()) + 1
-    table = np.full((links.shape[0], columns), -1)
+    nodes = links.shape[0]
+    table = np.full((nodes, columns), -1)
     table[owner[strong], column[strong]] = order[strong]
     return table
 

@@ -75,23 +75,12 @@ def learn_gng(
             first += len(block)
             done += len(block)
             progress = min(1.0, done / until_grown)
-            total += present_gng(
-                gas,
-                block,
-                decay,
-                gain,
-                progress,
-            )
+            total += present_gng(gas, block, decay, gain, progress)
             wanted = 2 + int((nodes - 2) * progress)
             while len(gas.weights) < wanted and len(gas.pairs):
                 insert(gas)
-        yield Epoch.of(
-            u,
-            gas.weights,
-            gas.graph,
-            0.0,
-            total / shown,
-        )
+        error = total / shown
+        yield Epoch.of(u, gas.weights, gas.graph, 0.0, error)
 
 
 def present_gng(
@@ -144,7 +133,8 @@ def _move_nodes(
     """
     n = len(wins)
     ends = gas.pairs.T.ravel()
-    neighbours = gas.pairs[:, ::-1].T.ravel()
+    swapped = gas.pairs[:, ::-1]
+    neighbours = swapped.T.ravel()
     # what many steps add up to: a node keeps (1 - epsilon)^wins of its place
     rate_winner = -np.log1p(-GROWING.epsilon_b)
     rate_neighbour = -np.log1p(-GROWING.epsilon_n)

@@ -122,7 +122,8 @@ def entry_rows(indptr: NDArray[np.integer]) -> Index:
 
 def _oja_factor(a: csr_array) -> Array:
     """Factor (nodes,) on sums of a_i a_j that gives the links of Oja's rule, of one side's a."""
-    square = group_sums(a.indices, a.data**2, a.shape[1])
+    nodes = a.shape[1]
+    square = group_sums(a.indices, a.data**2, nodes)
     active = square > 0
     reached = -np.expm1(-square)
     return np.divide(reached, square, out=np.zeros_like(square), where=active)

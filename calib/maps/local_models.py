@@ -41,9 +41,10 @@ def exponents(dim: int, degree: int) -> Index:
 
 def monomials(z: Array, terms: Index) -> Array:
     """Products of powers of `z` (..., d) by their exponents (terms, d), (..., terms)."""
-    products = np.ones((*z.shape[:-1], len(terms)))
+    rows = z.shape[:-1]
+    products = np.ones((*rows, len(terms)))
     for axis, exponent in enumerate(terms.T):
-        powers = [np.ones(z.shape[:-1])]
+        powers = [np.ones(rows)]
         for _ in range(exponent.max(initial=0)):
             powers.append(powers[-1] * z[..., axis])
         products *= np.stack(powers, axis=-1)[..., exponent]
@@ -192,7 +193,8 @@ def correction_slope(models: LocalModels, blend: Blend) -> Array:
     by_axis = []
     for axis in range(dof):
         lower = terms.copy()
-        lower[:, axis] = np.maximum(lower[:, axis] - 1, 0)
+        less = lower[:, axis] - 1
+        lower[:, axis] = np.maximum(less, 0)
         by_axis.append(terms[:, axis] * monomials(z, lower))
     slopes = np.stack(by_axis) / radius
     weight = _weights(models, blend)[..., None, None]

@@ -33,10 +33,12 @@ class BodyInBox:
     scale: Scale  # range of the joints
 
     def value(self, u: Array) -> Array:  # noqa: D102
-        return self.body.predict(self.scale.from_unit(u))
+        q = self.scale.from_unit(u)
+        return self.body.predict(q)
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:  # noqa: D102
-        value, slope = self.body.predict_and_slope(self.scale.from_unit(u))
+        q = self.scale.from_unit(u)
+        value, slope = self.body.predict_and_slope(q)
         return value, slope * self.scale.span
 
 

@@ -154,7 +154,8 @@ class SOM:
         sensory_som = replace(self, seed=sensory_seed)
         motor = motor_som.fit(q, scale=scales[0])
         sensory = sensory_som.fit(x, scale=scales[1])
-        return Association.learn(motor, u, sensory, v, wiring_of(self.links))
+        wiring = wiring_of(self.links)
+        return Association.learn(motor, u, sensory, v, wiring)
 
     def online_pair(
         self,
@@ -169,7 +170,8 @@ class SOM:
         shapes : of the two lattices, where they differ
         """
         wiring = wiring_of(self.links)
-        lattices = [Lattice(shape_of(s)) for s in shapes or [self.size] * 2]
+        sizes = shapes or (self.size, self.size)
+        lattices = [Lattice(shape_of(size)) for size in sizes]
         net, epochs = self._network_and_epochs(lattices, points, scales, wiring)
         history = []
         with one_blas_thread():

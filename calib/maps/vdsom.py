@@ -84,7 +84,8 @@ class Layer:
             w = w[(slice(None), *window)]
             # beyond 1 the nodes around a winner would all jump to the sample
             step = min(alpha * gain, 1.0) * h  # eq. 8
-        sample = x.reshape(-1, *(1,) * self.lattice.dim)
+        axes = (1,) * self.lattice.dim
+        sample = x.reshape(-1, *axes)
         w += step * (sample - w)  # eq. 2
         return float(squares[winner] ** 0.5)
 
@@ -290,7 +291,8 @@ def passes(
         order = rng.permutation(n)
         t = epoch * n + np.arange(n)
         rates = Rates.training(t, sigma, epochs * n, len(points))
-        distances = net.show([x[order] for x in points], rates)
+        samples = [x[order] for x in points]
+        distances = net.show(samples, rates)
         yield [
             Epoch.of(
                 x,

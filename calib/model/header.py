@@ -136,7 +136,7 @@ def _arm(name: str, arm: KernelArm, single: bool) -> str:
         arm.offset,
         arm.chain.axes,
         np.vstack([links.strides[:-1, :, 0], place]),
-        np.concatenate([links.turns, rotation[None]]).reshape(-1, 9),
+        np.concatenate([links.rotations, rotation[None]]).reshape(-1, 9),
     )
     rows = [braces(np.asarray(part, dtype=float), single) for part in numbers]
     listed = ",\n".join([*rows, str(int(arm.bends))])

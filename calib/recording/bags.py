@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.wording import INSTALL, listing
 from ..errors import LogError
 from ..samples.motion import (
@@ -63,10 +63,7 @@ def read_bag(
         topics = {c.topic: c.msgtype for c in reader.connections}
         source = _topic(topics, joints_topic, _JOINTS, "joints_topic")
         names, times, values = _joint_states(reader, source, joints)
-        tips = sorted(topic for topic, kind in topics.items() if kind == _TF)
-        is_other = tip_topic is not None or {*_POSITIONS} & {*topics.values()}
-        if not tips or (frames is None and tip_topic not in tips and is_other):
-            tips = [_topic(topics, tip_topic, (*_POSITIONS, _TF), "tip_topic")]
+        tips = _tip_topics(topics, tip_topic, frames)
         frame, poses = _poses(reader, tips, frames)
     poses = poses[np.argsort(poses[:, 0], kind="stable")]
     stamps = poses[:, 0]
@@ -75,18 +72,13 @@ def read_bag(
     if time_offset is None:
         time_offset, notes = _offset(stamps, x, times, values)
     stamps = stamps + time_offset
-    doubts = gaps_between(stamps, times, max_gap) | {
-        "not finite": ~np.isfinite(x).all(axis=1)
-    }
+    doubts = gaps_between(stamps, times, max_gap)
+    doubts["not finite"] = np.asarray(~np.isfinite(x).all(axis=1))
     if still is not None:
         fast = joint_speed(stamps, times, values) > still
         doubts[f"a joint moved faster than {still:g}"] = fast
-    usable = np.ones(len(stamps), dtype=bool)
-    for why, wrong in doubts.items():
-        count = np.count_nonzero(usable & wrong)
-        if count:
-            notes.append(f"{count} positions left out: {why}")
-        usable = usable & ~wrong
+    usable, reasons = _usable_rows(len(stamps), doubts)
+    notes = [*notes, *reasons]
     if not usable.any():
         hint = "change `max_gap`, `still` or `time_offset`"
         raise LogError(f"no position is left ({'; '.join(notes)})", hint=hint)
@@ -104,6 +96,33 @@ def read_bag(
         time=stamps - stamps[0],
         notes=tuple(notes),
     )
+
+
+def _tip_topics(
+    topics: Mapping[str, str],
+    tip_topic: str | None,
+    frames: Sequence[str] | None,
+) -> list[str]:
+    """Topics that tell where the tip is: those of tf, where no other does or is asked for."""
+    tips = sorted(topic for topic, kind in topics.items() if kind == _TF)
+    is_other = tip_topic is not None or {*_POSITIONS} & {*topics.values()}
+    if not tips or (frames is None and tip_topic not in tips and is_other):
+        return [_topic(topics, tip_topic, (*_POSITIONS, _TF), "tip_topic")]
+    return tips
+
+
+def _usable_rows(
+    count: int, doubts: Mapping[str, Mask]
+) -> tuple[Mask, list[str]]:
+    """Rows (count,) that no doubt concerns, and notes of how many are left out for each."""
+    notes: list[str] = []
+    usable = np.ones(count, dtype=bool)
+    for why, wrong in doubts.items():
+        excluded = np.count_nonzero(usable & wrong)
+        if excluded:
+            notes.append(f"{excluded} positions left out: {why}")
+        usable = usable & ~wrong
+    return usable, notes
 
 
 def _reader(path: Path) -> Any:

@@ -223,12 +223,8 @@ def _corners_in(
             names.append(name)
     count = len(names) + len(few)
     if len(names) < LEAST:
-        most = max([*few.values(), *map(len, corners.values())], default=0)
-        raise LogError(
-            f"the board is in {len(names)} of {count} pictures, expected {LEAST} with "
-            f"{LEAST_CORNERS} corners or more (at most {most} found): "
-            f"{_instead(without[:LEAST], board)}"
-        )
+        counts = [*few.values(), *map(len, corners.values())]
+        raise _few_pictures(len(names), counts, without[:LEAST], board)
     if few:
         notes.append(
             f"no board, or fewer than {LEAST_CORNERS} corners of it, in {len(few)} pictures, "
@@ -247,6 +243,23 @@ def _corners_in(
         notes=tuple(notes),
         episodes=None if episodes is None else episodes[shown],
         rows=shown,
+    )
+
+
+def _few_pictures(
+    shown: int,
+    counts: Sequence[int],
+    without: Sequence[Picture],
+    board: Pattern,
+) -> LogError:
+    """The error that too few pictures show the board.
+
+    counts : corners of each picture;  without : some pictures that do not show it
+    """
+    return LogError(
+        f"the board is in {shown} of {len(counts)} pictures, expected {LEAST} with "
+        f"{LEAST_CORNERS} corners or more (at most {max(counts, default=0)} found): "
+        f"{_instead(without, board)}"
     )
 
 
@@ -335,7 +348,7 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
 def _with_lens(
     hand: Array, lens: Lens, other: Lens, board: Pattern, in_hand: bool
 ) -> Array:
-    """Poses (p, 4, 4) [m] of what is in the hand, told by a lens, as another one tells them."""
+    """Poses (p, 4, 4) [m] of what is in the hand, by another lens than they were found with."""
     boards = inverse(hand) if in_hand else hand
     points = board.points()
     places = place_points(boards, points)

@@ -112,11 +112,11 @@ class Chain:
         template = planar_structure(
             track, names, revolute, None, "homography", "px", False
         )
-        members = dict(template.members())["chain"]
-        begin = best_start(template, Rows(q, track), members)
+        chain = template.chain_blocks
+        begin = best_start(template, Rows(q, track), chain)
         self._structure = begin.structure
         self._beta = begin.beta.copy()
-        self._prior = begin.structure.prior((*members, "lens"))
+        self._prior = begin.structure.prior((*chain, "lens"))
         self._active = np.flatnonzero(self._prior.sd > 0)
 
     def linearise(self, rows: TrackRows) -> Linear:

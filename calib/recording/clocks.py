@@ -190,14 +190,8 @@ class _Pair:
             # a step, shortened where the velocity is a poor guide
             scale = min(1.0, CLOCK.farthest_step / max(abs(late.value), 1e-12))
             model.move(scale * change[:-1])
-            offset = clocks.offset - scale * late.value
-            low = start.offset - CLOCK.farthest
-            high = start.offset + CLOCK.farthest
-            clocks = replace(
-                clocks,
-                offset=float(np.clip(offset, low, high)),
-                rate=clocks.rate + float(scale * change[-1]),
-            )
+            later = -scale * late.value
+            clocks = _moved(clocks, start, later, scale * change[-1])
         return best
 
 
@@ -208,6 +202,16 @@ def _with_error(
     # three neighbouring rows say as much as one; at the ends of a line twice the sd
     doubt = np.sqrt(3.0) * delay_sd * (2.0 if rate else 1.0)
     return replace(clocks, error=median_length(residual), doubt=doubt)
+
+
+def _moved(
+    clocks: Clocks, start: Clocks, later: float, faster: float
+) -> Clocks:
+    """Clocks after a step of offset [s] and rate, not far from where they started."""
+    low = start.offset - CLOCK.farthest
+    high = start.offset + CLOCK.farthest
+    offset = float(np.clip(clocks.offset + later, low, high))
+    return replace(clocks, offset=offset, rate=clocks.rate + float(faster))
 
 
 def _speed(values: Array) -> Array:

@@ -16,7 +16,7 @@ import os
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -223,31 +223,25 @@ def read_dataset(
     angles = _angles(state, names, motors)
     first = next(iter(angles.values()))
     resting = _resting(first, time, episode)
-    wanted_frames = defaultdict[Path, list[tuple[float, int]]](list)
+    instants = defaultdict[Path, list[tuple[float, int]]](list)
     for row in resting.tolist():
         path, begin = paths[row]
-        wanted_frames[path].append((begin + float(time[row]), row))
+        instants[path].append((begin + float(time[row]), row))
     frames: list[tuple[int, Picture]] = []
-    for path, instants in wanted_frames.items():
-        frames += _frames(path, instants, near)
+    for path in instants:
+        frames += _frames(path, instants[path], near)
     notes = [
-        f"{len(frames)} of {len(state)} frames of {chosen}, where the arm is slowest",
+        f"{len(frames)} of {len(state)} frames of {chosen}, where the arm is slowest"
     ]
     if len(frames) < RESTS.least:
         notes.append("the arm hardly stands still: let it rest at each picture")
     rows = [row for row, _ in frames]
     labels = [f"episode {episode[k]} at {time[k]:.3f} s" for k in rows]
-    tables = {
-        unit: JointTable(
-            str(dataset.root),
-            names,
-            q[rows],
-            time=None,
-            pictures=labels,
-            episodes=episode[rows],
-        )
-        for unit, q in angles.items()
-    }
+    label = str(dataset.root)
+    table = JointTable(
+        label, names, first[rows], None, labels, episodes=episode[rows]
+    )
+    tables = {unit: replace(table, q=q[rows]) for unit, q in angles.items()}
     return tables, [picture for _, picture in frames], notes
 
 

@@ -21,7 +21,7 @@ from ..common.choices import ROTATIONS
 from ..common.rows import spread_rows
 from ..errors import LogError, OptionError
 from ..samples.findings import Finding
-from ..samples.other_readings import readings as joint_readings
+from ..samples.interpretations import interpretations
 from ..samples.settings import DIAGNOSIS
 from .motion_tables import FlangeTable
 from .start import RigStart, find_start
@@ -134,17 +134,12 @@ def _turns(numbers: Array) -> list[tuple[str, str, Array]]:
     return turns
 
 
-def choose(
-    table: FlangeTable,
-    view: View,
-    unit: str | None = None,
-    rotation: str | None = None,
-    degrees: bool | None = None,
-) -> Choice:
-    """The reading of a table that fits best.
+def _readings_as_stated(
+    table: FlangeTable, rotation: str | None, degrees: bool | None
+) -> list[Reading]:
+    """Readings of a table that agree with what is stated of its rotations.
 
-    unit, rotation, degrees : what is stated of the table; by default all are tried
-    Raises OptionError where no reading is left.
+    Raises OptionError where there is none.
     """
     alike = ALIKE.get(rotation or "", rotation)
     angles = None if degrees is None else ("deg" if degrees else "rad")
@@ -159,13 +154,30 @@ def choose(
             f"rotation {rotation!r} is none of the poses: expected one of {', '.join(ROTATIONS)} "
             "that has as many numbers"
         )
+    return readings
+
+
+def choose(
+    table: FlangeTable,
+    view: View,
+    unit: str | None = None,
+    rotation: str | None = None,
+    degrees: bool | None = None,
+) -> Choice:
+    """The reading of a table that fits best.
+
+    unit, rotation, degrees : what is stated of the table; by default all are tried
+    Raises OptionError where no reading is left.
+    """
+    readings = _readings_as_stated(table, rotation, degrees)
     starts = [
         find_start(reading.flange[view.rows], view, unit)
         for reading in readings
     ]
-    order = sorted(range(len(readings)), key=lambda k: starts[k].rank)
-    least = starts[order[0]].rank
-    tied = [k for k in order if starts[k].rank < TIED * least]
+    ranks = [start.rank for start in starts]
+    order = sorted(range(len(readings)), key=lambda k: ranks[k])
+    least = ranks[order[0]]
+    tied = [k for k in order if ranks[k] < TIED * least]
 
     def unusual(k: int) -> tuple[bool, bool, bool]:
         """Whether it is base in flange, of no name in the header, and of no maker."""
@@ -176,7 +188,7 @@ def choose(
     best = min(tied, key=unusual)
     reading = readings[best]
     start = starts[best]
-    others = [starts[k].rank for k in order if k != best]
+    others = [ranks[k] for k in order if k != best]
     convention = Convention(
         unit=start.unit,
         angles=reading.angles,
@@ -205,6 +217,8 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     is_board = abs(np.expm1(usual.size)) < _MISSAID
     if usual.misfit < _FAR and is_board:
         return
+
+    # the reading that explains some of the pictures far better
     rows = spread_rows(len(q), _TRIED)
     thinned = replace(view, boards=view.boards[rows])
     other_eye = replace(thinned, in_hand=not view.in_hand)
@@ -225,15 +239,20 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
             f"the pictures fit the joints only if {words}", hint=hint
         )
     if not is_board and len(structure.joint_names) > 2:
-        stated = 1e3 * view.board.side
-        measured = stated * np.exp(usual.size)
-        raise LogError(
-            f"by the arm's motions the board's squares measure {measured:.3g} mm, {stated:.4g} mm "
-            "as said: more than any print is off",
-            hint="degrees, order, signs, rows late and the eye were tried: check the board's "
-            "squares, the focal length, that it is this robot, the joints' zeros, and that joints "
-            "are angles and no shares of the motors' range",
-        )
+        raise _wrong_size(view, usual)
+
+
+def _wrong_size(view: View, start: RigStart) -> LogError:
+    """The error that the board measures another size than is stated."""
+    stated = 1e3 * view.board.side
+    measured = stated * np.exp(start.size)
+    return LogError(
+        f"by the arm's motions the board's squares measure {measured:.3g} mm, {stated:.4g} mm "
+        "as said: more than any print is off",
+        hint="degrees, order, signs, rows late and the eye were tried: check the board's "
+        "squares, the focal length, that it is this robot, the joints' zeros, and that joints "
+        "are angles and no shares of the motors' range",
+    )
 
 
 def _others(
@@ -253,7 +272,7 @@ def _others(
         "they are a row late or early",
         "check which row is of which picture",
     )
-    units, orders, one, two = joint_readings(
+    units, orders, one, two = interpretations(
         q,
         names,
         structure.revolute,

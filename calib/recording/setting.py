@@ -177,27 +177,21 @@ def find_sightings(
             if setting.layout is not None:
                 marks[number] = setting.marks(grey, tags)
         tips = [tag for tag in tags if tag.number == setting.tag]
-        if not tips:
-            reasons[f"tag {setting.tag} not seen"] += 1
-        elif len(tips) > 1:
-            twice.append(name)
-            reasons[f"tag {setting.tag} is there twice"] += 1
-        elif not tips[0].sharp:
-            reasons["blurred"] += 1
+        reason = _reason_of(tips, setting.tag)
+        if reason:
+            reasons[reason] += 1
         else:
             names[number] = name
             sharp[number] = tips[0]
+        if len(tips) > 1:
+            twice.append(name)
     if len(twice) > _MOST_TWICE * count:
         raise LogError(
             f"tag {setting.tag} is there twice in {len(twice)} of {count} {what} "
             f"({listing(twice, 3)}): cover one, or print another id for the tip"
         )
     if not sharp:
-        raise LogError(
-            f"tag {setting.tag} is in none of {count} {what}: {len(sample)} of them show "
-            f"{_tags_of(sample, setting.dictionary)} of {setting.dictionary}; check the id, the "
-            "dictionary, that it is sharp and has a white border"
-        )
+        raise _no_tag(setting, sample, f"{count} {what}")
     return Sightings(
         setting=setting,
         what=what,
@@ -218,6 +212,26 @@ def _refuse_size(name: str, size: tuple[int, int], lens: Lens | None) -> None:
     raise LogError(
         f"{name} is {size[0]}x{size[1]}, the lens was calibrated with "
         f"{lens.size[0]}x{lens.size[1]}"
+    )
+
+
+def _reason_of(tips: Sequence[Tag], number: int) -> str:
+    """Why a picture tells no place of the tip's tag; or nothing."""
+    if not tips:
+        return f"tag {number} not seen"
+    if len(tips) > 1:
+        return f"tag {number} is there twice"
+    return "" if tips[0].sharp else "blurred"
+
+
+def _no_tag(
+    setting: Setting, sample: Sequence[Picture], pictures: str
+) -> LogError:
+    """The error that no picture shows the tip's tag, and what a sample of them shows."""
+    return LogError(
+        f"tag {setting.tag} is in none of {pictures}: {len(sample)} of them show "
+        f"{_tags_of(sample, setting.dictionary)} of {setting.dictionary}; check the id, the "
+        "dictionary, that it is sharp and has a white border"
     )
 
 

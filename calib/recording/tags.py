@@ -203,13 +203,7 @@ def lay_corners(
     if board_to_picture is None:
         return {}
     without_lens = _map_places(board_to_picture, squares)
-
-    # the print, about as fine as the picture
-    lower_right = _map_places(board_to_picture, squares + 0.5)
-    diagonals = lower_right - _map_places(board_to_picture, squares - 0.5)
-    diagonal = np.median(np.linalg.norm(diagonals, axis=1))
-    pixels_of_square = round(TAG.dense * diagonal / np.sqrt(2))
-    k = int(np.clip(pixels_of_square, *TAG.squares))
+    k = _print_density(board_to_picture, squares)
     page = _page(board, k)
 
     refined = {}
@@ -233,6 +227,15 @@ def lay_corners(
         if likeness > 0.0 and distance < TAG.farthest:
             refined[number] = refined_place
     return refined
+
+
+def _print_density(board_to_picture: Array, squares: Array) -> int:
+    """Pixels of a square of the print, about as fine as the picture at places (n, 2) [squares]."""
+    lower_right = _map_places(board_to_picture, squares + 0.5)
+    diagonals = lower_right - _map_places(board_to_picture, squares - 0.5)
+    diagonal = np.median(np.linalg.norm(diagonals, axis=1))
+    pixels_of_square = round(TAG.dense * diagonal / np.sqrt(2))
+    return int(np.clip(pixels_of_square, *TAG.squares))
 
 
 def _lay(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:

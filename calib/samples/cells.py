@@ -20,14 +20,14 @@ from ..common.rows import row_lengths, spread_rows
 from ..common.wording import listing
 from ..errors import LogError
 from .joint_values import JointColumn, wrap
-from .motion import OfRows, directions
+from .motion import RowArrays, directions
 from .roles import FURTHER, QUATERNION, ROUNDING, SOCKET, Roles
 from .settings import READING
 from .tables import Source, rows_in_words
 
 
 @dataclass(frozen=True, eq=False)
-class Cells(OfRows):
+class Cells(RowArrays):
     """The values of some rows of a log."""
 
     label: str  # what messages call the log
@@ -46,7 +46,7 @@ class Cells(OfRows):
     notes: tuple[str, ...] = ()
 
     @property
-    def of_sensor(self) -> Mask:
+    def is_measured(self) -> Mask:
         """Rows (n,) that are no touch: a sensor measured the position."""
         return np.asarray(self.points[:, 1] == "")
 
@@ -127,7 +127,7 @@ def complete_rows(cells: Cells, roles: Roles) -> Cells:
     """Leave out rows that miss a number."""
     values = np.hstack([cells.q, cells.x, cells.orientation])
     finite = np.abs(values) < LARGEST
-    touched = ~cells.of_sensor
+    touched = ~cells.is_measured
     dof = len(roles.joints)
     finite[touched, dof : dof + len(roles.axes)] = True
     if roles.touched and not roles.axes:
@@ -159,12 +159,12 @@ def rows_in_ranges(
 
 def rows_in_sight(cells: Cells) -> Cells:
     """Leave out rows in which the sensor saw nothing, or no orientation."""
-    zero = (cells.x == 0.0).all(axis=1) & cells.of_sensor
+    zero = (cells.x == 0.0).all(axis=1) & cells.is_measured
     # a single row may be the origin of the sensor
     if zero.sum() > 1 and not zero.all():
         words = "hold zeros for a position, as where a sensor saw nothing"
         cells = cells.without(zero, words)
-    if cells.of_sensor.all():
+    if cells.is_measured.all():
         words = (
             "repeat the position of the row before although the joints moved, as where a sensor "
             "holds its last value"

@@ -1,7 +1,7 @@
 """Diagnosis of a log: mistakes in its columns and units, found by a predictor of its positions.
 
-Other readings of the rows are tried in turn.  One that a predictor explains far better than the log
-as it stands is a finding; where the predictor's frame stands does not matter.
+Interpretations of the rows are tried in turn.  One that a predictor explains far better than the
+log as it stands is a finding; where the predictor's frame stands does not matter.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from ..common.arrays import Array, Mask
 from ..common.rows import finite_rows, median_length, spread_rows
 from ..common.scale import METRES
 from .findings import Finding
+from .interpretations import interpretations, units
 from .misfit import align, misfit, spread
-from .other_readings import readings, units
 from .samples import Samples
 from .settings import DIAGNOSIS
 
@@ -85,7 +85,7 @@ def diagnose(
 
 @dataclass(frozen=True, eq=False)
 class _PositionFit:
-    """A log's positions, and the predictor that readings of its joints are judged by."""
+    """A log's positions, and the predictor that interpretations of its joints are judged by."""
 
     x: Array  # (n, m) [unit]
     predict: Predict
@@ -142,7 +142,7 @@ def _wrong_unit(
 
 
 def _wrong_joints(fit: _PositionFit, rows: Samples) -> Finding | None:
-    """The simplest other reading of the joints that fits far better than the log as it stands."""
+    """The simplest interpretation of the joints that fits far better than the log as it stands."""
     size = spread(rows.x)
     as_it_is = fit.misfit(rows.q)
     if as_it_is <= DIAGNOSIS.small * size:
@@ -151,16 +151,17 @@ def _wrong_joints(fit: _PositionFit, rows: Samples) -> Finding | None:
     is_far_off = as_it_is > DIAGNOSIS.good * size
     any_order = is_far_off and len(names) <= DIAGNOSIS.most_ordered
     least = DIAGNOSIS.far_better * as_it_is
-    for others in readings(rows.q, names, rows.revolute, any_order=any_order):
-        better = [
-            reading for reading in others if fit.misfit(reading[0]) < least
-        ]
+    for others in interpretations(
+        rows.q, names, rows.revolute, any_order=any_order
+    ):
+        better = [item for item in others if fit.misfit(item[0]) < least]
         if not better:
             continue
-        # a tool of unknown size explains what a mirror does: by the place alone; of equal readings
-        # the last
-        by_misfit = {fit.misfit(q, tool=False): item for q, item in better}
-        finding = _only_if(by_misfit[min(by_misfit)])
+        # without a tool, which if of unknown size explains what a mirror does; of equals the last
+        _, best = min(
+            reversed(better), key=lambda item: fit.misfit(item[0], tool=False)
+        )
+        finding = _only_if(best)
         if finding.kind == "reversed" and rows.x.shape[1] == 2:
             # it may be learned
             finding = replace(finding, hint="", mistake=False)
@@ -169,7 +170,7 @@ def _wrong_joints(fit: _PositionFit, rows: Samples) -> Finding | None:
 
 
 def _only_if(finding: Finding) -> Finding:
-    """A finding of another reading, as a sentence."""
+    """A finding of another interpretation, as a sentence."""
     words = f"the log fits the robot only if {finding.words}"
     return replace(finding, words=words)
 

@@ -22,7 +22,7 @@ from ..errors import CalibError, LogError, OptionError
 from .header import LENGTHS, RADIANS, joint_factor, name_and_unit
 from .settings import READING
 
-_TURN = (-math.pi, math.pi)
+_FULL_TURN = (-math.pi, math.pi)
 
 
 def check_joint_values(
@@ -71,7 +71,7 @@ class JointColumn:
 
     def check_unit(self, values: Array, rows: Index) -> None:
         """Refuse angles (n,) [rad] of another unit: too many turns, or in range as the other."""
-        limits = self.limits or _TURN
+        limits = self.limits or _FULL_TURN
         most = float(np.abs(values).max())
         too_many = READING.most_turns * TURN
         other = np.rad2deg(values) if self.degrees else np.deg2rad(values)
@@ -104,22 +104,18 @@ class JointColumn:
         rows : (n,), their numbers in the file
         """
         extremes = (float(values.min()), float(values.max()))
-        limits = self.limits or (_TURN if self.revolute else extremes)
+        limits = self.limits or (_FULL_TURN if self.revolute else extremes)
         excess = beyond(values, *limits)
         if self.revolute and excess > 0:
             self.check_unit(values, rows)
         is_turn = self.revolute and limits[1] - limits[0] >= TURN - 1e-9
         if is_turn and extremes[1] - extremes[0] <= TURN:
-            if excess >= 1e-9:
-                # the log's own turn, whatever its gaps
-                middle = sum(extremes) / 2.0
-                limits = (middle - math.pi, middle + math.pi)
-            clipped = np.clip(values, *limits)
-            return clipped, limits if self.limits else extremes, []
+            clipped, turn = _within_own_turn(values, limits)
+            return clipped, turn if self.limits else extremes, []
         wrapped = values
         if self.revolute and (is_turn or excess > READING.slack):
             wrapped = wrap(values, *limits)
-            excess = beyond(wrapped, *limits)
+        excess = beyond(wrapped, *limits)
         if excess > READING.slack:
             hint = (
                 "check that the column is of this joint, its unit and its sign; if the joint "
@@ -128,17 +124,26 @@ class JointColumn:
             raise self._outside(values, rows, limits, hint, "ranges")
         low = min(limits[0], float(wrapped.min()))
         high = max(limits[1], float(wrapped.max()))
+        count = int(np.count_nonzero(np.abs(wrapped - values) > 1.0))
+        return wrapped, (low, high), self._notes(count, excess, low, high)
+
+    def _notes(
+        self, wrapped: int, excess: float, low: float, high: float
+    ) -> list[str]:
+        """Return notes on the values that were wrapped, and on a range that the log widens.
+
+        excess : by how much the log leaves the limits, see `beyond`
+        """
         notes = []
-        wrapped_count = int(np.count_nonzero(np.abs(wrapped - values) > 1.0))
-        if wrapped_count:
+        if wrapped:
             notes.append(
-                f"{self.name}: {wrapped_count} values wrapped by whole turns"
+                f"{self.name}: {wrapped} values wrapped by whole turns"
             )
         if excess > READING.rounded:
             notes.append(
                 f"{self.name}: the log goes beyond the limits; range {self._show(low, high)}"
             )
-        return wrapped, (low, high), notes
+        return notes
 
     def _show(self, *values: float) -> str:
         """Values [rad or m] in the unit of the table."""
@@ -226,8 +231,19 @@ def settle_joints(
 
 def beyond(values: Array, low: float, high: float) -> float:
     """Return by how much values (n,) leave a range, as a share of its width."""
-    beyond = max(low - float(values.min()), float(values.max()) - high, 0.0)
-    return beyond / max(high - low, 1e-300)
+    excess = max(low - float(values.min()), float(values.max()) - high, 0.0)
+    return excess / max(high - low, 1e-300)
+
+
+def _within_own_turn(values: Array, limits: Range) -> tuple[Array, Range]:
+    """Return angles (n,) [rad] that fit into a turn, clipped to one, and this turn.
+
+    limits : the turn if no angle leaves it; else it is the log's own, whatever its gaps
+    """
+    if beyond(values, *limits) >= 1e-9:
+        middle = float(values.min() + values.max()) / 2.0
+        limits = (middle - math.pi, middle + math.pi)
+    return np.clip(values, *limits), limits
 
 
 def _check_range(name: str, limits: Range, revolute: bool) -> None:

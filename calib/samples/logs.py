@@ -232,9 +232,9 @@ def _check_axes(
     outputs : coordinates that a position of the arm has
     """
     if not roles.touched:
-        if (
-            len(roles.axes) < (outputs or 2) and unit != "px"
-        ):  # a camera sees two
+        few = len(roles.axes) < (outputs or 2)
+        # a camera sees two
+        if few and unit != "px":
             raise LogError(
                 f"{label} has x and y alone, expected x, y and z of an arm in space",
                 hint="for a planar part of the arm name its joints, or give `planar=True`",
@@ -254,7 +254,7 @@ def _check_axes(
 def _in_plane(
     cells: Cells, unit: str, arm: Arm | None, outputs: int | None
 ) -> tuple[Array, Plane | None, list[str]]:
-    """Positions (n, 3) of a planar arm, or without any that lie in a plane, in it (n, 2)."""
+    """Positions in their plane (n, 2), the plane and a note; without one as they are (n, m)."""
     x = np.ascontiguousarray(cells.x)
     if x.shape[1] == 2 or outputs == 3:
         return x, None, []

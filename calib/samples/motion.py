@@ -18,29 +18,29 @@ SETTLE = 0.04
 """Time before and after, over which a joint's speed is taken: encoders count in steps [s]."""
 
 _STILL = 1e-9  # of a joint's largest move: less is no motion
-_T = TypeVar("_T", bound="OfRows")
+_T = TypeVar("_T", bound="RowArrays")
 
 
-class OfRows:
+class RowArrays:
     """Base of a frozen dataclass whose arrays have an entry for each row."""
 
     # fields that are the same in all rows
-    of_joints: ClassVar[tuple[str, ...]] = ()
+    not_by_row: ClassVar[tuple[str, ...]] = ()
 
     def take(self: _T, index: Index | Mask | slice) -> _T:
         """Return the rows that `index` picks: a slice, row numbers in any order or a mask."""
         arrays: dict[str, object] = {}
-        for name in {field.name for field in fields(self)} - {*self.of_joints}:  # type: ignore[arg-type]
+        for name in {field.name for field in fields(self)} - {*self.not_by_row}:  # type: ignore[arg-type]
             value = getattr(self, name)
             if isinstance(value, np.ndarray):
                 arrays[name] = value[index]
-            elif isinstance(value, OfRows):
+            elif isinstance(value, RowArrays):
                 arrays[name] = value.take(index)
         return replace(self, **arrays)  # type: ignore[type-var]
 
 
 @dataclass(frozen=True, eq=False)
-class Motion(OfRows):
+class Motion(RowArrays):
     """Joint values, with the side from which each joint came and when, where that is known."""
 
     q: Array  # (n, dof), joint values [rad or m]

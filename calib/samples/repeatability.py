@@ -23,7 +23,7 @@ from ..errors import LogError
 from .motion import Visits, means_of, visits_of
 from .samples import Samples
 
-MOST_APART = 8.0
+MOST_MEDIANS = 8.0
 """Usual distances from a pose's median that a reading may have: no normal noise is further."""
 
 
@@ -97,32 +97,30 @@ def repeatability(samples: Samples) -> Repeatability:
         visits = visits_of(samples.q)
     x = samples.x[visits.rows]
     axes = x.shape[1]
-    readings = np.bincount(visits.visit)  # of each visit
+    readings_of_visit = np.bincount(visits.visit)
     pose = visits.pose[np.unique(visits.visit, return_index=True)[1]]
-    total = np.bincount(pose, readings)  # of each pose
-    repeats = len(x) - len(total)
-    returns = len(readings) - len(total)
+    readings_of_pose = np.bincount(pose, readings_of_visit)
+    poses = len(readings_of_pose)
+    repeats = len(x) - poses
+    returns = len(readings_of_visit) - poses
     means = means_of(visits.visit, x)
     off = means - means_of(visits.pose, x)[pose]
     within = float(((x - means[visits.visit]) ** 2).sum())
-    between = float((readings[:, None] * off**2).sum())
+    between = float((readings_of_visit[:, None] * off**2).sum())
     sensor = _deviation(within, axes * (repeats - returns))
     arm = np.full(3, np.nan)
     if returns:
-        # E[between] = free * noise^2 + size * return^2, with the visits' weights in each pose
-        free = axes * returns
-        weights = total - np.bincount(pose, readings.astype(float) ** 2) / total
-        size = axes * float(weights.sum())
-        # what is left of the least beside the most noise, and of the most beside the least
-        noise = sensor[[0, 2, 1]] if repeats > returns else np.zeros(3)
-        squares = _deviation(between, free) ** 2 - noise**2
-        arm = np.sqrt(free / size * np.maximum(squares, 0.0))
+        squares = np.bincount(pose, readings_of_visit.astype(float) ** 2)
+        weights = readings_of_pose - squares / readings_of_pose
+        noise = sensor if repeats > returns else np.zeros(3)
+        return_weight = axes * float(weights.sum())
+        arm = _return_sd(between, axes * returns, return_weight, noise)
     return Repeatability(
         sensor=float(sensor[0]),
         arm=float(arm[0]),
         sensor_interval=(float(sensor[1]), float(sensor[2])),
         arm_interval=(float(arm[1]), float(arm[2])),
-        poses=len(total),
+        poses=poses,
         repeats=repeats,
         returns=returns,
         left_out=left_out,
@@ -140,7 +138,7 @@ def _agreeing(x: Array, visits: Visits) -> Mask:
     apart = distance[distance > 0.0]
     if not len(apart):
         return np.ones(len(x), dtype=bool)
-    return np.asarray(distance <= MOST_APART * np.median(apart))
+    return np.asarray(distance <= MOST_MEDIANS * np.median(apart))
 
 
 def _deviation(squares: float, freedom: int) -> Array:
@@ -151,6 +149,24 @@ def _deviation(squares: float, freedom: int) -> Array:
         return np.full(3, np.nan)
     tails = chdtri(freedom, [0.025, 0.975])
     return np.sqrt(squares / np.append(freedom, tails))
+
+
+def _return_sd(
+    between: float, freedom: int, return_weight: float, noise: Array
+) -> Array:
+    """Return the standard deviation of the arm's return, and its 95 % interval, (3,).
+
+    It solves E[between] = freedom * noise^2 + return_weight * return^2.
+
+    between : sum of squares between visits, with `freedom` degrees of freedom
+    noise : (3,), the sensor's, and its interval
+    """
+    sd, low, high = noise
+    # what is left of the least beside the most noise, and of the most beside the least
+    opposite = np.array([sd, high, low])
+    squares = _deviation(between, freedom) ** 2 - opposite**2
+    variance = freedom / return_weight * np.maximum(squares, 0.0)
+    return np.asarray(np.sqrt(variance))
 
 
 def at_poses(samples: Samples) -> Samples:

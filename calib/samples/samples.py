@@ -18,7 +18,7 @@ from ..common.inputs import LARGEST, column_names, number_rows, whole
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
 from .camera import Camera, camera_of
-from .motion import Motion, OfRows, directions, pose_index
+from .motion import Motion, RowArrays, directions, pose_index
 from .simulation import Change, Simulation, parse_changes
 from .sockets import Touches
 from .tables import Document
@@ -27,7 +27,7 @@ POSITION = ("x", "y", "z")
 
 
 @dataclass(frozen=True, eq=False)
-class Readings(OfRows):
+class Readings(RowArrays):
     """What a sensor read of the tip, row by row."""
 
     x: Array  # (n, 2) or (n, 3), tip positions in the sensor's plane, or in space [unit]
@@ -48,7 +48,7 @@ class Readings(OfRows):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class LogFile(OfRows):
+class LogFile(RowArrays):
     """What a file, or the pictures that rows were made of, say beside the rows."""
 
     # (n,), numbers of the rows, counted below the header from 1, which stand where it is empty
@@ -106,7 +106,7 @@ class Samples(LogFile, Readings, Motion):
     arm: Arm | None = None  # with these joints and ranges
     simulation: Simulation | None = None  # draws fresh exact samples
 
-    of_joints: ClassVar[tuple[str, ...]] = ("lower", "upper")
+    not_by_row: ClassVar[tuple[str, ...]] = ("lower", "upper")
 
     def __post_init__(self) -> None:
         names = tuple(self.joint_names)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Reading:
+class LogReading:
     """What becomes of a log's values."""
 
     # rows that are held in memory; of a longer log so many are drawn
@@ -63,7 +63,7 @@ class Diagnosis:
     # rows below which a similarity in space, or a tool of unknown size, explains nearly anything
     fewest_rows: int = 8
     tool_rows: int = 39
-    # another reading is told where its misfit is below this share of the log's own: arms with
+    # an interpretation is told where its misfit is below this share of the log's own: arms with
     # links off by a tenth and offsets by 8 deg stay above it, exchanged columns below .1
     far_better: float = 0.2
     # shares of the extent below which kinematics are right but for two exchanged columns, and
@@ -100,7 +100,7 @@ class DelaySettings:
     student: float = 4.0  # degrees of freedom of the noise
 
 
-READING = Reading()
+READING = LogReading()
 TURNING = LockedJoint(locked=math.radians(5.0), still=math.radians(0.5))
 SLIDING = LockedJoint(locked=2e-2, still=1e-3)
 ONE_POSE = OnePose()

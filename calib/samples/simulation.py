@@ -234,7 +234,7 @@ class Simulation:
     def exact(self, q: ArrayLike) -> Array:
         """Return what the sensor would read without noise, backlash and outliers.
 
-        Positions (n, 2) or (2,) [m] for encoders that read `q` (n, dof) or (dof,) [rad or m].
+        Positions (n, m) or (m,) [m] for encoders that read `q` (n, dof) or (dof,) [rad or m].
         """
         return self._see(self._behind_gears(q))
 

@@ -15,7 +15,7 @@ from ..common.rows import row_lengths
 from ..common.scale import METRES
 from ..common.wording import listing
 from ..errors import OptionError
-from .motion import OfRows
+from .motion import RowArrays
 
 STRAY = 8.0
 """Times the touches' median distance from their socket.  Seven rows of a real Gen3 at 6.6 times it,
@@ -52,7 +52,7 @@ class Known:
 
 
 @dataclass(frozen=True)
-class Touches(OfRows):
+class Touches(RowArrays):
     """Which socket each row touched, and what is known of the sockets."""
 
     # (n,), of the socket; -1 where a sensor measured the tip instead

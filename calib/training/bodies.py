@@ -17,10 +17,10 @@ from ..arm.arm import SpatialArm
 from ..arm.rotations import logarithm, matrix_of
 from ..body.body_fit import BodyFit, fit_sensors
 from ..body.drawing import PlanarDrawing
-from ..body.planar import planar_structure
+from ..body.planar import PlanarStructure, planar_structure
 from ..body.row_notes import warnings_of
 from ..body.rows import Rows
-from ..body.spatial import structure_of, unknown_structure
+from ..body.spatial import SpatialStructure, structure_of, unknown_structure
 from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array
@@ -28,6 +28,7 @@ from ..common.choices import VIEWS
 from ..common.rows import row_lengths
 from ..common.scale import METRES
 from ..errors import OptionError
+from ..samples.camera import Camera
 from ..samples.samples import Samples
 from .options import TrainingOptions
 from .settings import LEARNING
@@ -112,20 +113,25 @@ def _template_of(samples: Samples, options: TrainingOptions) -> Template:
     in_space = not pixels and samples.x.shape[1] == 3
     _check_view(options.view, pixels=pixels, in_space=in_space)
     if pixels or in_space:
-        drawn = is_spatial
         structure, measured = _in_space(samples, options.view)
     else:
         structure, measured = _in_plane(samples, options.view)
-        drawn = getattr(structure, "nominal", None) is not None
     if options.free == "all":
         return structure, measured
-    if not drawn or samples.simulation is not None:
+    if not _is_drawn(structure) or samples.simulation is not None:
         raise OptionError(
             "free 'offsets' trusts the drawing of a robot: give `robot` and a measured log",
             parameter="free",
             value=options.free,
         )
     return structure.with_fields(zeros_alone=True), measured
+
+
+def _is_drawn(structure: Structure) -> bool:
+    """Whether the robot's drawing is the prior of a structure."""
+    if isinstance(structure, PlanarStructure):
+        return structure.nominal is not None
+    return isinstance(structure, SpatialStructure) and structure.informed
 
 
 def _check_view(view: str, *, pixels: bool, in_space: bool) -> None:
@@ -160,10 +166,10 @@ def _in_plane(samples: Samples, view: str) -> Template:
         samples.x,
         samples.joint_names,
         samples.revolute,
-        drawing,
-        view,
-        samples.unit,
-        simulated,
+        nominal=drawing,
+        view=view,
+        unit=samples.unit,
+        simulated=simulated,
     )
     return structure, Rows(samples.q, samples.x)
 
@@ -180,23 +186,15 @@ def _in_space(samples: Samples, view: str) -> Template:
         unknown = unknown_structure(
             samples.joint_names,
             samples.revolute,
-            extent,
-            unit,
-            metre,
-            simulation is not None,
+            extent=extent,
+            unit=unit,
+            metre=metre,
+            simulated=simulation is not None,
         )
         return unknown, measured
     camera = samples.camera
     if camera is not None and measured.z.shape[1] == 2:
-        structure = structure_of(
-            arm,
-            "pinhole",
-            unit="px",
-            extent=extent,
-            lens=camera.lens,
-            lens_sd=camera.lens_sd,
-        )
-        return structure, measured
+        return _camera_template(samples, arm, camera)
     if simulation is not None:
         view = "base"
     elif view == "auto":
@@ -210,6 +208,21 @@ def _in_space(samples: Samples, view: str) -> Template:
     rotvec = logarithm(matrix_of(samples.orientation))
     poses = replace(measured, z=np.hstack([measured.z, rotvec]))
     return structure.with_sensor(view=_POSED[view]), poses
+
+
+def _camera_template(
+    samples: Samples, arm: SpatialArm, camera: Camera
+) -> Template:
+    """The template of an arm in space that a camera sees, with what is known of its lens."""
+    structure = structure_of(
+        arm,
+        "pinhole",
+        unit="px",
+        extent=_extent(samples.x),
+        lens=camera.lens,
+        lens_sd=camera.lens_sd,
+    )
+    return structure, Rows(samples.q, samples.x)
 
 
 def _extent(x: Array) -> float:

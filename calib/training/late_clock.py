@@ -40,8 +40,7 @@ def _delay(
     structure = body.structure
     if structure.outputs != samples.x.shape[1]:
         return None
-    members = structure.members()
-    prior = structure.prior(dict(members).get("chain", members[0][1]))
+    prior = structure.prior(structure.chain_blocks)
     active = prior.active
     beta = body.beta.copy()
     if fresh:

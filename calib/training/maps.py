@@ -11,10 +11,10 @@ from ..common.arrays import Array, Index
 from ..common.parallel import side_by_side
 from ..common.scale import Scale
 from ..errors import OptionError
+from ..maps import model_selection
 from ..maps.association import Association
 from ..maps.density import kind_of
 from ..maps.links import wiring_of
-from ..maps.model_selection import misfit
 from ..maps.som import SOM
 from .fitted_log import FittedLog, SoundLog
 from .options import LATTICE, UNFOLD, Progress, TrainingOptions
@@ -42,16 +42,17 @@ def maps_of(
         drawn = rng.random((LEARNING.imagined * nodes, u.shape[1]))
         u = np.concatenate([u[::every], drawn])
         x = np.concatenate([x[::every], log.body.value(drawn)])
-    wrong = wrong_around(log, u)
-    return associate(scale, u, x, options, wrong, progress)
+    misfit = misfit_around(log, u)
+    return associate(scale, u, x, options, misfit, progress)
 
 
-def wrong_around(log: FittedLog, u: Array) -> Array | None:
-    """How wrong (k,) the body is around points `u` (k, dof) of the unit box, None within noise."""
+def misfit_around(log: FittedLog, u: Array) -> Array | None:
+    """Misfit (k,) of the body around points `u` (k, dof) of the unit box, None within noise."""
     scale = log.samples.unit_box
     learned = scale.to_unit(log.samples.q[log.rows])
     extent = float(np.linalg.norm(np.ptp(log.samples.x[log.rows], axis=0)))
-    return misfit(scale, learned, log.fit.held_out, extent, u)
+    held_out = log.fit.held_out
+    return model_selection.misfit(scale, learned, held_out, extent, u)
 
 
 def associate(
@@ -59,14 +60,13 @@ def associate(
     u: Array,
     x: Array,
     options: TrainingOptions,
-    residual: Array | None = None,
+    misfit: Array | None = None,
     progress: Progress | None = None,
 ) -> Association:
     """Learn both maps and the links between them: the paper's part.
 
     u, x : (n, dof), (n, m), joints in the unit box of `scale` and positions
-    residual : (n,), how wrong the body is around each sample; the default varying density
-        puts nodes there
+    misfit : (n,), of the body around each sample; the default varying density puts nodes there
     """
     box = Scale.of_data(x)
     v = box.to_unit(x)
@@ -97,9 +97,9 @@ def associate(
         sensory = pair.sensory
     else:
         q = scale.from_unit(u)
-        fit_motor = partial(motor_som.fit, q, scale=scale, residual=residual)
+        fit_motor = partial(motor_som.fit, q, scale=scale, residual=misfit)
         fit_sensory = partial(
-            sensory_som.fit, x, scale=box, residual=residual, progress=report
+            sensory_som.fit, x, scale=box, residual=misfit, progress=report
         )
         if in_order:
             motor, sensory = side_by_side(fit_motor, fit_sensory)

@@ -19,7 +19,7 @@ from ..samples.samples import Samples
 from .settings import LEARNING
 
 Progress = Callable[[float, str, float], None]
-"""Called with the share of the work done, the stage, and the current error (or NaN)."""
+"""Called with the share of the work done, of each sensor in turn, the stage, the error (or NaN)."""
 
 LATTICE = "vdsom:residual"
 """The default map."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -43,23 +43,17 @@ def prepare(
     if not others and first.touch is None and options.body == "none":
         return [_without_body(first, options)]
     if not others:
-        return [_alone(first, options)]
-    by_sensor = _logs_by_sensor(logs, options)
-    alone = {name: _alone(log, options) for name, log in by_sensor.items()}
-    # the arm's, whichever sensors have shown it
-    plays = [log.play for log in alone.values() if log.play.any()]
-    for name, log in alone.items():
-        play = np.mean(plays, axis=0) if plays else log.play
-        readings = samples_without_play(log.readings, play - log.play)
-        alone[name] = replace(log, readings=readings, play=play)
-    poses = {name: log.samples for name, log in alone.items()}
+        return [_prepare_one_sensor(first, options)]
+    logs_by_sensor = {
+        name: _prepare_one_sensor(log, options)
+        for name, log in _logs_by_sensor(logs, options).items()
+    }
+    prepared = _with_common_play(logs_by_sensor)
+    poses = {name: log.samples for name, log in prepared.items()}
     fits = fit_bodies(poses, options)
-    prepared = []
-    for name, log in alone.items():
-        fit = _of_single_readings(fits[name], log.readings)
-        notes = (*log.notes, *_disagreement(log, fit))
-        prepared.append(replace(log, fit=fit, notes=notes))
-    return prepared
+    return [
+        _with_common_body(log, fits[name]) for name, log in prepared.items()
+    ]
 
 
 def _logs_by_sensor(
@@ -90,6 +84,24 @@ def _logs_by_sensor(
     return by_sensor
 
 
+def _with_common_play(logs: Mapping[str, FittedLog]) -> dict[str, FittedLog]:
+    """The sensors' logs with the joints' play: the arm's, whichever sensors have shown it."""
+    plays = [log.play for log in logs.values() if log.play.any()]
+    prepared = {}
+    for name, log in logs.items():
+        play = np.mean(plays, axis=0) if plays else log.play
+        readings = samples_without_play(log.readings, play - log.play)
+        prepared[name] = replace(log, readings=readings, play=play)
+    return prepared
+
+
+def _with_common_body(log: FittedLog, together: BodyFit) -> FittedLog:
+    """A sensor's log with the body of all sensors, and a note where that misses its rows."""
+    fit = _with_noise_of_readings(together, log.readings)
+    notes = (*log.notes, *_disagreement(log, fit))
+    return replace(log, fit=fit, notes=notes)
+
+
 def _without_body(samples: Samples, options: TrainingOptions) -> SoundLog:
     """The log for maps and links alone; a body tells which of its rows are wrong."""
     simulation = samples.simulation
@@ -101,7 +113,9 @@ def _without_body(samples: Samples, options: TrainingOptions) -> SoundLog:
     return replace(log, readings=fitted.readings, notes=fitted.notes)
 
 
-def _alone(samples: Samples, options: TrainingOptions) -> FittedLog:
+def _prepare_one_sensor(
+    samples: Samples, options: TrainingOptions
+) -> FittedLog:
     """The log of one sensor without wrong rows, its clocks together, and its body."""
     if samples.touch is not None:
         return fit_sockets(samples, samples.touch, options)
@@ -109,7 +123,7 @@ def _alone(samples: Samples, options: TrainingOptions) -> FittedLog:
     notes = log.notes
     if log.play.any():
         notes = (*notes, play_words(samples, log.play))
-    fit = _of_single_readings(log.fit, log.readings)
+    fit = _with_noise_of_readings(log.fit, log.readings)
     return replace(log, fit=fit, notes=notes)
 
 
@@ -130,7 +144,7 @@ def _disagreement(log: FittedLog, together: BodyFit) -> list[str]:
     ]
 
 
-def _of_single_readings(fit: BodyFit, samples: Samples) -> BodyFit:
+def _with_noise_of_readings(fit: BodyFit, samples: Samples) -> BodyFit:
     """The fit with the noise of single readings, where it is one to means of them."""
     if samples.simulation is not None:
         return fit

@@ -137,8 +137,8 @@ def held_out_residuals(
         widening = fit.widening[sample]
         if "body" in model.readouts:
             errors["body"] = -fit.held_out[sample]
-        if fit.turned is not None:
-            orientation = fit.turned[sample]
+        if fit.orientation_errors is not None:
+            orientation = fit.orientation_errors[sample]
     q = samples.q[rows]
     scale = model.motor.scale
     u = scale.to_unit(q)
@@ -207,7 +207,7 @@ def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
 
 
 def fresh_points(simulation: Simulation, seed: int) -> tuple[Array, Array]:
-    """Joints (n, dof) and true positions (n, 2) of the 10,000 points that test a seed's models."""
+    """Joints (n, dof) and true positions (n, m) of the 10,000 points that test a seed's models."""
     rng = np.random.default_rng(TrainingOptions(seed=seed).stream("evaluation"))
     q = simulation.draw(TESTING.fresh, rng)
     return q, simulation.true(q, rng)

@@ -1,4 +1,4 @@
-"""Touched: an arm and the sockets that it touched, fitted together.
+"""Socket fit: an arm and the sockets that it touched, fitted together.
 
 Afterwards the sockets' places are positions like those of any other log.
 """
@@ -34,7 +34,7 @@ _SIZE = (
 
 
 @dataclass(frozen=True, eq=False)
-class Sockets:
+class SocketFit:
     """An arm that was fitted to its touches."""
 
     fit: BodyFit
@@ -130,12 +130,12 @@ def fit_sockets(
 
 
 def _of_right_size(
-    sockets: Sockets,
+    sockets: SocketFit,
     samples: Samples,
     touch: Touches,
     structure: SpatialStructure,
     seed: int,
-) -> tuple[Sockets, list[str]]:
+) -> tuple[SocketFit, list[str]]:
     """The fit that has the arm's size right, where no sensor measured, and notes.
 
     The size is that of stated distances; the drawing's where none are stated, or where they and the
@@ -155,7 +155,7 @@ def _of_right_size(
     return drawn, [size.words(touch)]
 
 
-def _with_size_sd(sockets: Sockets, sd: float) -> Sockets:
+def _with_size_sd(sockets: SocketFit, sd: float) -> SocketFit:
     """The fit with a size of the arm that is uncertain by a relative sd."""
     fit = replace(sockets.fit, body=with_size(sockets.fit.body, sd))
     return replace(sockets, fit=fit)
@@ -163,7 +163,7 @@ def _with_size_sd(sockets: Sockets, sd: float) -> Sockets:
 
 def _fit_sound_touches(
     samples: Samples, touch: Touches, structure: SpatialStructure, seed: int
-) -> Sockets:
+) -> SocketFit:
     """Fit arm and sockets, without the rows whose tips are far from their sockets."""
     used = np.ones(len(samples), dtype=bool)
     places = np.full((len(touch.sockets), 3), np.nan)
@@ -188,10 +188,10 @@ def _fit_sound_touches(
         used = sound
     in_place = used & touch.is_touch
     scatter = median_length((tip - places[touch.number])[in_place])
-    return Sockets(fit, places, used, scatter)
+    return SocketFit(fit, places, used, scatter)
 
 
-def _size_by_distances(touch: Touches, drawn: Sockets) -> SizeCheck | None:
+def _size_by_distances(touch: Touches, drawn: SocketFit) -> SizeCheck | None:
     """Return what stated distances say of the size of an arm that has its drawing's.
 
     Returns None where no distance is of sockets that were touched.

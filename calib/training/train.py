@@ -33,6 +33,11 @@ from .preparation import prepare
 from .residuals import Residuals, p95_and_coverage, summarise
 from .settings import LEARNING
 
+# shares of a sensor's work that are done when these stages begin
+_MAPS = 0.1
+_LOCAL_MODELS = 0.7
+_EVALUATION = 0.8
+
 SLIDING_UNKNOWN = (
     "no arm of turning joints explains all that the rows show: if a joint slides, name it in "
     "`prismatic`"
@@ -56,7 +61,8 @@ def train(
     options : TrainingOptions, optional
         How; or its attributes by name, as in `calib.train(log, size=40, map="som")`.
     progress : callable, optional
-        Called with the share of the work done, the stage and the current error.
+        Called with the share of the work done, of each sensor in turn, the stage and the current
+        error.
 
     Returns
     -------
@@ -85,12 +91,12 @@ def train(
     for log in logs:
         _refuse_few(log)
     started = time.perf_counter()
-    report = progress or (lambda *_: None)
+    progress = progress or (lambda *_: None)
     # a BLAS that splits sums over threads would change the last bits
     with one_blas_thread():
-        report(0.0, "body", math.nan)
+        progress(0.0, "body", math.nan)
         first, *others = (
-            _learn(log, options, report) for log in prepare(logs, options)
+            _learn(log, options, progress) for log in prepare(logs, options)
         )
     seconds = {"total": time.perf_counter() - started}
     return replace(first, others=tuple(others), seconds=seconds)
@@ -118,17 +124,17 @@ def _learn(
     samples = log.samples
     options, size_notes = options_for(samples, options)
 
-    progress(0.1, "maps", math.nan)
+    progress(_MAPS, "maps", math.nan)
 
-    def report(done: float, stage: str, error: float) -> None:
-        progress(0.1 + 0.6 * done, stage, error)
+    def maps_progress(done: float, stage: str, error: float) -> None:
+        progress(_MAPS + (_LOCAL_MODELS - _MAPS) * done, stage, error)
 
-    association = maps_of(log, options, progress=report)
+    association = maps_of(log, options, progress=maps_progress)
 
-    progress(0.7, "local models", math.nan)
+    progress(_LOCAL_MODELS, "local models", math.nan)
     model, held_out = _untested(log, association, options)
 
-    progress(0.8, "evaluation", math.nan)
+    progress(_EVALUATION, "evaluation", math.nan)
     if samples.simulation is None:
         model, residuals = tested_on_log(model, log, held_out, options)
     else:
@@ -180,7 +186,8 @@ def _with_errors(
     if model.body is not None and unknown_joints and not is_arm:
         notes.append(SLIDING_UNKNOWN)
     about = replace(about, notes=tuple(notes))
-    # bounds on errors of a log are of joints that are freed of their play
+    # bounds of a log are of joints that are freed of their play: the approach comes after p95;
+    # `tested_on_arm` has set it before
     return replace(model, about=about, approach=log.approach)
 
 
@@ -203,10 +210,10 @@ def _about(samples: Samples, options: TrainingOptions) -> About:
             name: tuple(getattr(plane, name).tolist())
             for name in ("origin", "x", "y")
         }
-    how = options.to_json()
+    chosen = options.to_json()
     if samples.source.get("source") == "board":
         # later pictures are read with its board and lens
-        how["board"] = dict(samples.source)
+        chosen["board"] = dict(samples.source)
     return About(
         robot=arm.name if arm else "",
         tip=arm.tip if arm else "",
@@ -221,7 +228,7 @@ def _about(samples: Samples, options: TrainingOptions) -> About:
         source="log" if simulation is None else "simulation",
         samples=len(samples),
         seed=int(options.seed),
-        options=how,
+        options=chosen,
         simulation=None if simulation is None else simulation.to_json(),
         urdf=arm.urdf if arm else "",
         columns=samples.columns,

@@ -114,14 +114,21 @@ def train(
     log = logs[0]
     if output is None and not force:
         _check_same_origin(path, log)
-    how = calib.TrainingOptions(
-        *(size, motor_size, sensory_size, map, rule, epochs, sigma),
+    options = calib.TrainingOptions(
+        size=size,
+        motor_size=motor_size,
+        sensory_size=sensory_size,
+        map=map,
+        rule=rule,
+        epochs=epochs,
+        sigma=sigma,
         body=body,
         view=view,
         free=free,
         seed=seed,
     )
-    model = calib.train(logs if len(logs) > 1 else log, how, progress=progress)
+    measured = logs if len(logs) > 1 else log
+    model = calib.train(measured, options, progress=progress)
     say(model.about.notes)
     if no_rows:
         model = replace(model, rows=None)
@@ -175,9 +182,9 @@ def _outcome(model: calib.Model, path: str) -> Outcome:
     learned = f"{about.samples} samples"
     if about.source == "log":
         learned = f"{about.samples} rows"
-        lines.append(standing.found(model))
+        lines.append(standing.differences_from_drawing(model))
     if not warnings:
-        lines.append(standing.limit(model, about.errors))
+        lines.append(standing.limiting_factor(model, about.errors))
     cost = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
     lines.append(
         f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {cost}"

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from drifting import arm
+from models import bare
 
 import calib
 
@@ -13,17 +14,13 @@ PLAY = 0.01
 
 
 @cache
-def trained(*changes, as_log=False, noise=1e-4):
-    samples = calib.babble(arm(), 2000, noise=noise, changes=list(changes))
-    if as_log:
-        samples = replace(samples, simulation=None)
-    return calib.train(samples, size=15)
+def trained(change):
+    return calib.train(calib.babble(arm(), 2000, noise=1e-4, changes=[change]), size=15)
 
 
-def true_rows(*changes, n=2000):
-    simulation = calib.Simulation(arm(), changes=changes)
-    rng = np.random.default_rng(4)
-    q = simulation.draw(n, rng)
+def true_rows(change):
+    simulation, rng = calib.Simulation(arm(), changes=[change]), np.random.default_rng(4)
+    q = simulation.draw(2000, rng)
     return q, simulation.true(q, rng)
 
 
@@ -32,8 +29,7 @@ def test_the_bound_covers_the_true_tip(change):
     q, x = true_rows(change)
     model = trained(change)
     error = np.linalg.norm(model.forward(q) - x, axis=1)
-    covered = np.mean(error <= model.expected_error(q))
-    assert 0.92 < covered < 0.98
+    assert 0.92 < np.mean(error <= model.expected_error(q)) < 0.98
 
 
 def test_the_direction_pays_where_there_is_backlash():
@@ -55,8 +51,7 @@ def test_the_direction_pays_where_there_is_backlash():
 
 
 def test_thirty_rows_show_a_play_that_is_far_above_the_noise():
-    rows = calib.babble(arm(), 30, noise=1e-5, seed=1, changes=["elbow.backlash=0.01"])
-    model = calib.train(replace(rows, simulation=None), size=4)
+    model = calib.train(bare(arm(), 30, 1, "elbow.backlash=0.01", noise=1e-5), size=4)
     np.testing.assert_allclose(model.approach.play, [0.0, PLAY / 2], rtol=0.03)
 
 
@@ -68,18 +63,15 @@ def test_a_log_along_a_path_shows_it_and_a_shuffled_one_does_not():
     whole = calib.train(replace(samples, simulation=None, q=q, x=x, side=None), size=15)
     assert whole.approach.play[1] == pytest.approx(PLAY / 2, rel=0.05)
     assert any("backlash of elbow 0.5" in note for note in whole.about.notes)
-    samples = calib.babble(arm(), 1000, noise=1e-4, changes=["elbow.backlash=0.01"])
+    rows = bare(arm(), 1000, 0, "elbow.backlash=0.01", noise=1e-4)
     order = np.random.default_rng(0).permutation(1000)
-    q = samples.q[order]
-    shuffled = replace(samples, simulation=None, q=q, x=samples.x[order], side=None)
+    shuffled = replace(rows, q=rows.q[order], x=rows.x[order], side=None)
     assert calib.train(shuffled, size=10).approach is None
 
 
 def test_a_log_of_few_rows_learns_the_play_of_all_joints_and_fresh_rows_are_no_alarm():
     changes = [f"{joint}.backlash=0.003" for joint in ("shoulder", "elbow", "wrist")]
-    three_link = calib.load_arm("three_link")
-    rows = calib.babble(three_link, 90, noise=1e-4, seed=0, changes=changes)
-    rows = replace(rows, simulation=None)
+    rows = bare("three_link", 90, 0, *changes, noise=1e-4)
     model = calib.train(rows.take(slice(0, 30)), size=4)
     assert model.approach.play[:2] == pytest.approx(0.0015, rel=0.1)
     assert calib.check(model, rows.take(slice(30, 90))).drifted is False
@@ -88,12 +80,11 @@ def test_a_log_of_few_rows_learns_the_play_of_all_joints_and_fresh_rows_are_no_a
 @pytest.mark.parametrize("elbow", [0.03, -0.03])
 def test_a_play_below_zero_is_none(elbow):
     """Alone, the shoulder would explain the elbow's negative play as well."""
-    rows = calib.babble(arm(), 400)
-    rng = np.random.default_rng(0)
+    rows, rng = bare(arm(), 400, 0), np.random.default_rng(0)
     side = rng.choice([-1.0, 1.0], (400, 1)).repeat(2, axis=1)
     play = np.array([0.01, elbow])
     x = arm().forward(rows.q - play * side) + rng.normal(0, 1e-4, (400, 2))
-    approach = calib.train(replace(rows, simulation=None, x=x, side=side), size=5).approach
+    approach = calib.train(replace(rows, x=x, side=side), size=5).approach
     if elbow < 0:
         assert approach is None
     else:

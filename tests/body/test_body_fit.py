@@ -27,14 +27,13 @@ def rows(n, dof, seed=0, reach=1.5):
     return np.random.default_rng(seed).uniform(-reach, reach, (n, dof))
 
 
-def fit(q, z, **options):
-    names = [f"j{i}" for i in range(q.shape[1])]
-    return fit_body(planar_structure(z, names, [True] * len(names), **options), [Rows(q, z)])
+def fit(q, z, revolute=(True, True), **options):
+    names = "abc"[: len(revolute)]
+    return fit_body(planar_structure(z, names, revolute, **options), [Rows(q, z)]).body
 
 
 def curved(q):
-    bent = q + np.stack([2e-3 * np.sin(13 * q[:, 0]), 2e-3 * np.sin(17 * q[:, 1] + 1)], axis=1)
-    return seen(chain(bent, LENGTHS[:2]))
+    return seen(chain(q + 2e-3 * np.sin(q * [13, 17] + [0, 1]), LENGTHS[:2]))
 
 
 def test_curves_pass_the_gate_where_there_are_curves_and_only_there():
@@ -42,22 +41,20 @@ def test_curves_pass_the_gate_where_there_are_curves_and_only_there():
     noise = np.random.default_rng(11).normal(0, 1e-4, (300, 2))
     with_curves = fit(q, curved(q) + noise)
     without = fit(q, seen(chain(q, LENGTHS[:2])) + noise)
-    assert "curves" in with_curves.body.member
-    assert "curves" not in without.body.member
+    assert "curves" in with_curves.member
+    assert "curves" not in without.member
     ask = rows(300, 2, seed=12, reach=1.4)
-    error = np.linalg.norm(with_curves.body.predict(ask) - curved(ask), axis=1)
+    error = np.linalg.norm(with_curves.predict(ask) - curved(ask), axis=1)
     assert error.mean() < 2e-4
-    assert np.mean(error <= with_curves.body.bound(ask, noise=False)) > 0.9
-    found = [line for line in with_curves.body.describe() if "joint curve" in line]
-    assert found
-    assert float(found[0].split("joint curve ")[1].split()[0]) == pytest.approx(
-        2 / np.sqrt(2), rel=0.5
-    )
+    assert np.mean(error <= with_curves.bound(ask, noise=False)) > 0.9
+    line = next(line for line in with_curves.describe() if "joint curve" in line)
+    curve = float(line.split("joint curve ")[1].split()[0])
+    assert curve == pytest.approx(2 / np.sqrt(2), rel=0.5)
 
 
 def test_a_further_covariance_adds_to_that_of_a_belief():
     q = rows(60, 2, seed=3)
-    body = fit(q, seen(chain(q, LENGTHS[:2]))).body
+    body = fit(q, seen(chain(q, LENGTHS[:2])))
     free = np.setdiff1d(np.arange(body.structure.size), body.active)
     indices = np.sort([body.active[0], free[0]])
     wider = body.with_covariance(indices, np.array([[2.0, 0.5], [0.5, 1.0]]))
@@ -75,13 +72,13 @@ def test_a_wrong_geometry_does_no_harm(lengths):
     z = seen(chain(q, LENGTHS[:2])) + np.random.default_rng(23).normal(0, 1e-4, (100, 2))
     model = calib.train(calib.Samples(q, z, drawn.joint_names, arm=drawn), size=4)
     assert model.about.errors["local"]["forward"]["distance"]["mean"] < 3e-4
-    found = model.body.beta[model.body.structure.groups["length"]]
-    assert np.allclose(found, LENGTHS[:2], atol=1e-3)
+    lengths = model.body.beta[model.body.structure.groups["length"]]
+    assert np.allclose(lengths, LENGTHS[:2], atol=1e-3)
 
 
-def lens_about(z, k=0.8, centre=(0.2, 0.25)):
-    away = z - centre
-    return z + k * (away**2).sum(axis=1, keepdims=True) * away
+def lens_about(z):
+    offset = z - [0.2, 0.25]
+    return z + 0.8 * (offset**2).sum(axis=1, keepdims=True) * offset
 
 
 def camera_on_metres(z):
@@ -89,8 +86,7 @@ def camera_on_metres(z):
 
 
 def giving_way(q):
-    sums = np.cumsum(q, axis=1)
-    bend = 0.02 * np.cos(sums)
+    bend = 0.02 * np.cos(np.cumsum(q, axis=1))
     return q + np.stack([bend.sum(axis=1), bend[:, 1]], axis=1)
 
 
@@ -124,12 +120,10 @@ def test_exact_simulated_worlds_are_found_by_the_member_that_holds_them(name):
     world, revolute, member, most = EXACT_WORLDS[name]
     reach = 1.0 if member else 1.5
     q, ask = rows(300, len(revolute), 27, reach), rows(100, len(revolute), 28, reach)
-    structure = planar_structure(world(q), "abc"[: len(revolute)], revolute, simulated=True)
-    body = fit_body(structure, [Rows(q, world(q))]).body
+    body = fit(q, world(q), revolute, simulated=True)
     assert np.abs(body.predict(ask) - world(ask)).max() < most
     assert body.member.endswith(member)
-    if not member:
-        assert (body.bound(ask, noise=False) < 1e-6).all()
+    assert member or (body.bound(ask, noise=False) < 1e-6).all()
     if not member and all(revolute):
         lengths = body.beta[body.structure.groups["length"]]
         assert np.allclose(lengths, LENGTHS[: len(revolute)], atol=1e-11)

@@ -28,9 +28,8 @@ def in_plane(revolute=(True, True), view="rigid", signs=(1, 1), mirror=1):
 def in_space(robot, view, sensors=1):
     """An arm a little off everywhere, before a sensor that stands somewhere."""
     arm = calib.load_arm(robot)
-    structure = structure_of(arm, view)
-    if sensors > 1:
-        structure = seen_by_two().by("left").body.structure
+    alone = sensors == 1
+    structure = structure_of(arm, view) if alone else seen_by_two().by("left").body.structure
     rng, groups = np.random.default_rng(0), structure.groups
     beta = structure.neutral() + rng.normal(0, 1e-2, structure.size)
     beta[groups["lens"]] = (900.0, 640.0, 360.0, -0.1)
@@ -59,22 +58,19 @@ def test_derivatives_are_differences(world, case):
     seen, by_beta = structure.linearise(q, beta)
     np.testing.assert_array_equal(seen, structure.predict(q, beta))
 
-    def slope(up, down):
-        return (structure.residual(up, seen) - structure.residual(down, seen)) / (2 * STEP)
-
-    def close(difference, exact):
-        np.testing.assert_allclose(
-            difference, exact, atol=1e-6 * (1 + np.abs(exact).max()), rtol=1e-6
-        )
+    def agrees(up, down, exact):
+        difference = (structure.residual(up, seen) - structure.residual(down, seen)) / (2 * STEP)
+        atol = 1e-6 * (1 + np.abs(exact).max())
+        np.testing.assert_allclose(difference, exact, atol=atol, rtol=1e-6)
 
     # harmonics are many, and alike
-    few = [structure.groups[f"curve.{k}"][5:] for k in range(structure.dof)]
-    for k in np.setdiff1d(np.arange(structure.size), np.concatenate(few)):
+    harmonics = [structure.groups[f"curve.{k}"][5:] for k in range(structure.dof)]
+    for k in np.setdiff1d(np.arange(structure.size), np.concatenate(harmonics)):
         step = STEP * np.eye(structure.size)[k]
         up = structure.predict(q, structure.retract(beta, step))
         down = structure.predict(q, structure.retract(beta, -step))
-        close(slope(up, down), by_beta[:, :, k])
+        agrees(up, down, by_beta[:, :, k])
     by_joint = structure.slope(q, beta)
     for k, step in enumerate(STEP * np.eye(structure.dof)):
         up, down = structure.predict(q + step, beta), structure.predict(q - step, beta)
-        close(slope(up, down), by_joint[:, :, k])
+        agrees(up, down, by_joint[:, :, k])

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from drifting import arm, error, log, model
-from models import babbled, trained
+from models import babbled, bare, trained
 
 import calib
 
@@ -52,14 +52,11 @@ def test_a_sensor_that_bends_or_is_another_is_learned(seen, unit, most):
 @pytest.mark.parametrize("seed", [1, 7])
 def test_rows_of_an_unchanged_arm_are_added_where_few_were_known(seed):
     changes = ("elbow.length=+3%", "elbow.offset=0.02")
-    few, more, exact = (
-        log(*changes, n=n, seed=seed + k, noise=s)
-        for k, n, s in ((0, 12, 5e-4), (1, 40, 5e-4), (2, 300, 0.0))
-    )
-    learned = calib.train(replace(few, simulation=None), size=6)
+    learned = calib.train(bare("two_link", 12, seed, *changes, noise=5e-4), size=6)
+    more = log(*changes, n=40, seed=seed + 1, noise=5e-4)
     made = calib.adapt(learned, more)
     assert made.correction == "nothing changed, rows added"
-    assert error(made.model, exact) < 0.7 * error(learned, exact)
+    assert error(made.model, more) < 0.7 * error(learned, more)
 
 
 def test_what_is_known_of_an_adapted_model(tmp_path):
@@ -135,25 +132,26 @@ def test_a_whole_log_adapts_a_drawing_as_well_as_it_trains(simulated):
         waves = 5e-4 * np.sin([9.0, 14.0] * q + [0.0, 1.0])
         return arm().forward(q + waves + [0.0, 2e-3])
 
-    log = rows_of(np.random.default_rng(1).random((600, 2)), wavy)
+    log, probes = rows_of(np.random.default_rng(1).random((600, 2)), wavy), drawn(1000, 9)
     adapted = calib.adapt(simulated, log).model
-    probes = drawn(1000, 9)
-    alone = miss(calib.train(log), probes, wavy(probes)).mean()
     off = miss(adapted, probes, wavy(probes))
-    assert off.mean() < 1.03 * alone
+    assert off.mean() < 1.03 * miss(calib.train(log), probes, wavy(probes)).mean()
     assert np.mean(off <= adapted.model_error(probes)) > 0.95
 
 
-def test_the_bound_holds_where_a_joint_stood_still():
+@pytest.fixture(scope="module")
+def learned():
+    return calib.train(rows_of(np.random.default_rng(1).random((400, 2)), arm().forward))
+
+
+def test_the_bound_holds_where_a_joint_stood_still(learned):
     """Rows at one angle of the elbow do not tell links from offsets; the bound says so."""
-    model = calib.train(rows_of(np.random.default_rng(1).random((400, 2)), arm().forward))
 
     def changed(q):
         return arm().forward(q + np.array([4e-3, 3e-3]))
 
     u = np.random.default_rng(3).random((60, 2)) * [1.0, 0.0] + [0.0, 0.5]
-    found = calib.adapt(model, rows_of(u, changed))
-    probes = drawn(1000, 9)
+    found, probes = calib.adapt(learned, rows_of(u, changed)), drawn(1000, 9)
     assert found.improved
     off = miss(found.model, probes, changed(probes))
     known = np.isfinite(off)
@@ -172,18 +170,16 @@ HIDDEN = [  # offsets of the joints, scale and shift of the sensor, rows, share 
 
 
 @pytest.mark.parametrize(("offset", "scale", "shift", "n", "share", "cause"), HIDDEN)
-def test_the_bound_holds_where_a_corner_or_a_wrong_cause_hides_changes(
-    offset, scale, shift, n, share, cause
-):
+def test_the_bound_holds_where_changes_are_hidden(learned, offset, scale, shift, n, share, cause):
+    """By a corner of the range, or by a wrong cause."""
+
     def changed(q):
         return scale * arm().forward(q + offset) + shift
 
-    model = calib.train(rows_of(np.random.default_rng(1).random((400, 2)), arm().forward))
-    probes = drawn(1000, 9)
-    covered = []
+    probes, covered = drawn(1000, 9), []
     for seed in (1, 2, 3):
         u = 0.05 + share * np.random.default_rng(seed).random((n, 2))
-        found = calib.adapt(model, rows_of(u, changed), cause=cause)
+        found = calib.adapt(learned, rows_of(u, changed), cause=cause)
         off = miss(found.model, probes, changed(probes))
         covered.append(np.mean(off <= found.model.model_error(probes)))
         assert found.improved
@@ -214,8 +210,7 @@ def test_a_bound_that_the_rows_contradict_is_widened(simulated, run, tmp_path):
     assert not found.improved
     assert any("the prediction stays" in note for note in found.notes)
     q = drawn(500, 31)
-    said = found.model.forward(q)
-    assert np.array_equal(said, simulated.forward(q))
+    assert np.array_equal(found.model.forward(q), simulated.forward(q))
     off = miss(simulated, q, bumped(q))
     assert np.mean(off <= simulated.model_error(q)) < 0.1
     assert np.mean(off <= found.model.model_error(q)) > 0.6
@@ -223,7 +218,7 @@ def test_a_bound_that_the_rows_contradict_is_widened(simulated, run, tmp_path):
     old, new = tmp_path / "own.calib", tmp_path / "own.adapted.calib"
     simulated.save(old)
     calib.write_log(rows, tmp_path / "new.csv")
-    done = run("adapt", old, "--data", tmp_path / "new.csv")
+    done = run(f"adapt {old} --data {tmp_path}/new.csv")
     assert done.code == 3
     assert f"{new} predicts as {old} does, with a wider bound" in done.out
     assert np.array_equal(calib.load(new).model_error(q), found.model.model_error(q))

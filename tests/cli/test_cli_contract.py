@@ -54,9 +54,7 @@ FACTS = {
     "notes": [str],
     "backlash": ([float], None),
 }
-SOURCE = {"source": str, "rows": int, "left_out": int}
-EVALUATED = MODEL | {"evaluated": SOURCE, "learned": int}
-WORST = {"AP": NUMBER_OR_NONE, "RP": float}
+EVALUATED = MODEL | {"evaluated": {"source": str, "rows": int, "left_out": int}, "learned": int}
 POSE_TEST = {
     **each(float, "RP as_corrected"),
     "joints": [float],
@@ -65,7 +63,7 @@ POSE_TEST = {
 }
 ISO9283 = {
     **each(float, "AP RP"),
-    **each(WORST, "as_delivered as_corrected"),
+    **each({"AP": NUMBER_OR_NONE, "RP": float}, "as_delivered as_corrected"),
     **each(int, "poses cycles"),
     "each": [POSE_TEST],
     "unit": str,
@@ -78,7 +76,6 @@ SOLUTION = {"joints": {"*": float}, "position": [float], "distance": float, **BO
 SOLUTIONS = {"target": [float], "reachable": bool, "solutions": [SOLUTION], **ANSWER}
 COLUMNS = {"*": [NUMBER_OR_NONE]}
 BATCH = {"output": TEXT_OR_NONE, "rows": int, **each([int], "invalid out_of_reach"), **ANSWER}
-SIGNAL = each(float, "value threshold")
 DRIFT = {
     **each(str, "model unit"),
     **each(int, "samples outliers left_out"),
@@ -87,7 +84,7 @@ DRIFT = {
     **each([str], "fired explanations"),
     "drifted": (bool, None),
     "tolerance": NUMBER_OR_NONE,
-    "distortion": each(SIGNAL, "motor sensory reverse links"),
+    "distortion": each(each(float, "value threshold"), "motor sensory reverse links"),
     "causes": [CAUSE],
     "smallest_by_group": {"*": NUMBER_OR_NONE},
     "noise": each(float, "now usual"),
@@ -106,10 +103,8 @@ ADAPTED = {
     "units": UNITS,
 }
 FIT = {"model": str, "index": int, "fits": bool, "score": float, "distance": float}
-CHANGE = each(float, "mean max limit")
-QUANTITY = each((float, [float]), "value interval")
 GEOMETRY = {
-    **each({"*": QUANTITY}, "offsets moved"),
+    **each({"*": each((float, [float]), "value interval")}, "offsets moved"),
     **each(float, "residual before reach"),
     "urdf": TEXT_OR_NONE,
     "frame": {"matrix": [[float]], "shift": [float]},
@@ -163,7 +158,8 @@ CONTRACT = [
     ("recognise m.calib --data moved.csv", 3,
      {"model": TEXT_OR_NONE, "samples": int, "fits": [FIT], "unit": str, "units": UNITS}),
     ("correct m.calib --input q.csv", 0,
-     BATCH | {"beyond_limit": [int], "change": {"*": CHANGE}, "answers": COLUMNS}),
+     BATCH | {"beyond_limit": [int], "change": {"*": each(float, "mean max limit")},
+              "answers": COLUMNS}),
     ("urdf m.calib -o new.urdf", 0, GEOMETRY),
     ("export m.calib -o arm.h", 0,
      {"model": str, "bytes": int, "table_bytes": int, "output": str, "units": UNITS}),
@@ -183,27 +179,19 @@ CONTRACT = [
 
 
 def misfits(value, kind, place="document"):
-    """Places of a JSON value that are not of a kind: a type, alternatives, a list or keys of one.
-
-    `"*"` stands for keys of any name; a whole number is a number too.
-    """
-    if isinstance(kind, tuple):
-        if all(misfits(value, part, place) for part in kind):
-            return [f"{place} is {value!r:.40}"]
-        return []
+    """Places of a value that are not of a kind: a type, alternatives, a list, keys ("*": any)."""
     if isinstance(kind, list) and isinstance(value, list):
         return [bad for part in value for bad in misfits(part, kind[0], f"{place}[]")]
     if isinstance(kind, dict) and isinstance(value, dict):
-        kinds = kind
-        if "*" in kind:
-            kinds = dict.fromkeys(value, kind["*"])
+        kinds = dict.fromkeys(value, kind["*"]) if "*" in kind else kind
         bad = [f"{place}.{key}" for key in kinds.keys() ^ value.keys()]
         for key in kinds.keys() & value.keys():
             bad += misfits(value[key], kinds[key], f"{place}.{key}")
         return bad
-    fits = value is None if kind is None else type(value) is kind
-    if kind is float:
-        fits = type(value) in (int, float)
+    if isinstance(kind, tuple):
+        fits = any(misfits(value, part, place) == [] for part in kind)
+    else:
+        fits = value is kind or type(value) is kind or (kind is float and type(value) is int)
     return [] if fits else [f"{place} is {value!r:.40}"]
 
 

@@ -4,20 +4,19 @@ import os
 import sys
 import tempfile
 import unicodedata
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from hypothesis import settings
+
+import calib
 
 LENGTH = int(os.environ.get("CALIB_FUZZ", "1"))
 """How many times the usual number of inputs; more than once they are drawn anew."""
 
 LONGEST = 2_000
 """Characters of an error message."""
-
-RAW = {chr(c) for c in (*range(9), *range(11, 32), *range(127, 160), *range(0x202A, 0x202F))}
-"""Characters that a terminal would obey."""
 
 _FORBIDDEN = ("socket.connect", "socket.getaddrinfo", "socket.sendto", "socket.bind",
               "urllib.Request", "http.client.connect", "ftplib.connect", "subprocess.Popen",
@@ -33,10 +32,6 @@ _FONTS = (str(Path.home() / ".cache"), str(Path.home() / ".config"),
           os.environ.get("MPLCONFIGDIR") or "/usr/share/fonts")  # fmt: skip
 _SYSTEM = (*_FONTS, _SPOOLED, "/usr/share/fonts", "/proc/", "/sys/", "/dev/", "/etc/localtime",
            "/usr/share/zoneinfo")  # fmt: skip
-
-
-class Violation(AssertionError):  # noqa: N818
-    """An input did what no input may do."""
 
 
 def inputs(n: int) -> settings:
@@ -75,14 +70,24 @@ def guarded(folder: Path, named: Iterable[str] = ()) -> Iterator[None]:
         yield
     finally:
         _Watch.allowed = ()
-    if _Watch.seen:
-        raise Violation("; ".join(_Watch.seen[:5]))
+    assert not _Watch.seen, "; ".join(_Watch.seen[:5])
 
 
 def one_line(text: str) -> str:
     """Return a message that is one printable line of bearable length, else raise."""
-    if any(unicodedata.category(c) in ("Cc", "Zl", "Zp", "Cs") for c in text):
-        raise Violation(f"a control character in a message: {text[:200]!r}")
-    if not text.strip() or len(text) > LONGEST or "Traceback" in text or "internal error" in text:
-        raise Violation(f"a message of {len(text)} characters: {text[:500]!r}")
+    assert not {unicodedata.category(c) for c in text} & {"Cc", "Zl", "Zp", "Cs"}, text[:200]
+    assert text.strip()
+    assert len(text) <= LONGEST, text[:500]
+    assert "Traceback" not in text
+    assert "internal error" not in text
     return text
+
+
+def answer(path: Path, data: bytes, read: Callable, refusal: type[Exception] = calib.CalibError):
+    """Read the content of a file under guard: an answer, or a refusal in one line."""
+    path.write_bytes(data)
+    try:
+        with guarded(path.parent):
+            return read(path)
+    except refusal as error:
+        return one_line(str(error))

@@ -15,10 +15,6 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and permissions
 LOG = calib.babble(calib.load_arm("two_link"), 5)
 
 
-def write(path):
-    calib.write_log(LOG, path)
-
-
 def beside(path: Path) -> list[str]:
     return sorted(p.name for p in path.parent.iterdir() if p != path)
 
@@ -41,7 +37,7 @@ def test_a_failure_half_way_keeps_the_old_file(tmp_path, monkeypatch, error, wor
         raise error
 
     monkeypatch.setattr(os, "fsync", fail)
-    refused(CalibError if words else type(error), words, write, path)
+    refused(CalibError if words else type(error), words, calib.write_log, LOG, path)
     assert path.read_bytes() == b"old"
     assert beside(path) == []
 
@@ -50,7 +46,7 @@ def test_a_symbolic_link_stays_and_its_target_is_replaced(tmp_path):
     (tmp_path / "sub").mkdir()
     target, link = tmp_path / "sub" / "target.csv", tmp_path / "link.csv"
     link.symlink_to(target)
-    write(link)  # through a dangling link
+    calib.write_log(LOG, link)  # through a dangling link
     assert link.is_symlink()
     assert target.read_bytes().startswith(b"shoulder")
     assert beside(target) == []
@@ -59,9 +55,8 @@ def test_a_symbolic_link_stays_and_its_target_is_replaced(tmp_path):
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 @pytest.mark.parametrize("link", [False, True])
 def test_a_full_device_is_told(run, tmp_path, link):
-    target = Path("/dev/full")
+    target = tmp_path / "out.parquet" if link else Path("/dev/full")
     if link:
-        target = tmp_path / "out.parquet"
         target.symlink_to("/dev/full")
     done = run("babble", "two_link", "-n", "100", "-o", target)
     assert (done.code, done.out) == (1, "")
@@ -73,10 +68,8 @@ def test_a_full_device_is_told(run, tmp_path, link):
     [("x" * 300, "File name too long"), (".", "it is a folder"), ("no/m.calib", "no folder")],
 )
 def test_a_place_that_cannot_be_is_refused_before_the_work(run, tmp_path, name, words):
-    done = run("train", "two_link", "--samples", "2000000", "-o", f"{tmp_path}/{name}")
-    assert done.code == 1
-    assert words in done.err
-    assert done.err.count("\n") == 1
+    args = ("train", "two_link", "--samples", "2000000", "-o", f"{tmp_path}/{name}")
+    assert run.refused(1, words, *args).err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 
@@ -85,6 +78,6 @@ def test_what_replaces_a_private_file_is_never_public(tmp_path, monkeypatch):
     path.write_bytes(b"old")
     path.chmod(0o600)
     monkeypatch.setattr(os, "fsync", lambda number: modes.append(os.fstat(number).st_mode & 0o777))
-    write(path)
+    calib.write_log(LOG, path)
     assert set(modes) == {0o600}
     assert path.stat().st_mode & 0o777 == 0o600

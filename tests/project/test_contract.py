@@ -5,13 +5,12 @@ needs the ability; then fresh rows of the unchanged arm are unchanged for every 
 ability is a row of `ABILITIES`.
 """
 
-import shutil
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from models import log_of
+from models import log_of, warm
 from touching import World
 
 import calib
@@ -26,6 +25,7 @@ TRAINED = 150
 FRESH = 60
 LENS = (900.0, 640.0, 360.0, -0.1)
 CAMERA = Camera((1280, 720), LENS, (0.0,) * 4)
+FROM_THE_SIDE = {"view.rotation": (-1.3, 0.2, 0.1), "view.shift": (0.05, 0.1, 2.0)}
 
 
 class Robot:
@@ -33,45 +33,37 @@ class Robot:
 
     def __init__(self, view="rigid", **changes):
         self.arm = calib.load_arm("spatial_three")
-        self.truth = structure_of(self.arm, view)
-        if view == "pinhole":
-            self.truth = structure_of(self.arm, view, unit="px", lens=LENS, lens_sd=(0.0,) * 4)
-        rng = np.random.default_rng(7)
-        groups = self.truth.groups
+        lens = {"unit": "px", "lens": LENS, "lens_sd": (0.0,) * 4} if view == "pinhole" else {}
+        self.truth = structure_of(self.arm, view, **lens)
+        rng, groups = np.random.default_rng(7), self.truth.groups
         self.beta = self.truth.neutral()
         self.beta[self.truth.shifts] = rng.normal(0.0, 5e-4, self.truth.shifts.shape)
         self.beta[self.truth.turns] = rng.normal(0.0, 2e-3, self.truth.turns.shape)
         self.beta[groups["tool"]] = rng.normal(0.0, 5e-3, 3)
         self.beta[groups["view.rotation"]] = (0.3, -0.2, 1.0)
         self.beta[groups["view.shift"]] = (0.4, -0.1, 0.2)
-        if view == "pinhole":
-            self.beta[groups["view.rotation"]] = (-1.3, 0.2, 0.1)
-            self.beta[groups["view.shift"]] = (0.05, 0.1, 2.0)
         for name, value in changes.items():
             self.beta[groups[name]] = value
 
-    def draw(self, rows, rng):
-        return rng.uniform(self.arm.lower, self.arm.upper, (rows, self.arm.dof))
-
-    def log(self, q, rng, noise=NOISE, stand=None, **facts):
-        """A log of joints (n, dof) that stood elsewhere, where `stand` (n, dof) says so."""
-        x = self.truth.predict(q if stand is None else stand, self.beta)[:, :3]
-        x = x + noise * rng.standard_normal(x.shape)
-        return log_of(self.arm, q, x, **facts)
+    def log(self, q, stand, rng, noise=NOISE, **facts):
+        """A log of what encoders read, (n, dof), of joints that stand at `stand` (n, dof)."""
+        x = self.truth.predict(stand, self.beta)[:, :3]
+        return log_of(self.arm, q, x + noise * rng.standard_normal(x.shape), **facts)
 
 
-def random_rows(robot, **facts):
-    """Rows to train from, and fresh ones."""
+def random_rows(robot, poses=(TRAINED, FRESH), repeats=1, stand=lambda q: q, **facts):
+    """Rows to train from, and fresh ones: of so many poses, read so often, of joints at `stand`."""
     rng = np.random.default_rng(1)
-    return [robot.log(robot.draw(n, rng), rng, **facts) for n in (TRAINED, FRESH)]
+    draws = (rng.uniform(robot.arm.lower, robot.arm.upper, (n, 3)) for n in poses)
+    joints = (np.tile(q, (repeats, 1)) for q in draws)
+    return [robot.log(q, stand(q), rng, **facts) for q in joints]
 
 
 def joint_curves():
     waves = np.zeros(96)
     waves[[9, 48 + 14]] = (8e-4, -6e-4)
     robot = Robot(**{"curve.0": waves, "curve.1": waves, "curve.2": waves})
-    rng = np.random.default_rng(1)
-    return [robot.log(robot.draw(n, rng), rng, 2e-5) for n in (300, FRESH)]
+    return random_rows(robot, (300, FRESH), noise=2e-5)
 
 
 def encoders_that_tremble():
@@ -88,56 +80,44 @@ def rows_left_out():
     return trained.take(np.sort(rows)), fresh
 
 
-def poses():
-    robot = Robot("pose")
-    rng = np.random.default_rng(1)
-    logs = []
-    for rows in (TRAINED, FRESH):
-        q = robot.draw(rows, rng)
-        seen = robot.truth.predict(q, robot.beta)
-        turns = seen[:, 3:] + 2e-4 * rng.standard_normal((rows, 3))
+def a_lens():
+    robot = Robot("pinhole", **FROM_THE_SIDE)
+    return random_rows(robot, noise=PIXELS, unit="px", camera=CAMERA)
 
-        log = robot.log(q, rng)
-        logs.append(replace(log, orientation=quaternion_of(exponential(turns))))
+
+def poses():
+    robot, rng = Robot("pose"), np.random.default_rng(2)
+    logs = []
+    for log in random_rows(robot):
+        rotvec = robot.truth.predict(log.q, robot.beta)[:, 3:]
+        rotvec += 2e-4 * rng.standard_normal(rotvec.shape)
+        logs.append(replace(log, orientation=quaternion_of(exponential(rotvec))))
     return logs
 
 
 def repeated_poses():
-    robot = Robot()
-    rng = np.random.default_rng(1)
-    logs = []
-    for rows in (50, 20):
-        q = np.tile(robot.draw(rows, rng), (3, 1))
-        logs.append(robot.log(q, rng))
-    return logs
+    return random_rows(Robot(), (50, 20), repeats=3)
 
 
 def backlash():
-    robot = Robot()
-    rng = np.random.default_rng(1)
-    half = np.array([0.0, 4e-3, 0.0])
-    logs = []
-    for rows in (300, 100):
-        q = robot.draw(rows, rng)
-        side = np.sign(np.diff(q, axis=0, prepend=q[:1]))
-        logs.append(robot.log(q, rng, stand=q - half * side))
-    return logs
+    def stand(q):
+        return q - [0.0, 4e-3, 0.0] * np.sign(np.diff(q, axis=0, prepend=q[:1]))
+
+    return random_rows(Robot(), (300, 100), stand=stand)
 
 
 def a_late_clock():
-    robot = Robot()
-    rng = np.random.default_rng(1)
+    robot, rng = Robot(), np.random.default_rng(1)
     middle = 0.5 * (robot.arm.lower + robot.arm.upper)
     swing = 0.4 * (robot.arm.upper - robot.arm.lower)
-    speed = np.array([0.31, 0.53, 0.79])
 
     def path(time):
-        return middle + swing * np.sin(speed * time[:, None])
+        return middle + swing * np.sin([0.31, 0.53, 0.79] * time[:, None])
 
     logs = []
     for start, rows in ((0.0, 400), (57.3, 200)):
         time = start + 0.05 * np.arange(rows)
-        logs.append(robot.log(path(time), rng, stand=path(time - 0.03), time=time))
+        logs.append(robot.log(path(time), path(time - 0.03), rng, time=time))
     return logs
 
 
@@ -150,14 +130,10 @@ def two_sensors():
 
 def touches():
     world = World(2, each=30)
-    order = np.arange(len(world.q))
-    fresh = order % 3 == 2
-    logs = []
-    for rows in (~fresh, fresh):
-        sockets = tuple(("", "ABCD"[k]) for k in range(4))
-        touch = Touches(world.number[rows], sockets, tuple(world.known((0, 1))))
-        logs.append(log_of(world.arm, world.q[rows], np.zeros((rows.sum(), 3)), touch=touch))
-    return logs
+    touch = Touches(world.number, tuple(("", name) for name in "ABCD"), tuple(world.known((0, 1))))
+    log = log_of(world.arm, world.q, np.zeros((len(world.q), 3)), touch=touch)
+    fresh = np.arange(len(log)) % 3 == 2
+    return log.take(~fresh), log.take(fresh)
 
 
 ABILITIES = {
@@ -169,7 +145,7 @@ ABILITIES = {
     "coupled joints": lambda: random_rows(Robot(coupling=(0.0, 6e-3))),
     "a scale": lambda: [replace(a, x=1.7 * a.x, unit="sensor") for a in random_rows(Robot())],
     "millimetres": lambda: [replace(a, x=1e3 * a.x, unit="mm") for a in random_rows(Robot())],
-    "a lens": lambda: random_rows(Robot("pinhole"), noise=PIXELS, unit="px", camera=CAMERA),
+    "a lens": a_lens,
     "poses": poses,
     "repeated poses": repeated_poses,
     "encoders that tremble": encoders_that_tremble,
@@ -220,14 +196,10 @@ def a_file_answers_the_same(model, fresh, folder):
 
 
 def c_agrees(model, fresh, folder):
-    if shutil.which("cc") is None:
-        pytest.skip("no C compiler")
-    compiled = replace(model)
-    expected = model.forward(fresh.q[:5])
-    compiled.warm_up()
+    compiled = warm(model)
     assert compiled.kernel is not None
-    single = np.array([compiled.forward(q) for q in fresh.q[:5]])
-    np.testing.assert_allclose(single, expected, atol=1e-9)
+    single = [compiled.forward(q) for q in fresh.q[:5]]
+    np.testing.assert_allclose(single, model.forward(fresh.q[:5]), atol=1e-9)
 
 
 COMMANDS = (

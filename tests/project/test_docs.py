@@ -1,14 +1,13 @@
 """The manual, examples and benchmarks run as they stand; links and references are current."""
 
-import importlib.util
+import importlib
 import json
 import re
 import runpy
 import shlex
 import shutil
-import sys
-import types
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -19,20 +18,18 @@ import calib
 from calib.samples.tables import write_table
 
 DOCS = ROOT / "docs"
-README = (ROOT / "README.md").read_text(encoding="utf-8")
-NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
+TEXTS = {str(page.relative_to(ROOT)): page.read_text(encoding="utf-8") for page in PAGES}
+README = TEXTS["README.md"]
 #: pages whose blocks do not run: the README has a test of its own; the examples of api.md are
 #: those of the docstrings, which test_doctests.py runs
-ELSEWHERE = ("README.md", "docs/api.md")
-RUN = [name for name in NAMES if name not in ELSEWHERE]
-#: what a page takes over from another one
+RUN = [name for name in TEXTS if name not in ("README.md", "docs/api.md")]
+#: what pages take over from another one
 KNOCKED = (
     "train two_link",
     "babble two_link -n 100 --noise 0.001 --seed 6 --change elbow.length=+5% "
     "--change sensor.outliers=0.05 -o new.csv",
     "adapt two_link.calib --data new.csv",
 )
-EARLIER = {"docs/apply.md": KNOCKED, "docs/howto/ros.md": KNOCKED}
 NOT_RUN = {
     ("docs/quickstart.md", "it installs the package that they run."),
     ("docs/howto/ros.md", "it installs the package that they run."),
@@ -51,14 +48,13 @@ def folder(tmp_path, monkeypatch):
     arm = calib.load_arm("two_link")
     calib.write_log(calib.babble(arm, 300, seed=0, noise=1e-3), "log.csv")
     seen = calib.babble(arm, 300, seed=11, noise=5e-4)
-    degrees = np.degrees(seen.q)
-    camera = {"time": np.arange(300) / 2, "shoulder": degrees[:, 0], "elbow": degrees[:, 1]}
+    joints = dict(zip(arm.joint_names, seen.q.T, strict=True))
+    camera = {"time": np.arange(300) / 2} | {name: np.degrees(q) for name, q in joints.items()}
     camera |= {"cam_u": 640 + 800 * seen.x[:, 0], "cam_v": 900 - 800 * seen.x[:, 1]}
     write_table("camera.csv", camera)
     space = np.array([1.2, -0.4, 0.9]) + seen.x @ [[0.8, 0.6, 0.0], [-0.36, 0.48, 0.8]]
     space += np.random.default_rng(0).normal(0.0, 3e-4, space.shape)
-    joints = {"shoulder": seen.q[:, 0], "elbow": seen.q[:, 1]}
-    write_table("tracker.csv", {**joints, **dict(zip("xyz", space.T, strict=True))})
+    write_table("tracker.csv", joints | dict(zip("xyz", space.T, strict=True)))
     write_table("pictures.csv", pictures())
     return tmp_path
 
@@ -69,9 +65,8 @@ def pictures():
     q = rng.uniform(arm.lower, arm.upper, (45, 3))
     ahead = np.array([-0.2, 0.93, -0.3]) / np.linalg.norm([-0.2, 0.93, -0.3])
     right = np.cross(ahead, (0, 0, 1)) / np.linalg.norm(np.cross(ahead, (0, 0, 1)))
-    point = (arm.forward(q) - (0.35, -1.1, 0.55)) @ np.stack(
-        [right, np.cross(ahead, right), ahead]
-    ).T
+    axes = np.stack([right, np.cross(ahead, right), ahead])
+    point = (arm.forward(q) - (0.35, -1.1, 0.55)) @ axes.T
     pixels = 880 * point[:, :2] / point[:, 2:] + (640, 360) + rng.normal(0, 0.3, (45, 2))
     columns = dict(zip(arm.joint_names, q.T, strict=True))
     return columns | {"u": pixels[:, 0], "v": pixels[:, 1]}
@@ -135,44 +130,33 @@ def test_the_readmes_two_commands_are_what_is_checked_on_every_change():
     assert "export" not in script  # no variable is set for them
 
 
-class Robot:
-    """A stand-in for LeRobot's follower, as much of it as the page calls."""
-
-    def __init__(self):
-        self.sent: dict[str, float] = {}
-
-    def send_action(self, action):
-        self.sent = dict(action)
-
-
 @pytest.mark.parametrize("name", RUN)
 def test_commands_and_code_run_and_print_what_the_page_shows(name, folder):
-    page = ROOT / name
-    text = page.read_text(encoding="utf-8")
+    text = TEXTS[name]
     if not any(block.language in ("console", "python") for block in blocks(text)):
         return
     needed(text)
-    for line in EARLIER.get(name, ()):
+    for line in KNOCKED if name in ("docs/apply.md", "docs/howto/ros.md") else ():
         assert SHARED.run(line.split(), folder).code == 0
     names: dict[str, object] = {}
     if name == "docs/howto/ros.md":
-        robot = Robot()
+        robot = Mock()  # for LeRobot's follower
         shutil.copy("two_link.adapted.calib", "so101.calib")
         action = {"shoulder_lift.pos": 30.0, "elbow_flex.pos": 60.0, "gripper.pos": 5.0}
-        names = {"robot": robot, "action": dict(action)}
-    run_page(page, folder, names)
+        names = {"robot": robot, "action": action}
+    run_page(ROOT / name, folder, names)
     if name == "docs/howto/ros.md":
         adapted = calib.load("two_link.adapted.calib")
         (q,) = np.degrees(calib.correct(adapted, np.radians([[30.0, 60.0]])).q)
         expected = {"shoulder_lift.pos": q[0], "elbow_flex.pos": q[1], "gripper.pos": 5.0}
-        assert robot.sent == pytest.approx(expected)
+        assert robot.send_action.call_args.args == (pytest.approx(expected),)
 
 
 def remarks(kind: str) -> set[tuple[str, str]]:
     return {
         (name, block.remark.removeprefix("Not run by the tests: "))
-        for name, page in zip(NAMES, PAGES, strict=True)
-        for block in blocks(page.read_text(encoding="utf-8"))
+        for name, text in TEXTS.items()
+        for block in blocks(text)
         if block.remark.startswith(kind)
     }
 
@@ -182,131 +166,95 @@ def test_what_does_not_run_is_known():
     assert remarks("Run by the tests against") == STAND_INS
 
 
-def test_blocks_are_of_a_kind_that_is_run_or_is_no_code():
-    kinds = {
-        (block.language, page.name)
-        for page in PAGES
-        for block in blocks(page.read_text(encoding="utf-8"))
-        if page.name != "api.md"
-    }
-    compiled = {("c", "apply.md")}  # by test_export_c.py
-    assert {kind for kind, _ in kinds - compiled} <= {"console", "python", "text"}
-    for page in PAGES:  # no fence that the test would not find
-        text = page.read_text(encoding="utf-8")
-        assert text.count("\n```") == 2 * len(list(blocks(text))), page.name
+@pytest.mark.parametrize("name", TEXTS)
+def test_blocks_are_of_a_kind_that_is_run_or_is_no_code(name):
+    kinds = [block.language for block in blocks(TEXTS[name])]
+    assert TEXTS[name].count("\n```") == 2 * len(kinds)  # no fence that the test would not find
+    compiled = {"c"} if name == "docs/apply.md" else set()  # by test_export_c.py
+    assert name == "docs/api.md" or set(kinds) <= {"console", "python", "text"} | compiled
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", TEXTS)
 def test_links_and_anchors_lead_somewhere(name):
-    page = ROOT / name
-    text = page.read_text(encoding="utf-8")
-    lost = []
-    for link in links(text):
+    page, lost = ROOT / name, []
+    for link in links(TEXTS[name]):
         path, _, anchor = link.partition("#")
         target = (page.parent / path).resolve() if path else page
-        if not target.exists() or (
-            anchor and anchor not in anchors(target.read_text(encoding="utf-8"))
-        ):
+        if not target.exists() or (anchor and anchor not in anchors(target.read_text("utf-8"))):
             lost.append(link)
     assert lost == []
 
 
 def test_every_page_and_picture_is_reached_from_the_index():
-    index = (DOCS / "README.md").read_text(encoding="utf-8")
-    linked = {(DOCS / link.split("#")[0]).resolve() for link in links(index)}
+    linked = {(DOCS / link.split("#")[0]).resolve() for link in links(TEXTS["docs/README.md"])}
     assert {page for page in PAGES if page.is_relative_to(DOCS)} - linked == {DOCS / "README.md"}
-    shown = {
-        (page.parent / link).resolve()
-        for page in PAGES
-        for link in links(page.read_text(encoding="utf-8"))
-        if link.endswith(".png")
+    targets = {
+        ((ROOT / name).parent / link).resolve()
+        for name, text in TEXTS.items()
+        for link in links(text)
     }
-    assert set((DOCS / "img").glob("*.png")) == shown
+    assert set(DOCS.glob("img/*.png")) == {path for path in targets if path.suffix == ".png"}
 
 
 @pytest.mark.parametrize("name", ["cli", "api"])
 def test_references_are_as_the_program_is(name):
-    made = generator(f"make_{name}")
+    made = importlib.import_module(f"make_{name}")
     assert made.PAGE.read_text(encoding="utf-8") == made.page(), f"python docs/make_{name}.py"
 
 
-def generator(name: str) -> types.ModuleType:
-    """Import a script of the manual."""
-    sys.path.insert(0, str(DOCS))
-    try:
-        spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    finally:
-        sys.path.remove(str(DOCS))
-    return module
-
-
 def test_commands_that_can_say_no_tell_so_in_the_reference():
-    text = (DOCS / "cli.md").read_text(encoding="utf-8")
-    sections = {s.split("\n")[0].split()[-1]: s for s in text.split("\n## calib ")[1:]}
+    parts = TEXTS["docs/cli.md"].split("\n## calib ")[1:]
+    sections = {part.split("\n")[0].split()[-1]: part for part in parts}
     names = ("forward", "inverse", "path", "check", "adapt", "recognise", "correct", "urdf", "log")
     for name in names:
         assert "xit code 3" in sections[name], name
 
 
-ROOT = Path(__file__).parents[2]
-FOLDER = ROOT / "examples"
-SCRIPTS = ROOT / "benchmarks"
-EXAMPLES = sorted(path.stem for path in FOLDER.glob("*.py"))
-
-
-@pytest.fixture(scope="module")
-def printed(tmp_path_factory):
-    """What an example prints when it is run in an empty folder; each runs once."""
-    done: dict[str, str] = {}
-
-    def run(name: str, monkeypatch, capsys) -> str:
-        if name not in done:
-            monkeypatch.chdir(tmp_path_factory.mktemp(name))
-            try:
-                runpy.run_path(str(FOLDER / f"{name}.py"), run_name="__main__")
-            except SystemExit as end:  # an extra is missing: the example says which
-                if "pip install" not in str(end.code):
-                    raise
-                pytest.skip(str(end.code))
-            done[name] = capsys.readouterr().out
-        return done[name]
-
-    return run
-
-
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_an_example_runs_by_itself_and_shows_figures(name, printed, monkeypatch, capsys):
-    assert re.search(r"\d", printed(name, monkeypatch, capsys))
-
-
-def test_few_measured_poses_mend_the_model_of_a_urdf(printed, monkeypatch, capsys):
-    out = printed("urdf_then_real", monkeypatch, capsys)
+def few_measured_poses_mend_the_model_of_a_urdf(out):
     before, after = map(float, re.search(r"poses: ([\d.]+) -> ([\d.]+) mm", out).groups())
     truth = float(re.search(r"truth: ([\d.]+) mm", out)[1])
     assert truth < after < before / 10  # readings have 0.5 mm of noise, the truth has none
     assert "still calibrated: True" in out
 
 
-def test_a_loop_over_the_camera_ends_below_its_noise(printed, monkeypatch, capsys):
-    out = printed("closed_loop", monkeypatch, capsys)
+def a_loop_over_the_camera_ends_below_its_noise(out):
     at = {int(n): float(mm) for n, mm in re.findall(r"after +(\d+) steps +([\d.]+) mm", out)}
     noise = float(re.search(r"noise +([\d.]+) mm", out)[1])
     assert at[1] > 10 * noise
     assert max(at[16], at[40]) < noise
 
 
+FIGURES = {
+    "urdf_then_real": few_measured_poses_mend_the_model_of_a_urdf,
+    "closed_loop": a_loop_over_the_camera_ends_below_its_noise,
+}
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in ROOT.glob("examples/*.py")))
+def test_an_example_runs_by_itself_and_shows_figures(name, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    try:
+        runpy.run_path(str(ROOT / f"examples/{name}.py"), run_name="__main__")
+    except SystemExit as end:  # an extra is missing: the example says which
+        if "pip install" not in str(end.code):
+            raise
+        pytest.skip(str(end.code))
+    out = capsys.readouterr().out
+    assert re.search(r"\d", out)
+    if name in FIGURES:
+        FIGURES[name](out)
+
+
 def test_every_script_that_a_page_names_is_there_and_every_script_is_named():
-    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
-    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    contributing = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    text = "\n".join([*TEXTS.values(), contributing])
     named = set(re.findall(r"benchmarks/(\w+)\.py", text))
-    there = {path.stem for path in SCRIPTS.glob("*.py")}
-    assert named <= there
-    scripts = [*SCRIPTS.glob("*.py"), *Path(__file__).parent.glob("*.py")]
-    text = "\n".join(path.read_text(encoding="utf-8") for path in scripts)
-    used = set(re.findall(r"^ *(?:from|import) (\w+)", text, re.MULTILINE))
-    assert {name for name in there - named - used if not name.startswith("peer_")} == set()
+    scripts = list(ROOT.glob("benchmarks/*.py"))
+    names = {path.stem for path in scripts if not path.stem.startswith("peer_")}
+    assert all((ROOT / f"benchmarks/{name}.py").exists() for name in named)
+    importing = [*scripts, *Path(__file__).parent.glob("*.py")]
+    text = "\n".join(path.read_text(encoding="utf-8") for path in importing)
+    assert names <= named | set(re.findall(r"^ *(?:from|import) (\w+)", text, re.MULTILINE))
 
 
 def test_errors_agree_with_those_of_other_versions():

@@ -107,14 +107,9 @@ def style_of(files: list[Path]) -> Style:
 
 def rooms() -> dict[str, list[Path]]:
     """The files of each room: a folder of `calib`, its modules that stand alone, and `cli`."""
-    found = {
-        "calib": sorted((ROOT / "calib").glob("*.py")),
-        "cli": sorted((ROOT / "cli").rglob("*.py")),
-    }
-    for folder in sorted((ROOT / "calib").iterdir()):
-        if folder.is_dir() and (folder / "__init__.py").exists():
-            found[folder.name] = sorted(folder.rglob("*.py"))
-    return found
+    folders = [path.parent for path in sorted(ROOT.glob("calib/*/__init__.py"))]
+    modules = {"calib": sorted(ROOT.glob("calib/*.py")), "cli": sorted(ROOT.glob("cli/**/*.py"))}
+    return modules | {folder.name: sorted(folder.rglob("*.py")) for folder in folders}
 
 
 def test_each_room_has_limits():

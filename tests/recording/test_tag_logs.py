@@ -211,10 +211,8 @@ def test_settings_that_cannot_be(shot, copy):
     refused(CalibError, "printed on the board too", Setting, 7, "5x5_100", BOARD, lens=LENS)
     refused(CalibError, "expected `board` too", load_lens, shot.pictures, None)
     refused(CalibError, "is no lens", load_lens, shot.folder / "joints.csv", None)
-    other = Lens((320, 240), LENS.focal, LENS.centre, LENS.distortion)
-    refused(
-        CalibError, "lens was calibrated with 320x240", make, shot.folder, Setting(7, lens=other)
-    )
+    other = Setting(7, lens=Lens((320, 240), LENS.focal, LENS.centre, LENS.distortion))
+    refused(CalibError, "lens was calibrated with 320x240", make, shot.folder, other)
     path, degrees = copy.folder / "deg.csv", np.rad2deg(copy.q)
     np.savetxt(path, degrees, delimiter=",", header="a,b,c", comments="")
     refused(CalibError, "are these degrees", read_joints, path)

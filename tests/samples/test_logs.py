@@ -13,19 +13,11 @@ from refusals import refused
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib import (
-    LogError,
-    OptionError,
-    Samples,
-    babble,
-    load_arm,
-    read_log,
-    train,
-    write_log,
-)
+from calib import LogError, OptionError, Samples, babble, load_arm, read_log, train, write_log
 from calib.samples.tables import write_table
 
 GOOD = "a,b,x,y\n0.1,0.2,1,2\n0.2,0.4,3,4\n0.3,0.1,5,6\n"
+MODEL = b"9" * 8 + b'{"__metadata__":{"calib":"{}"}}'
 TURN = 2 * math.pi
 DEGREES = 180 / math.pi
 
@@ -34,10 +26,10 @@ def unread(path, words, error=LogError, **options):
     refused(error, words, read_log, path, **({"joints": ["a", "b"]} | options))
 
 
-@given(
-    st.lists(st.tuples(*[st.floats(-1e12, 1e12)] * 3), min_size=2, unique=True),
-    st.sampled_from([".csv", ".parquet"]),
-)
+ROWS = st.lists(st.tuples(*[st.floats(-1e12, 1e12)] * 3), min_size=2, unique=True)
+
+
+@given(ROWS, st.sampled_from([".csv", ".parquet"]))
 @settings(max_examples=50)
 def test_any_finite_numbers_come_back(tmp_path, rows, suffix):
     values = np.array(rows)
@@ -55,19 +47,16 @@ def test_any_finite_numbers_come_back(tmp_path, rows, suffix):
 @pytest.mark.parametrize(
     ("separator", "encoding"), [(";", "utf-8"), ("\t", "utf-16"), (";", "utf-8-sig")]
 )
-def test_tables_of_spreadsheets_have_commas_in_their_decimals(separator, encoding, tmp_path):
+def test_tables_of_spreadsheets_have_commas_in_their_decimals(separator, encoding, file):
     rows = [["a", "b", "x", "y"], ["-0,5", "1", "2,25e-1", ",5"], ["0,5", "3,0", "4", "1,5"]]
-    path = tmp_path / "log.csv"
-    path.write_text("\n".join(map(separator.join, rows)), encoding=encoding)
-    log = read_log(path, joints=["a", "b"])
+    text = "\n".join(map(separator.join, rows))
+    log = read_log(file(text.encode(encoding)), joints=["a", "b"])
     assert log.q.tolist() == [[-0.5, 1.0], [0.5, 3.0]]
     assert log.x.tolist() == [[0.225, 0.5], [4.0, 1.5]]
 
 
-def test_times_that_are_not_used_are_told(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("a,x,y,time\n1,2,3,0.1\n2,3,3,12:00\n3,5,4,0.3\n")
-    log = read_log(path, joints=["a"])
+def test_times_that_are_not_used_are_told(file):
+    log = read_log(file("a,x,y,time\n1,2,3,0.1\n2,3,3,12:00\n3,5,4,0.3\n"), joints=["a"])
     assert log.time is None
     assert "the column time is not used, it has no number in 1 rows: row 2" in log.notes
 
@@ -83,22 +72,14 @@ BAD = [  # what a file holds, what is asked of it, and what the refusal says
     ("a,b,x,y\n1,\u0661,3,4\n", {}, "1 of 1 rows miss a finite number .* of b"),
     ("a;b;x;y\n1;0,5;.3;4\n", {}, r"1 of 1 rows miss a finite number \(2.5, not 2,5\) of b"),
     ("a,b,x,y\n1,2,3,4\n0,5,0,6,3,4\n", {}, "more fields .*, decimals with a point"),
-    (
-        "# of May\na,b,x,y\n1,2,3,4\n",
-        {},
-        "more fields .*: expected the columns' names in the first",
-    ),
+    ("# May\na,b,x,y\n1,2,3,4\n", {}, "more fields .*: expected the columns' names in the first"),
     ("a,b,x,y\n1,2,,4\n2,3,,5\n", {}, "2 of 2 rows miss a finite number .* of x"),
     ("a,b,x,y\n1,,3,4\n,3,3,5\n", {}, "2 of 2 rows miss a finite number .* of a, b"),
     ("a,b,x,y\n1,2,3,4\n1,3,4,5\n", {}, "a is 1 in every row"),
     ("a,b,x,y\n1,2,3,4\n2,3,3,5\n", {}, "x is 3 in every row"),
     (b"a,b,x,y,c\n1,2,3,4,\xb0\n", {}, "UTF-8"),
     (b"PAR1 and nothing else", {}, "cannot be read"),
-    (
-        b"9" * 8 + b'{"__metadata__":{"calib":"{}"}}',
-        {},
-        "is a model, not a log; .log. takes a log .CSV or Parquet.",
-    ),
+    (MODEL, {}, "is a model, not a log; .log. takes a log .CSV or Parquet."),
     (b"a" * (1 << 20), {}, "no positions"),
     ('a,b,x,y\n1,2,3,"4\n' + "5" * 200_000, {}, "cannot be read"),
     (GOOD, {"joints": None}, "choices: 'a', 'b'; name them in .joints"),
@@ -170,15 +151,15 @@ def test_a_header_says_that_a_joint_slides_or_contradicts(arm, file):
 
 
 @pytest.mark.parametrize(
-    "times",
+    "time",
     [
-        [f"2024-03-01T12:00:00.{20 * k:03d}Z" for k in range(12)],
-        [str(1709294400000 + 20 * k) for k in range(12)],
-        [str(1709294400000000000 + 20_000_000 * k) for k in range(12)],
+        lambda k: f"2024-03-01T12:00:00.{20 * k:03d}Z",
+        lambda k: 1709294400000 + 20 * k,
+        lambda k: 1709294400000000000 + 20_000_000 * k,
     ],
 )
-def test_times_of_clocks_are_seconds(file, times):
-    rows = [f"{time},{k % 5},{k % 7},{k},{k * k}" for k, time in enumerate(times)]
+def test_times_of_clocks_are_seconds(file, time):
+    rows = [f"{time(k)},{k % 5},{k % 7},{k},{k * k}" for k in range(12)]
     table = file("\n".join(["stamp,a,b,x,y", *rows]))
     log = read_log(table, joints=["a", "b"], columns={"time": "stamp"})
     np.testing.assert_allclose(log.time, 1709294400 + 0.02 * np.arange(12), rtol=0, atol=1e-6)
@@ -203,12 +184,6 @@ def test_a_sensor_that_holds_its_last_value_is_told_and_one_of_whole_pixels_is_n
     assert read_log(tmp_path / "rest.csv", arm).left_out == 0
 
 
-def test_counts_of_an_encoder_are_neither_radians_nor_degrees(arm, file):
-    table = file("shoulder,elbow,x,y\n3072,100,.1,.2\n2050,2000,.2,.3\n")
-    for degrees in (False, True):
-        refused(LogError, "an encoder's counts to rad", read_log, table, arm, degrees=degrees)
-
-
 def test_the_arms_order_holds_and_its_joints_are_the_log(arm, file):
     path = file("elbow,shoulder,x,y\n0.5,0.1,1,2\n0.6,0.2,3,4\n")
     assert read_log(path, arm).q.tolist() == [[0.1, 0.5], [0.2, 0.6]]
@@ -229,9 +204,8 @@ def test_rows_without_a_finite_value_are_left_out_and_counted(arm, file):
 
 def test_parquet_of_other_types(tmp_path):
     path = tmp_path / "log.parquet"
-    frame = pl.DataFrame(
-        {"a": [1, 2, None], "b": ["0.5", " 1 ", "2"], "x": [1, 3, 2], "y": [1.5, 2, 3]}
-    )
+    columns = {"a": [1, 2, None], "b": ["0.5", " 1 ", "2"], "x": [1, 3, 2], "y": [1.5, 2, 3]}
+    frame = pl.DataFrame(columns)
     frame.write_parquet(path)
     log = read_log(path, joints=["a", "b"])
     assert log.q.tolist() == [[1, 0.5], [2, 1]]
@@ -246,8 +220,8 @@ def test_locked_joints_are_the_medians_of_their_columns(tmp_path, run):
     three = load_arm("three_link")
     q = babble(three, 200).q
     path, out = tmp_path / "log.csv", tmp_path / "m.calib"
-    words = ["train", "three_link", "--joints", "shoulder,elbow", "--tip", "tip", "--data", path]
-    words += ["--size", 3, "-o", out]
+    command = f"train three_link --joints shoulder,elbow --tip tip --data {path} --size 3 -o {out}"
+    words = command.split()
 
     def trained(wrist, *more, factor=1.0):
         x = three.forward(np.column_stack([q[:, :2], wrist]))
@@ -275,8 +249,7 @@ def test_what_is_known_of_the_clock_is_taken_and_nothing_estimated(arm, tmp_path
 
     then, path = q(time - 0.03), tmp_path / "late.csv"
     x = arm.forward(then)
-    names = ("shoulder", "elbow", "x", "y", "time")
-    write_table(path, dict(zip(names, [*q(time).T, *x.T, time], strict=True)))
+    write_log(Samples(q(time), x, arm.joint_names, time=time), path)
     log = read_log(path, arm, time_offset=-0.03)
     assert np.abs(arm.forward(log.q) - log.x)[5:-5].max() < 1e-5  # cubic but for both ends
     assert "-0.03 s added" in " ".join(log.notes)
@@ -288,21 +261,18 @@ def test_what_is_known_of_the_clock_is_taken_and_nothing_estimated(arm, tmp_path
     refused(LogError, "column `time`", read_log, tmp_path / "no_times.csv", arm, time_offset=0.1)
 
 
-def table(joints, n=40):
-    """A log of these joint columns and of positions that move."""
-    columns = {**joints, "x": np.linspace(0, 1, n), "y": np.linspace(0, 1, n) ** 2}
-    return pl.DataFrame(columns).write_csv()
-
-
-def test_degrees(arm, file):
+def test_degrees_are_read_as_radians_and_counts_of_an_encoder_are_neither(arm, file):
+    counts = file("shoulder,elbow,x,y\n3072,100,.1,.2\n2050,2000,.2,.3\n")
+    for degrees in (False, True):
+        refused(LogError, "an encoder's counts to rad", read_log, counts, arm, degrees=degrees)
     q = np.deg2rad([[10, 20], [80, 140], [90, 150], [0, 15]])
-    text = "shoulder,elbow,x,y\n10,20,1,2\n80,140,2,3\n90,150,2,5\n0,15,6,6\n"
-    log = read_log(file(text), arm, degrees=True)
+    path = file("shoulder,elbow,x,y\n10,20,1,2\n80,140,2,3\n90,150,2,5\n0,15,6,6\n")
+    log = read_log(path, arm, degrees=True)
     np.testing.assert_allclose(log.q, q, atol=1e-15)
     assert log.notes == ()
     np.testing.assert_allclose([log.lower, log.upper], [arm.lower, arm.upper], atol=1e-12)
-    unread(file(text), "give `degrees=True`", arm=arm, joints=None)
-    unread(file(text), "90 rad.*3.14.*degrees=True", joints=["shoulder"])
+    unread(path, "give `degrees=True`", arm=arm, joints=None)
+    unread(path, "90 rad.*3.14.*degrees=True", joints=["shoulder"])
     log = read_log(file(GOOD), joints="a,b", degrees=True, prismatic=["b"])
     np.testing.assert_allclose(log.q[:, 0], np.deg2rad([0.1, 0.2, 0.3]))
     assert log.q[:, 1].tolist() == [0.2, 0.4, 0.1]  # a sliding joint's are metres
@@ -324,12 +294,12 @@ def test_a_chosen_range_goes_before_the_limits(arm, file):
 
 def test_more_than_one_turn_becomes_one(file):
     a = np.linspace(-4.0, 4.0, 400)
-    log = read_log(file(table({"a": a, "b": np.cos(a)}, 400)), joints=["a", "b"])
+    columns = {"a": a, "b": np.cos(a), "x": a, "y": a**2}
+    log = read_log(file(pl.DataFrame(columns).write_csv()), joints=["a", "b"])
     assert (log.lower[0], log.upper[0]) == (-math.pi, math.pi)
     np.testing.assert_allclose(np.exp(1j * log.q[:, 0]), np.exp(1j * a), atol=1e-12)
     assert "wrapped" in log.notes[0]
-    inside = np.abs(a) <= math.pi
-    assert (log.q[inside, 0] == a[inside]).all()
+    assert (log.q[:, 0] == a)[np.abs(a) <= math.pi].all()
 
 
 SPATIAL = load_arm("spatial_three")
@@ -337,7 +307,7 @@ SPATIAL = load_arm("spatial_three")
 
 @pytest.fixture
 def posed(tmp_path):
-    """Write a log of an arm in space; return its path, joints, positions and orientations."""
+    """What writes a log of an arm in space and returns its path; positions and orientations."""
     q = np.random.default_rng(0).uniform(SPATIAL.lower, SPATIAL.upper, (40, 3))
     x, turns = SPATIAL.pose(q)
 
@@ -347,7 +317,7 @@ def posed(tmp_path):
         write_table(tmp_path / "log.csv", columns | more)
         return tmp_path / "log.csv"
 
-    return write, q, x, turns
+    return write, x, turns
 
 
 def quaternion(turns):
@@ -355,7 +325,7 @@ def quaternion(turns):
 
 
 def test_positions_and_orientations_are_read_and_written(posed, tmp_path):
-    write, _, x, turns = posed
+    write, x, turns = posed
     log = read_log(write(**quaternion(-turns)), SPATIAL)  # the same orientations
     np.testing.assert_array_equal(log.x, x)
     np.testing.assert_allclose(log.orientation, turns, atol=1e-15)
@@ -367,14 +337,13 @@ def test_positions_and_orientations_are_read_and_written(posed, tmp_path):
     assert again.take([3, 5]).orientation.shape == (2, 4)
     angles = np.random.default_rng(1).uniform(-1, 1, (40, 3))
     more = dict(zip(("roll", "pitch", "yaw"), angles.T, strict=True))  # as in a URDF
-    log = read_log(write(**more), SPATIAL)
+    rotation = Rotation.from_quat(read_log(write(**more), SPATIAL).orientation)
     expected = Rotation.from_euler("xyz", angles).as_matrix()
-    seen = Rotation.from_quat(log.orientation).as_matrix()
-    np.testing.assert_allclose(seen, expected, atol=1e-12)
+    np.testing.assert_allclose(rotation.as_matrix(), expected, atol=1e-12)
 
 
 def test_quaternions_that_are_none_are_told_in_one_line(posed):
-    write, _, _, turns = posed
+    write, _, turns = posed
     turns[7:30] = (0.5, 0.5, 0.0, 0.0)
     log = read_log(write(**quaternion(turns)), SPATIAL)
     assert len(log) == log.left_out - 6 == 17
@@ -382,7 +351,7 @@ def test_quaternions_that_are_none_are_told_in_one_line(posed):
 
 
 def test_without_an_arm_positions_in_a_plane_are_planar_unless_an_arm_is_in_space(posed):
-    write, _, x, _ = posed
+    write, x, _ = posed
     names = SPATIAL.joint_names
     assert read_log(write(), joints=names).x.shape == (40, 3)
     path = write(x * (1, 1, 1e-4))
@@ -394,30 +363,9 @@ def test_without_an_arm_positions_in_a_plane_are_planar_unless_an_arm_is_in_spac
     refused(LogError, "x and y alone", read_log, path, joints=names, outputs=3)
 
 
-N = 3000
-JOINTS = ["shoulder", "elbow"]
-
-
-@pytest.fixture(scope="module")
-def rows(arm):
-    """A log of N rows, of which every hundredth misses a value."""
-    log = calib.babble(arm, N, seed=3, noise=1e-3)
-    values = np.hstack([log.q, log.x])
-    values[::100, 3] = np.nan
-    return values
-
-
-@pytest.fixture
-def files(tmp_path, rows):
-    frame = pl.DataFrame(dict(zip([*JOINTS, "x", "y"], rows.T, strict=True))).fill_nan(None)
-    frame.write_csv(tmp_path / "log.csv")
-    frame.write_parquet(tmp_path / "log.parquet", row_group_size=700)
-    return [tmp_path / "log.csv", tmp_path / "log.parquet"]
-
-
 def test_of_a_very_long_log_evenly_spread_rows_are_held(tmp_path, arm):
     q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (400_000, 2))
-    columns = dict(zip([*JOINTS, "x", "y"], np.hstack([q, arm.forward(q)]).T, strict=True))
+    columns = dict(zip([*arm.joint_names, *"xy"], np.hstack([q, arm.forward(q)]).T, strict=True))
     pl.DataFrame(columns).write_parquet(tmp_path / "long.parquet")
     log = read_log(tmp_path / "long.parquet", arm)
     assert len(log) == 200_000

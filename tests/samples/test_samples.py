@@ -10,20 +10,13 @@ from refusals import refused
 
 import calib
 from calib import LogError, Samples
-from calib.samples.tables import write_table
 
 
 def make(n=4, **changes):
     rng = np.random.default_rng(0)
-    fields = {
-        "q": rng.random((n, 2)),
-        "x": rng.random((n, 2)),
-        "joint_names": ("a", "b"),
-        "lower": [0, 0],
-        "upper": [1, 1],
-        "revolute": (True, False),
-    }
-    return Samples(**{**fields, **changes})
+    fields = {"q": rng.random((n, 2)), "x": rng.random((n, 2)), "joint_names": ("a", "b")}
+    limits = {"lower": [0, 0], "upper": [1, 1], "revolute": (True, False)}
+    return Samples(**fields | limits | changes)
 
 
 def test_arrays_are_float_contiguous_and_read_only():
@@ -57,18 +50,11 @@ def test_what_does_not_fit_is_refused_in_one_line(changes, message):
     refused(LogError, message, make, **changes)
 
 
-Q = np.array([[0.0, 1.0], [0.5, 1.0], [0.5, 0.2], [0.0, 1.0], [0.0, 1.0 + 1e-9]])
-SAMPLES = Samples(Q, np.arange(10.0).reshape(5, 2), ("one", "two"))
-
-
-def test_each_joint_came_from_the_side_of_its_last_motion():
-    side = SAMPLES.side
-    assert side[:, 0].tolist() == [0, 1, 1, -1, -1]
-    assert side[:, 1].tolist() == [0, 0, -1, 1, 1]
-
-
-def test_rows_at_one_pose_share_its_number():
-    assert SAMPLES.pose_index.tolist() == [0, 1, 2, 0, 0]
+def test_each_joint_came_from_the_side_of_its_last_motion_and_rows_at_one_pose_share_its_number():
+    q = np.array([[0.0, 1.0], [0.5, 1.0], [0.5, 0.2], [0.0, 1.0], [0.0, 1.0 + 1e-9]])
+    rows = Samples(q, np.arange(10.0).reshape(5, 2), ("one", "two"))
+    assert rows.side.T.tolist() == [[0, 1, 1, -1, -1], [0, 0, -1, 1, 1]]
+    assert rows.pose_index.tolist() == [0, 1, 2, 0, 0]
 
 
 NAMES = ("shoulder", "elbow")
@@ -161,43 +147,27 @@ def test_rows_wrong_by_centimetres_are_found_and_no_others(n, share):
     assert all(str(row) in notes[0] for row in first)
 
 
-def test_a_patch_that_bends_away_is_no_outlier():
+def test_a_patch_that_bends_away_or_a_row_far_from_all_others_is_no_outlier():
     """No smooth function of few terms follows a bump, but neighbours share it."""
     log = bare("two_link", 3000, 1, noise=1e-3)
     u = (log.q - log.lower) / (log.upper - log.lower)
     bump = 0.05 * np.exp(-0.5 * np.sum((u - 0.5) ** 2, axis=1) / 0.05**2)
     assert screen(replace(log, x=log.x + bump[:, None]))[0] <= 3
-
-
-def test_a_row_far_from_all_others_is_no_outlier():
-    """What a fit to the other rows says there is a guess."""
-    log = bare("two_link", 1000, 1, noise=1e-3)
+    # what a fit to the other rows says far from them is a guess
     near = (log.q < np.quantile(log.q, 0.5, axis=0)).all(axis=1)
-    alone = int(np.argmax(log.q.sum(axis=1)))
-    rows = np.append(np.flatnonzero(near), alone)
-    x = log.x.copy()
-    x[alone] += 0.03
-    assert screen(replace(log, x=x).take(rows))[0] == 0
-
-
-def in_space(n=120, seed=2):
-    arm = calib.load_arm("spatial_three")
-    rng = np.random.default_rng(seed)
-    q = rng.uniform(arm.lower, arm.upper, (n, 3))
-    place, turns = arm.pose(q)
-    place += rng.normal(0.0, 1e-4, place.shape)
-    table = dict(zip((*arm.joint_names, *"xyz"), np.hstack([q, place]).T, strict=True))
-    return arm, table, dict(zip(("qx", "qy", "qz", "qw"), turns.T, strict=True))
+    alone = np.arange(3000) == np.argmax(log.q.sum(axis=1))
+    rows = np.flatnonzero(near | alone)
+    assert screen(replace(log, x=log.x + 0.03 * alone[:, None]).take(rows))[0] == 0
 
 
 @pytest.mark.parametrize("lost", [[17], [3, 17, 40, 41, 99]])
 def test_rows_of_zeros_in_space_are_left_out_of_learning_and_of_errors(tmp_path, lost):
     """122 of them were neither dropped nor counted, and the table said 54 mm for .01."""
-    arm, table, _ = in_space()
-    clean = calib.train(_read(tmp_path, table, arm), size=6)
-    for axis in "xyz":
-        table[axis][lost] = 0.0
-    log = _read(tmp_path, table, arm)
+    rows = bare("spatial_three", 120, seed=2, noise=1e-4)
+    clean = calib.train(rows, size=6)
+    zeros = np.isin(np.arange(120), lost)
+    calib.write_log(replace(rows, x=np.where(zeros[:, None], 0.0, rows.x)), tmp_path / "log.csv")
+    log = calib.read_log(tmp_path / "log.csv", rows.arm)
     model = calib.train(log, size=6)
     assert model.about.left_out == len(lost)
     assert model.about.samples == 120 - len(lost)
@@ -208,11 +178,6 @@ def test_rows_of_zeros_in_space_are_left_out_of_learning_and_of_errors(tmp_path,
     evaluated = calib.evaluate(clean, log)
     assert evaluated.left_out >= len(lost)
     assert evaluated.errors["local"]["forward"]["distance"]["max"] < 2e-3
-
-
-def _read(tmp_path, table, arm):
-    write_table(tmp_path / "log.csv", table)
-    return calib.read_log(tmp_path / "log.csv", arm)
 
 
 def test_pixels_of_an_arm_in_space_are_a_cameras():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from drifting import arm, error, log, model
 from models import babbled, trained
+from reference import random_joints
 from refusals import refused
 from small_maps import UNIT_BOX
 
@@ -54,10 +55,10 @@ def test_schedules_are_equations_10_and_12():
     first = next(k for k, step in enumerate(steps) if step.adapting)
     adapting = steps[first : first + 800 // size]
     t = size * np.arange(1, len(adapting) + 1) - 1
-    np.testing.assert_allclose([s.beta for s in adapting], np.exp(1 - t / 800))
-    np.testing.assert_allclose([s.eta for s in adapting], 0.13 * np.exp(1 - t / 800))
+    beta, eta, sigma = np.transpose([(step.beta, step.eta, step.sigma) for step in adapting])
+    np.testing.assert_allclose(beta, np.exp(1 - t / 800))
+    np.testing.assert_allclose(eta, 0.13 * np.exp(1 - t / 800))
     # a geometric decay to half a node at the horizon
-    sigma = np.array([s.sigma for s in adapting])
     start = np.exp(np.log(sigma[0] / 0.5) / (1 - t[0] / 800)) * 0.5
     np.testing.assert_allclose(sigma, start * (0.5 / start) ** (t / 800))
     assert start > 0.5
@@ -83,16 +84,12 @@ def test_distortion_is_the_running_mean_of_equation_9_and_a_calm_stream_changes_
 
 
 def test_between_two_epochs_the_radius_is_interpolated_geometrically():
-    lattice = Lattice((30, 30))
     history = [(900, 8.0, 0.5, 0), (900, 4.0, 0.4, 0), (900, 1.0, 0.2, 0), (900, 0.5, 0.05, 0)]
-    network = calib.Map(np.zeros((900, 2)), lattice, UNIT_BOX, np.array(history))
+    network = calib.Map(np.zeros((900, 2)), Lattice((30, 30)), UNIT_BOX, np.array(history))
     # after a radius of 8 the error was 0.4, after 4 it was 0.2, after 1 it was 0.05
-    assert matching_sigma(network, 0.3) == pytest.approx(8.0 * 0.5**0.5)
-    assert matching_sigma(network, 0.35) == pytest.approx(8.0 * 0.5**0.25)
-    assert matching_sigma(network, 0.125) == pytest.approx(4.0 * 0.25**0.5)
-    assert matching_sigma(network, 0.05) == pytest.approx(1.0)
-    assert matching_sigma(network, 0.4) == pytest.approx(8.0)
-    assert matching_sigma(network, 0.41) == 15.0
+    sigmas = [matching_sigma(network, error) for error in (0.41, 0.4, 0.35, 0.3, 0.125, 0.05)]
+    assert sigmas[0] == 15.0
+    assert sigmas[1:] == pytest.approx([8.0, 8.0 * 0.5**0.25, 8.0 * 0.5**0.5, 4.0 * 0.25**0.5, 1.0])
 
 
 @pytest.mark.parametrize("change", ["elbow.length=+20%", "elbow.length=-20%"])
@@ -102,8 +99,8 @@ def test_distortion_falls_back_under_its_threshold(change):
     assert steps[1].adapting
     assert steps[0].zeta_sensory > steps[0].threshold
     assert steps[-1].zeta_sensory < steps[-1].threshold
-    fresh = calib.train(calib.babble(arm(), 4000, seed=2, changes=[change]), size=30)
-    q = np.random.default_rng(7).uniform(arm().lower, arm().upper, (1000, 2))
+    fresh = calib.train(log(change, n=4000, seed=2, noise=0.0), size=30)
+    q = random_joints(arm(), 1000, seed=7)
     truth = samples.simulation.exact(q)
     for readout, factor in (("local", 1.2), ("activity", 2.0)):
         after, best = (
@@ -117,21 +114,14 @@ def test_distortion_falls_back_under_its_threshold(change):
 def test_a_short_stream_links_maps_by_what_its_body_predicts():
     samples = log("elbow.length=-20%", n=700, seed=3, noise=0.0)
     adapted = followed(model(), samples, 3000)[1].model()
-    q = np.random.default_rng(7).uniform(arm().lower, arm().upper, (1000, 2))
+    q = random_joints(arm(), 1000, seed=7)
     off = adapted.forward(q, "activity") - samples.simulation.exact(q)
     assert np.linalg.norm(off, axis=1).mean() < 7.5e-3
     assert 0.3 < adapted.visited.mean() < 0.9
 
 
 def test_a_change_that_stays_inside_of_the_map_is_noticed_by_the_links():
-    _, adapter = followed(model(), log("sensor.mirror=x", n=600, seed=3, noise=0.0), 3000)
-    assert adapter.adapting
-
-
-def with_sensory(**changes):
-    """The model with another sensory map."""
-    sensory = replace(model().sensory, **changes)
-    return replace(model(), association=replace(model().association, sensory=sensory))
+    assert followed(model(), log("sensor.mirror=x", n=600, seed=3, noise=0.0), 3000)[1].adapting
 
 
 def test_the_threshold_grows_with_the_lattice():
@@ -148,31 +138,29 @@ def test_rows_from_before_a_change_within_a_block_are_not_learned():
 
 
 def test_what_cannot_be_followed_is_told():
-    with pytest.raises(OptionError, match="growing neural gas has neither"):
-        OnlineAdapter(with_sensory(lattice=Graph(2, np.array([[0, 1]]))))
-    refused(OptionError, "few-shot", OnlineAdapter, with_sensory(units=np.zeros((10**6, 2))))
+    for words, changes in (
+        ("growing neural gas has neither", {"lattice": Graph(2, np.array([[0, 1]]))}),
+        ("few-shot", {"units": np.zeros((10**6, 2))}),
+    ):
+        association = replace(model().association, sensory=replace(model().sensory, **changes))
+        refused(OptionError, words, OnlineAdapter, replace(model(), association=association))
     refused(OptionError, "horizon 0", OnlineAdapter, model(), 0)
-    with pytest.raises(OptionError, match="no samples"):
-        OnlineAdapter(model()).feed(np.zeros((0, 2)), np.zeros((0, 2)))
+    none = np.zeros((0, 2))
+    refused(OptionError, "no samples", OnlineAdapter(model()).feed, none, none)
 
 
-def last(monitor, samples):
-    for q, x in zip(samples.q, samples.x, strict=True):
-        monitor.update(q, x)
-    return monitor.state
+def states(monitor, samples):
+    return [monitor.update(*sample) for sample in zip(samples.q, samples.x, strict=True)]
 
 
-def alarm(monitor, samples):
-    for k, (q, x) in enumerate(zip(samples.q, samples.x, strict=True)):
-        if monitor.update(q, x).drifted:
-            return k
-    return None
+def alarmed(monitor, samples):
+    return any(state.drifted for state in states(monitor, samples))
 
 
 @pytest.mark.parametrize("trained_noise", [0.0, 1e-3])
 @pytest.mark.parametrize("noise", [1e-3, 2e-3])
 def test_a_calm_stream_raises_no_alarm(trained_noise, noise):
-    assert alarm(calib.monitor(model(trained_noise)), log(n=1500, noise=noise)) is None
+    assert not alarmed(calib.monitor(model(trained_noise)), log(n=1500, noise=noise))
 
 
 @pytest.mark.parametrize(
@@ -181,38 +169,38 @@ def test_a_calm_stream_raises_no_alarm(trained_noise, noise):
 )
 def test_a_change_within_a_stream(change):
     monitor = calib.monitor(model(1e-3))
-    assert alarm(monitor, log(n=300)) is None
-    assert alarm(monitor, log(change, n=200, seed=2)) is not None
+    assert not alarmed(monitor, log(n=300))
+    assert alarmed(monitor, log(change, n=200, seed=2))
 
 
 def test_a_window_shows_a_tenth_of_a_degree_at_a_millimetre_of_noise():
-    state = last(calib.monitor(model(1e-3)), log("elbow.offset=0.0017", n=600, seed=0))
-    assert state.drifted
+    monitor = calib.monitor(model(1e-3))
+    assert states(monitor, log("elbow.offset=0.0017", n=600, seed=0))[-1].drifted
 
 
 def test_an_alarm_ends_when_the_change_is_undone():
     monitor = calib.monitor(model(1e-3))
-    assert last(monitor, log("elbow.length=+5%", n=100)).drifted
-    assert not last(monitor, log(n=1500, seed=3)).drifted
+    assert states(monitor, log("elbow.length=+5%", n=100))[-1].drifted
+    assert not states(monitor, log(n=1500, seed=3))[-1].drifted
 
 
 @pytest.mark.parametrize("changes", [(), ("sensor.shift=0.01,0",)])
 def test_noise_is_told_apart_from_a_change(changes):
-    state = last(calib.monitor(model()), log(*changes, n=2000, noise=2e-3))
+    state = states(calib.monitor(model()), log(*changes, n=2000, noise=2e-3))[-1]
     assert state.noise == pytest.approx(2e-3, rel=0.15)
 
 
 def test_wrong_detections_raise_no_alarm_and_hide_no_change():
-    assert alarm(calib.monitor(model(1e-3)), log("sensor.outliers=0.02", n=1000)) is None
+    assert not alarmed(calib.monitor(model(1e-3)), log("sensor.outliers=0.02", n=1000))
     monitor, calm = calib.monitor(model(1e-3)), log(n=200)
     x = calm.x.copy()
     x[[20, 90, 150]] += 100.0
-    assert alarm(monitor, replace(calm, x=x)) is None
-    assert alarm(monitor, log("elbow.offset=0.0174533", n=200, seed=2)) is not None
+    assert not alarmed(monitor, replace(calm, x=x))
+    assert alarmed(monitor, log("elbow.offset=0.0174533", n=200, seed=2))
 
 
 def test_samples_that_say_nothing_change_nothing():
     monitor = calib.monitor(model(1e-3))
-    before = last(monitor, log(n=100))
+    before = states(monitor, log(n=100))[-1]
     assert monitor.update([np.nan, 1.0], [0.1, 0.1]) == before
     assert monitor.update([9.0, 1.0], [0.1, 0.1]) == before

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import log, log_of, measured, papers, trained
+from models import bare, log, measured, papers, trained
+from refusals import refused
 from scipy.spatial.transform import Rotation
 
 import calib
@@ -14,8 +15,7 @@ from calib import LogError
 def test_a_simulated_model_repeats_the_errors_of_its_training():
     for model in (trained("two_link"), papers(1e-3)):
         evaluation = calib.evaluate(model)
-        assert evaluation.rows == 10_000
-        assert evaluation.left_out == 0
+        assert (evaluation.rows, evaluation.left_out) == (10_000, 0)
         assert evaluation.source == "fresh exact samples"
         for readout, ways in evaluation.errors.items():
             for way, columns in ways.items():
@@ -29,14 +29,13 @@ def test_another_log_is_compared_row_by_row():
     evaluation = calib.evaluate(model, fresh)
     missed = model.forward(fresh.q) - fresh.x
     back = np.abs(model.inverse(fresh.x, near=fresh.q, nearest=True) - fresh.q)
-    said = evaluation.errors["local"]
-    for told, error in (
-        (said["forward"]["distance"], np.linalg.norm(missed, axis=1)),
-        (said["forward"]["y"], np.abs(missed[:, 1])),
-        (said["inverse"]["elbow"], back[:, 1]),
+    for readout, column, error in (
+        ("forward", "distance", np.linalg.norm(missed, axis=1)),
+        ("forward", "y", np.abs(missed[:, 1])),
+        ("inverse", "elbow", back[:, 1]),
     ):
         expected = {"mean": error.mean(), "max": error.max(), "p99": np.quantile(error, 0.99)}
-        assert told == pytest.approx(expected, rel=1e-5)
+        assert evaluation.errors["local"][readout][column] == pytest.approx(expected, rel=1e-5)
     assert (evaluation.rows, evaluation.left_out) == (400, 0)
     assert evaluation.source == "measured rows of the log"
     learned = measured()
@@ -44,21 +43,17 @@ def test_another_log_is_compared_row_by_row():
     covered = np.mean(off <= learned.expected_error(fresh.q))
     assert calib.evaluate(learned, fresh).within["covered"] == covered
     assert calib.evaluate(learned, replace(fresh, left_out=3)).left_out == 3  # by who read it
-
-
-def test_few_rows_are_covered_as_far_as_the_bound_of_each_reaches():
-    model, few = measured(), log(8, 2e-3, seed=3)
-    share = np.linalg.norm(model.forward(few.q) - few.x, axis=1) / model.expected_error(few.q)
+    few = log(8, 2e-3, seed=3)  # covered as far as the bound of each row reaches
+    share = np.linalg.norm(learned.forward(few.q) - few.x, axis=1) / learned.expected_error(few.q)
     assert ((share > 1.0) & (share < 1.3)).any()
-    assert calib.evaluate(model, few).within["covered"] == np.mean(share <= 1.0)
+    assert calib.evaluate(learned, few).within["covered"] == np.mean(share <= 1.0)
 
 
 def test_errors_of_orientations_are_what_a_tracker_adds():
-    arm, rng = calib.load_arm("spatial_three"), np.random.default_rng(0)
-    q = rng.uniform(arm.lower, arm.upper, (120, 3))
-    x, turns = arm.pose(q)
-    noise = Rotation.from_rotvec(rng.normal(0, 2e-3, (120, 3)))
-    rows = log_of(arm, q, x, orientation=(Rotation.from_quat(turns) * noise).as_quat())
+    rows = bare("spatial_three", 120, 0, noise=0.0)
+    noise = Rotation.from_rotvec(np.random.default_rng(0).normal(0, 2e-3, (120, 3)))
+    orientation = (Rotation.from_quat(rows.arm.pose(rows.q)[1]) * noise).as_quat()
+    rows = replace(rows, orientation=orientation)
     model = calib.train(rows.take(slice(0, 80)), size=3)
     evaluation = calib.evaluate(model, rows.take(slice(80, 120)))
     told = evaluation.errors["local"]["forward"]["orientation"]["mean"]
@@ -67,7 +62,7 @@ def test_errors_of_orientations_are_what_a_tracker_adds():
 
 def test_a_log_of_which_a_model_keeps_some_rows_is_learned_as_a_whole():
     rows = measured().rows
-    some = replace(rows, **{name: getattr(rows, name)[::2] for name in ("q", "x", "held_out")})
+    some = replace(rows, q=rows.q[::2], x=rows.x[::2], held_out=rows.held_out[::2])
     assert calib.evaluate(replace(measured(), rows=some), log(1200, 1e-3)).learned == 1200
 
 
@@ -75,20 +70,16 @@ def test_rows_outside_of_what_was_learned_are_left_out_and_counted():
     arm = calib.load_arm("two_link")
     narrow = calib.train(calib.babble(arm.with_range({"elbow": (1.0, 2.0)}), 1000), size=10)
     fresh = log(500, seed=5)
-    known = (fresh.q[:, 1] >= 1.0) & (fresh.q[:, 1] <= 2.0)
+    within = np.sum((fresh.q[:, 1] >= 1.0) & (fresh.q[:, 1] <= 2.0))
     evaluation = calib.evaluate(narrow, fresh)
-    assert (evaluation.rows, evaluation.left_out) == (known.sum(), 500 - known.sum())
+    assert (evaluation.rows, evaluation.left_out) == (within, 500 - within)
 
 
-def test_a_log_of_other_joints_is_refused_with_both_names():
-    s = log(50)
-    other = calib.Samples(s.q, s.x, ("hip", "knee"), s.lower, s.upper, s.revolute)
-    with pytest.raises(LogError, match="log's joints are hip, knee, the model's are shoulder"):
-        calib.evaluate(trained("two_link"), other)
-
-
-def test_a_log_whose_columns_stand_in_another_order_is_the_same_log():
+def test_a_log_of_other_joints_is_refused_and_one_in_another_order_is_the_same_log():
     s, model = log(50), trained("two_link")
+    other = replace(s, joint_names=("hip", "knee"), arm=None)
+    words = "log's joints are hip, knee, the model's are shoulder"
+    refused(LogError, words, calib.evaluate, model, other)
     turned = calib.Samples(
         s.q[:, ::-1], s.x, s.joint_names[::-1], s.lower[::-1], s.upper[::-1], s.revolute[::-1]
     )
@@ -97,19 +88,17 @@ def test_a_log_whose_columns_stand_in_another_order_is_the_same_log():
 
 
 def test_a_frame_that_moved_is_told_and_can_be_found_anew(tmp_path, run):
-    arm = calib.load_arm("two_link")
-    rows = [calib.babble(arm, 200, seed=seed, noise=1e-4) for seed in (1, 2)]
-    rows = [replace(each, simulation=None) for each in rows]
-    model = calib.train(rows[0], size=8)
-    turn = np.array([[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]])
-    moved = replace(rows[1], x=rows[1].x @ turn.T + [0.02, -0.01])
+    model = calib.train(bare("two_link", 200, 1, noise=1e-4), size=8)
+    fresh = bare("two_link", 200, 2, noise=1e-4)
+    rotation = Rotation.from_rotvec([0.0, 0.0, 0.1]).as_matrix()[:2, :2]
+    moved = replace(fresh, x=fresh.x @ rotation.T + [0.02, -0.01])
     kept, free = calib.evaluate(model, moved), calib.evaluate(model, moved, frame="free")
     assert kept.errors["local"]["forward"]["distance"]["mean"] > 0.01
     assert free.errors["local"]["forward"]["distance"]["mean"] < 3e-4
     assert any("drifted: the sensor's frame moved" in note for note in kept.notes)
     assert kept.verdict.changed
     assert any("found anew" in note for note in free.notes)
-    assert not any("frame" in note for note in calib.evaluate(model, rows[1]).notes)
+    assert not any("frame" in note for note in calib.evaluate(model, fresh).notes)
     model.save(tmp_path / "m.calib")
     calib.write_log(moved, tmp_path / "moved.csv")
     words = ["evaluate", tmp_path / "m.calib", "--data", tmp_path / "moved.csv", "--json"]
@@ -118,7 +107,7 @@ def test_a_frame_that_moved_is_told_and_can_be_found_anew(tmp_path, run):
 
 
 def test_repeated_rows_count_once_where_they_are_few_too():
-    fresh = log(8, 1e-3, seed=5)
-    evaluation = calib.evaluate(papers(1e-3), fresh.take(np.repeat(np.arange(8), 15)))
+    repeated = log(8, 1e-3, seed=5).take(np.repeat(np.arange(8), 15))
+    evaluation = calib.evaluate(papers(1e-3), repeated)
     assert evaluation.rows == 8
     assert evaluation.notes == ("112 repeated rows count once",)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import draw, log, measured, no_arm, of_a_third, papers, trained, two_link
+from models import draw, log, log_of, measured, no_arm, of_a_third, papers, trained, two_link
 from refusals import refused
 
 import calib
@@ -21,7 +21,7 @@ def mean_error(model, n=3000, seed=50, margin=0.0):
     return float(np.linalg.norm(said[known] - two_link(q[known]), axis=1).mean())
 
 
-def test_the_papers_arm_without_noise_is_learned_far_below_the_papers_errors():
+def test_the_papers_arm_is_learned_far_below_the_papers_errors_and_noise_is_averaged_out():
     model = papers()
     q = draw(model, 10_000, seed=50)
     gap = np.linalg.norm(model.forward(q) - two_link(q), axis=1)
@@ -30,9 +30,6 @@ def test_the_papers_arm_without_noise_is_learned_far_below_the_papers_errors():
     back = np.degrees(np.abs(model.inverse(two_link(q), near=q) - q))
     assert back.mean() <= 0.002
     assert back.max() <= 0.05
-
-
-def test_sensor_noise_is_averaged_out():
     assert mean_error(papers(1 * MM), 10_000) <= 0.13 * MM
 
 
@@ -61,13 +58,13 @@ def test_without_a_size_a_log_gets_about_five_rows_per_node_and_not_too_few_node
 
 
 def test_a_noisy_log_reports_its_error_on_blocks_that_were_held_out():
-    model = measured()
-    assert model.about.source == "log"
-    assert model.about.simulation is None
-    printed = model.about.errors["local"]["forward"]["distance"]["mean"]
+    about = measured().about
+    assert about.source == "log"
+    assert about.simulation is None
+    printed = about.errors["local"]["forward"]["distance"]["mean"]
     # what a reading differs from the true position, and hardly more
     assert printed == pytest.approx(MM * np.sqrt(np.pi / 2), rel=0.1)
-    assert mean_error(model) < 0.3 * MM
+    assert mean_error(measured()) < 0.3 * MM
 
 
 def test_ripples_of_a_gear_are_learned_by_the_local_models():
@@ -76,15 +73,13 @@ def test_ripples_of_a_gear_are_learned_by_the_local_models():
     def rippled(q):
         return two_link(q) + 1e-3 * np.sin(30 * q[:, :1])
 
-    samples = calib.Samples(s.q, rippled(s.q), s.joint_names, s.lower, s.upper, s.revolute)
-    model = calib.train(samples, size=16)
+    model = calib.train(replace(s, x=rippled(s.q), simulation=None, arm=None), size=16)
     assert model.predictor.models.degree >= 1
     q = draw(model, 1000, seed=1)
     assert np.linalg.norm(model.forward(q) - rippled(q), axis=1).mean() < 0.2 * MM
     q = draw(model, 300, seed=2, margin=0.05)
     x = rippled(q)
-    back = model.inverse(x, near=q)
-    assert np.abs(model.forward(back) - x).max() < 1e-8
+    assert np.abs(model.forward(model.inverse(x, near=q)) - x).max() < 1e-8
 
 
 def test_a_log_of_an_arm_has_the_urdf_as_prior_and_one_of_names_has_none():
@@ -101,8 +96,7 @@ def test_a_log_of_an_arm_has_the_urdf_as_prior_and_one_of_names_has_none():
 def test_both_bounds_hold_where_no_row_was():
     """A log of one half of the elbow's range, asked over the other half."""
     rows = log(400, 1 * MM)
-    half = rows.take(rows.q[:, 1] < 1.4)
-    model = calib.train(half, size=10)
+    model = calib.train(rows.take(rows.q[:, 1] < 1.4), size=10)
     asked = log(3000, 1 * MM, seed=9)
     other = asked.take(asked.q[:, 1] >= 1.4)
     said = model.forward(other.q)
@@ -113,7 +107,7 @@ def test_both_bounds_hold_where_no_row_was():
     assert position.mean() >= 0.93
     assert model.model_error(other.q).max() < 0.1 * model.reach
     # both grow with the distance from the rows
-    beside, far = (model.model_error([[0.8, 1.3], [0.8, 2.5]])).tolist()
+    beside, far = model.model_error([[0.8, 1.3], [0.8, 2.5]])
     assert far > beside
 
 
@@ -137,7 +131,7 @@ def test_every_network_and_rule_trains_maps_that_read_out_well(name, rule):
 
 def test_a_simulated_hobby_arm_is_learned_wherever_random_chains_end():
     """From random chains alone the search ended at the mean of all positions, 32 mm off."""
-    about = calib.train(calib.babble(calib.load_arm("so101"), 20_000, seed=0), size=4).about
+    about = trained("so101", 20_000, 4).about
     assert about.errors["local"]["forward"]["distance"]["max"] < 1e-12
     assert about.bound_holds
 
@@ -145,12 +139,10 @@ def test_a_simulated_hobby_arm_is_learned_wherever_random_chains_end():
 def test_a_model_that_answers_few_of_its_fresh_samples_says_so_first(run, tmp_path):
     """Four nodes without a body."""
     path = tmp_path / "m.calib"
-    options = ["-n", "600", "--size", "2", "--body", "none", "-o", path]
-    done = run("train", "two_link", *options)
+    done = run(f"train two_link -n 600 --size 2 --body none -o {path}")
     assert done.code == 3
     assert done.out.startswith("TOO COARSE TO ANSWER")
-    told = run("info", path, "--json").document
-    assert told["bound_holds"] is False
+    assert run("info", path, "--json").document["bound_holds"] is False
     assert calib.load(path).about.bound_holds is False
 
 
@@ -163,18 +155,17 @@ def test_a_drawing_that_is_trusted_leaves_zeros_and_frame(name):
     q = rng.uniform(arm.lower, arm.upper, (212, arm.dof))
     seen = arm.forward(q + zeros) + 0.3
     noisy = seen + 1e-4 * rng.standard_normal(seen.shape)
-    log = calib.Samples(q[:12], noisy[:12], arm.joint_names, arm.lower, arm.upper, arm=arm)
-    fresh = q[12:]
+    log = log_of(arm, q[:12], noisy[:12])
 
     def miss(free):
         model = calib.train(log, size=4, free=free)
-        error = np.linalg.norm(model.forward(fresh) - seen[12:], axis=1)
-        assert np.mean(error <= model.model_error(fresh)) >= 0.95
+        error = np.linalg.norm(model.forward(q[12:]) - seen[12:], axis=1)
+        assert np.mean(error <= model.model_error(q[12:])) >= 0.95
         return error.mean()
 
     assert miss("offsets") < 0.8 * miss("all")
-    with pytest.raises(calib.OptionError, match="trusts the drawing"):
-        calib.train(replace(log, arm=None), free="offsets")
+    no_drawing = replace(log, arm=None)
+    refused(OptionError, "trusts the drawing", calib.train, no_drawing, free="offsets")
 
 
 @pytest.mark.parametrize(
@@ -200,19 +191,15 @@ def test_impossible_options_are_refused_in_one_line(options, message):
 
 
 def test_too_few_rows_are_refused_and_ten_are_enough():
-    with pytest.raises(
-        LogError, match="poses: 9, in 9 rows: too few to learn from, give at least 10"
-    ):
-        calib.train(log(9), size=4)
+    words = "poses: 9, in 9 rows: too few to learn from, give at least 10"
+    refused(LogError, words, calib.train, log(9), size=4)
     assert calib.train(log(10), size=4).about.samples == 10
 
 
 def test_a_joint_that_never_moved_is_refused_or_ignored():
-    s = log(200)
-    q = s.q.copy()
-    q[:, 1] = 1.0
-    still = calib.Samples(q, two_link(q), s.joint_names, s.lower, s.upper, s.revolute)
-    model = calib.train(still, size=8)
+    moved = log(200)
+    q = np.column_stack([moved.q[:, 0], np.ones(200)])
+    model = calib.train(replace(moved, q=q, x=two_link(q), arm=None), size=8)
     along = np.stack([np.linspace(0.1, 1.4, 20), np.ones(20)], axis=1)
     np.testing.assert_allclose(model.forward(along), two_link(along), atol=1e-4)
     assert np.isnan(model.forward([0.5, 2.0])).all()
@@ -221,7 +208,7 @@ def test_a_joint_that_never_moved_is_refused_or_ignored():
     bound, x = model.model_error(beside), model.forward(beside)
     error = np.linalg.norm(x - two_link(beside), axis=1)
     known = np.isfinite(bound)
-    assert 2 < np.count_nonzero(known) < 80
+    assert 2 < known.sum() < 80
     assert (bound[known] <= 0.1 * model.reach).all()
     assert (error[known] <= bound[known]).all()
     np.testing.assert_array_equal(known, np.isfinite(x).all(axis=1))
@@ -251,9 +238,8 @@ def test_rows_that_no_arm_in_space_explains_are_refused_in_one_line(case):
     arm = calib.load_arm("spatial_three")
     q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (60, 3))
     change, words = MISFITS[case]
-    q, x, turns = change(q, *arm.pose(q))
-    log = calib.Samples(q, x, arm.joint_names, arm.lower, arm.upper, arm=arm, orientation=turns)
-    refused(LogError, words, calib.train, log, size=3)
+    q, x, orientation = change(q, *arm.pose(q))
+    refused(LogError, words, calib.train, log_of(arm, q, x, orientation=orientation), size=3)
 
 
 @pytest.mark.parametrize(("n", "noise", "most"), [(60, 1e-4, 3e-4), (200, 0.0, 1e-12)])
@@ -293,21 +279,18 @@ def test_outliers_of_a_simulated_sensor_are_left_out_as_those_of_a_log_are(body)
     arm = calib.load_arm("two_link")
     samples = calib.babble(arm, 600, seed=0, noise=2e-4, changes=["sensor.outliers=10%"])
     model = calib.train(samples, size=8, body=body)
-    about = model.about
-    assert 45 <= about.left_out <= 60
-    assert about.bound_holds
-    assert about.errors[model.default_readout]["forward"]["distance"]["mean"] < (
-        2e-4 if body == "auto" else 0.02
-    )
+    assert 45 <= model.about.left_out <= 60
+    assert model.about.bound_holds
+    errors = model.about.errors[model.default_readout]
+    assert errors["forward"]["distance"]["mean"] < (2e-4 if body == "auto" else 0.02)
 
 
 def test_a_slide_that_nobody_named_is_told():
-    rows = calib.babble(calib.load_arm("polar"), 300, noise=0.1 * MM)
-    seen = calib.Samples(rows.q, rows.x, rows.joint_names)
-    words = "if a joint slides, name it in `prismatic`"
-    assert any(words in note for note in calib.train(seen, size=10).about.notes)
-    slides = replace(seen, revolute=rows.revolute)
-    assert not any(words in note for note in calib.train(slides, size=10).about.notes)
-    turning = calib.babble(calib.load_arm("two_link"), 300, noise=0.1 * MM)
-    arm = calib.Samples(turning.q, turning.x, turning.joint_names)
-    assert not any(words in note for note in calib.train(arm, size=10).about.notes)
+    arms = (calib.load_arm(robot) for robot in ("polar", "two_link"))
+    polar, turning = (calib.babble(arm, 300, noise=0.1 * MM) for arm in arms)
+    nameless = calib.Samples(polar.q, polar.x, polar.joint_names)
+    named = replace(nameless, revolute=polar.revolute)
+    no_slide = calib.Samples(turning.q, turning.x, turning.joint_names)
+    for rows in (nameless, named, no_slide):
+        notes = " ".join(calib.train(rows, size=10).about.notes)
+        assert ("if a joint slides, name it in `prismatic`" in notes) is (rows is nameless)

@@ -11,24 +11,35 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from conftest import run_in_process
-from models import in_space, log_of, of_the_drawing, six
+from models import draw, in_space, log_of, of_the_drawing, six, trained
+from scipy.spatial.transform import Rotation
 
 import calib
-from calib.arm.rotations import logarithm
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
 
 DATA = Path(__file__).parents[1] / "data"
-PROGRAM = (DATA / "answers.c").read_text()
 LANGUAGES = {"c99": ["-std=c99"], "c++17": ["-x", "c++", "-std=c++17"]}
+
+
+def compiled(folder, language, header, program, *options, check=True):
+    """Write a program before a header, compile it, and return whether that succeeded."""
+    (folder / "arm.h").write_text(header)
+    (folder / "program.c").write_text(program)
+    flags = [*LANGUAGES[language], "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic", *options]
+    words = [COMPILER, *flags, "-o", folder / "program", folder / "program.c", "-lm"]
+    return not subprocess.run(words, check=check, capture_output=not check).returncode
 
 
 @cache
 def model(kind):
-    """A model of an arm in space, or one with curves before a turned sensor."""
+    """A model of an arm in space, as its file has it, or one with curves before a turned sensor."""
     if kind in ("space", "six"):
-        return reloaded(six() if kind == "six" else in_space())
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "m.calib"
+            (six() if kind == "six" else in_space()).save(path)
+            return calib.load(path)
     arm = calib.load_arm("two_link")
     rng = np.random.default_rng(0)
     q = rng.uniform(arm.lower, arm.upper, (500, 2))
@@ -36,24 +47,12 @@ def model(kind):
     x = arm.forward(bent) @ [[0.0, 1.0], [-1.0, 0.0]] + rng.normal(scale=5e-5, size=(500, 2))
     if kind == "local":
         x = x + 4e-3 * np.sin(5 * q[:, :1] * q[:, 1:])
-    trained = calib.train(log_of(arm, q, x), size=8)
-    return partly_silent(trained) if kind == "local" else trained
-
-
-def reloaded(trained):
-    """The model as its file has it."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "m.calib"
-        trained.save(path)
-        return calib.load(path)
-
-
-def partly_silent(trained):
-    """The same, every third node without a model."""
-    models = trained.predictor.models
+    curved = calib.train(log_of(arm, q, x), size=8)
+    if kind != "local":
+        return curved
+    models = curved.predictor.models  # every third node without one
     coefficients = models.coefficients * (np.arange(64) % 3 > 0)[:, None, None]
-    models = replace(models, coefficients=coefficients)
-    return replace(trained, local=models)
+    return replace(curved, local=replace(models, coefficients=coefficients))
 
 
 @cache
@@ -61,21 +60,15 @@ def header(model, single):
     with TemporaryDirectory() as name:
         folder = Path(name)
         model.save(folder / "m.calib")
-        words = ["--float"] if single else []
-        done = run_in_process("export", folder / "m.calib", "-o", folder / "arm.h", *words)
-        assert done.code == 0, done.err
+        words = "--float" if single else ""
+        done = run_in_process.done(f"export {folder}/m.calib -o {folder}/arm.h {words}")
         assert ("float" in done.out) == single
         return (folder / "arm.h").read_text()
 
 
 def answers(model, q, folder, language="c99", single=False):
     """What the compiled header says for joint values (n, dof)."""
-    (folder / "arm.h").write_text(header(model, single))
-    (folder / "program.c").write_text(PROGRAM)
-    flags = [*LANGUAGES[language], "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic"]
-    subprocess.run(
-        [COMPILER, *flags, "-o", folder / "program", folder / "program.c", "-lm"], check=True
-    )
+    compiled(folder, language, header(model, single), (DATA / "answers.c").read_text())
     q.tofile(folder / "in")
     subprocess.run([folder / "program", folder / "in", folder / "out"], check=True)
     out = np.fromfile(folder / "out").reshape(len(q), -1)
@@ -85,9 +78,7 @@ def answers(model, q, folder, language="c99", single=False):
 
 def questions(model, n):
     """Joint values (n, dof) over the range and somewhat beyond it."""
-    lower, upper = model.about.lower, model.about.upper
-    q = np.random.default_rng(1).uniform(-0.1, 1.1, (n, len(lower)))
-    return (lower + q * (upper - lower)).astype(np.float32).astype(float)
+    return draw(model, n, seed=1, margin=-0.1).astype(np.float32).astype(float)
 
 
 @needs_compiler
@@ -144,27 +135,23 @@ def test_a_change_beyond_the_limit_is_no_command(tmp_path, monkeypatch):
 @needs_compiler
 def test_six_joints_are_corrected_to_the_nominal_pose(tmp_path):
     m = model("six")
-    rng = np.random.default_rng(2)
+    rng, beta = np.random.default_rng(2), m.body.beta
     q = np.array([0.3, -1.2, 1.4, -0.8, 1.2, 0.4]) + rng.uniform(-0.3, 0.3, (500, 6))
     fixed = answers(m, q, tmp_path)[3]
-    structure, beta = m.body.structure, m.body.beta
-    real, turned = structure.pose(fixed, beta)
-    wanted, aim = structure.pose(q, of_the_drawing(m.body))
+    (real, turned), (_, before) = (m.body.structure.pose(rows, beta) for rows in (fixed, q))
+    wanted, aim = m.body.structure.pose(q, of_the_drawing(m.body))
     assert np.linalg.norm(real - wanted, axis=1).max() < 1e-9
-    angle = np.linalg.norm(logarithm(turned @ np.swapaxes(aim, 1, 2)), axis=1)
-    off = np.linalg.norm(logarithm(structure.pose(q, beta)[1] @ np.swapaxes(aim, 1, 2)), axis=1)
+    after, off = (
+        Rotation.from_matrix(matrices @ np.swapaxes(aim, 1, 2)).magnitude()
+        for matrices in (turned, before)
+    )
     assert np.median(off) > 1e-3
-    assert angle.max() < 1e-4
+    assert after.max() < 1e-4
 
 
 def test_a_model_without_a_body_is_refused(run, tmp_path):
-    arm = calib.load_arm("two_link")
-    bare = calib.train(calib.babble(arm, 100, seed=0), size=3, body="none")
-    bare.save(tmp_path / "m.calib")
-    run.refused(1, "body", "export", tmp_path / "m.calib", "-o", tmp_path / "arm.h")
-
-
-CALLS = (DATA / "calls.c").read_text()
+    trained(n=100, size=3, body="none").save(tmp_path / "m.calib")
+    run.refused(1, "body", f"export {tmp_path}/m.calib -o {tmp_path}/arm.h")
 
 
 @needs_compiler
@@ -175,11 +162,9 @@ def test_the_code_of_the_page_compiles_and_runs(kind, language, tmp_path):
     page = (Path(__file__).parents[2] / "docs" / "apply.md").read_text()
     blocks = re.findall(r"```c\n(.*?)```", page, re.DOTALL)
     assert len(blocks) == 2
-    (tmp_path / "arm.h").write_text(header(model(kind), True))
-    (tmp_path / "page.c").write_text("\n".join([*blocks, CALLS]))
-    flags = [*LANGUAGES[language], "-Wall", "-Wextra", "-Werror", "-pedantic"]
-    made = [COMPILER, *flags, "-o", tmp_path / "page", tmp_path / "page.c", "-lm"]
-    guarded = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    if subprocess.run([*made, *guarded], check=False, capture_output=True).returncode:
-        subprocess.run(made, check=True)  # a compiler without sanitisers
-    subprocess.run([tmp_path / "page"], check=True)
+    program = "\n".join([*blocks, (DATA / "calls.c").read_text()])
+    made = (tmp_path, language, header(model(kind), True), program)
+    guards = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    if not compiled(*made, *guards, check=False):
+        compiled(*made)  # by a compiler without sanitisers
+    subprocess.run([tmp_path / "program"], check=True)

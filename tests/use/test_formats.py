@@ -27,16 +27,14 @@ UR10 = {
 
 def exported(run, folder, robot, changes=()):
     """What `calib export` writes of an arm after changes, and the arm as it is then."""
-    arm = calib.load_arm(robot)
-    made = calib.babble(arm, 100, changes=list(changes))
+    made = calib.babble(calib.load_arm(robot), 100, changes=list(changes))
     model = folder / "arm.calib"
     calib.train(made, size=3).save(model)
-    (folder / "old.json").write_text(json.dumps(dict.fromkeys(arm.joint_names, MOTOR)))
-    words = ["--ur", folder / "ur.yaml", "--mjcf", folder / "arm.xml", "-o", folder / "new.json"]
-    done = run.done("export", model, "--lerobot", folder / "old.json", *words, "--json")
-    corrected = folder / "new.urdf"
-    assert run("urdf", model, "-o", corrected).code == 0
-    return done.document, calib.load_arm(corrected)
+    (folder / "old.json").write_text(json.dumps(dict.fromkeys(made.joint_names, MOTOR)))
+    words = f"--lerobot {folder}/old.json --ur {folder}/ur.yaml --mjcf {folder}/arm.xml"
+    done = run.done(f"export {model} {words} -o {folder}/new.json --json")
+    run.done(f"urdf {model} -o {folder}/new.urdf")
+    return done.document, calib.load_arm(folder / "new.urdf")
 
 
 @pytest.fixture(scope="module")
@@ -47,10 +45,9 @@ def corrected(run, tmp_path_factory):
     return folder, *exported(run, folder, "six_axis", changes)
 
 
-def degrees(motor, actual):
-    """What LeRobot tells of an encoder's ticks."""
-    present = actual - motor["homing_offset"]
-    return (present - (motor["range_min"] + motor["range_max"]) / 2) * 360 / 4095
+def zero(motor):
+    """The encoder's tick of which LeRobot tells 0; 4095 of them are a turn."""
+    return motor["homing_offset"] + (motor["range_min"] + motor["range_max"]) / 2
 
 
 def test_a_corrected_calibration_makes_lerobot_tell_the_true_angles(corrected):
@@ -58,17 +55,16 @@ def test_a_corrected_calibration_makes_lerobot_tell_the_true_angles(corrected):
     motors = json.loads((folder / "new.json").read_text())
     assert document["ticks"]["elbow"] == 28
     for name, motor in motors.items():
-        for actual in (900, 2100, 3000):
-            told = degrees(motor, actual) - degrees(MOTOR, actual)
-            assert told == pytest.approx(DEGREES.get(name, 0.0), abs=0.05)  # half a tick
+        told = (zero(MOTOR) - zero(motor)) * 360 / 4095
+        assert told == pytest.approx(DEGREES.get(name, 0.0), abs=0.05)  # half a tick
 
 
 def test_a_zero_beyond_the_motors_register_is_refused(corrected, run):
     folder, _, arm = corrected
     motors = dict.fromkeys(arm.joint_names, MOTOR | {"homing_offset": 2030})
     (folder / "far.json").write_text(json.dumps(motors))
-    words = ("--lerobot", folder / "far.json", "-o", folder / "none.json")
-    run.refused(1, "on a tooth further", "export", folder / "arm.calib", *words)
+    line = f"export {folder}/arm.calib --lerobot {folder}/far.json -o {folder}/none.json"
+    run.refused(1, "on a tooth further", line)
     assert not (folder / "none.json").exists()
 
 
@@ -80,7 +76,7 @@ def transform(xyz, turn):
 
 
 def about(axis, angle):
-    return transform(np.zeros(3), Rotation.from_rotvec(np.array(axis) * angle))
+    return transform(np.zeros(3), Rotation.from_rotvec(np.array(axis, float) * angle))
 
 
 def test_mujoco_bodies_are_where_the_arm_is(corrected):
@@ -92,8 +88,7 @@ def test_mujoco_bodies_are_where_the_arm_is(corrected):
         w, x, y, z = map(float, body.get("quat").split())
         pose = pose @ transform(body.get("pos").split(), Rotation.from_quat([x, y, z, w]))
         if (joint := body.find("joint")) is not None:
-            axis = np.array(joint.get("axis").split(), float)
-            pose = pose @ about(axis, values[joint.get("name")])
+            pose = pose @ about(joint.get("axis").split(), values[joint.get("name")])
         last = body
     assert last.find("site").get("name") == arm.tip
     assert np.allclose(pose[:3, 3], arm.forward(q), atol=1e-7)
@@ -101,14 +96,13 @@ def test_mujoco_bodies_are_where_the_arm_is(corrected):
 
 def entries(text):
     """Transforms of the joints that a document of Universal Robots' description holds."""
-    values: dict[str, list[float]] = {}
-    joint = ""
+    values, joint = {}, ""
     for line in text.splitlines()[1:-1]:
-        key, _, value = line.strip().partition(": ")
+        key, _, value = line.strip().partition(":")
         if value:
             values[joint].append(float(value))
         else:
-            joint = key.rstrip(":")
+            joint = key
             values[joint] = []
     return {name: of_entry(row) for name, row in values.items()}
 

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from models import bare
 
 import calib
 
@@ -35,20 +36,17 @@ class Node:
         return SimpleNamespace(value=value)
 
     def get_logger(self):
-        def log(text):
-            self.logged.append(text)
-
+        log = self.logged.append
         return SimpleNamespace(info=log, warning=log, error=log)
 
     def create_publisher(self, kind, topic, depth):
         self.sent[topic] = []
         return SimpleNamespace(publish=self.sent[topic].append)
 
-    def create_subscription(self, kind, topic, callback, depth):
+    def create_subscription(self, *options):
         pass
 
-    def create_timer(self, period, callback):
-        pass
+    create_timer = create_subscription
 
     def get_clock(self):
         return SimpleNamespace(now=lambda: SimpleNamespace(to_msg=lambda: 0))
@@ -61,12 +59,9 @@ class Status(Message):
 @pytest.fixture(scope="module")
 def package(tmp_path_factory, run):
     """The package of a model whose elbow stands 10 mrad off."""
-    arm = calib.load_arm("two_link")
-    log = calib.babble(arm, 150, noise=2e-5, changes=[f"elbow.offset={OFFSET}"], seed=1)
-    log = calib.Samples(log.q, log.x, log.joint_names, log.lower, log.upper, arm=arm)
-    model = calib.train(log, size=4, view="base")
+    log = bare("two_link", 150, 1, f"elbow.offset={OFFSET}", noise=2e-5)
     folder = tmp_path_factory.mktemp("ros") / "arm_calib"
-    model.save(folder.parent / "m.calib")
+    calib.train(log, size=4, view="base").save(folder.parent / "m.calib")
     run.done("export", folder.parent / "m.calib", "--ros2", folder)
     return folder
 
@@ -74,8 +69,7 @@ def package(tmp_path_factory, run):
 @pytest.fixture
 def corrector(package, monkeypatch):
     """The package's node, with ROS's modules replaced."""
-    broadcast = []
-    sender = SimpleNamespace(sendTransform=broadcast.extend)
+    sender = SimpleNamespace(sendTransform=lambda _: None)
     modules = {
         "rclpy": {},
         "rclpy.node": {"Node": Node},
@@ -91,8 +85,7 @@ def corrector(package, monkeypatch):
         module.__dict__.update(content)
         monkeypatch.setitem(sys.modules, name, module)
     scope = {"__name__": "node"}
-    text = (package / "arm_calib" / "node.py").read_text()
-    exec(compile(text, "node.py", "exec"), scope)  # the project's own template
+    exec((package / "arm_calib" / "node.py").read_text(), scope)  # the project's own template
     return scope["Corrector"]()
 
 
@@ -127,13 +120,11 @@ def test_rows_of_the_last_minutes_tell_of_drift(corrector, moved, level):
     arm = calib.load_arm("two_link")
     rng = np.random.default_rng(2)
     for second, q in enumerate(rng.uniform([0.1, 0.4], [1.4, 2.4], (40, 2))):
-        corrector.remember_joints(
-            Message(name=["elbow", "shoulder"], position=[q[1], q[0]], velocity=[0.0, 0.0])
-        )
+        joints = Message(name=["elbow", "shoulder"], position=q[::-1], velocity=[0.0, 0.0])
+        corrector.remember_joints(joints)
         x = arm.forward(q + np.array([0.0, OFFSET + moved])) + rng.normal(0.0, 2e-5, 2)
-        stamp = SimpleNamespace(sec=second, nanosec=0)
-        point = SimpleNamespace(x=x[0], y=x[1], z=0.0)
-        corrector.remember_row(Message(header=SimpleNamespace(stamp=stamp), point=point))
+        header = Message(stamp=Message(sec=second, nanosec=0))
+        corrector.remember_row(Message(header=header, point=Message(x=x[0], y=x[1], z=0.0)))
     corrector.check()
     (message,) = corrector.sent["/diagnostics"]
     assert message.status[0].level == level
@@ -143,9 +134,8 @@ def test_the_package_is_whole(package):
     root = ElementTree.parse(package / "package.xml").getroot()
     assert root.findtext("name") == "arm_calib"
     launch = ast.parse((package / "launch" / "arm_calib.launch.py").read_text())
-    assert [f.name for f in launch.body if isinstance(f, ast.FunctionDef)] == [
-        "generate_launch_description"
-    ]
+    functions = [part.name for part in launch.body if isinstance(part, ast.FunctionDef)]
+    assert functions == ["generate_launch_description"]
     assert "arm_calib.node:main" in (package / "setup.py").read_text()
     assert "$base/lib/arm_calib" in (package / "setup.cfg").read_text()
     assert isinstance(json.loads((package / "transforms.json").read_text()), list)
@@ -158,8 +148,7 @@ def test_the_package_is_whole(package):
 def test_other_folders_are_left_alone(package, tmp_path, run):
     (tmp_path / "notes").mkdir()
     (tmp_path / "notes" / "text.txt").write_text("mine")
-    for name, words in (("My-Package", "name of a ROS package"), ("notes", "holds other files")):
-        done = run("export", package / "arm.calib", "--ros2", tmp_path / name)
-        assert done.code != 0
-        assert words in done.err
+    export = ("export", package / "arm.calib", "--ros2")
+    run.refused(1, "name of a ROS package", *export, tmp_path / "My-Package")
+    run.refused(1, "holds other files", *export, tmp_path / "notes")
     assert [path.name for path in (tmp_path / "notes").iterdir()] == ["text.txt"]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from chains import FOLLOWED, MIXED
 from drifting import arm, log, model
-from models import in_pixels, in_space, log_of
-from reference import pinocchio_pose
+from models import bare, in_pixels, in_space, log_of
+from reference import pinocchio_pose, random_joints
 from scipy.spatial.transform import Rotation
 
 import calib
@@ -19,17 +19,14 @@ from calib.body.spatial import structure_of
 from calib.use.geometry_fit import fit_geometry
 from calib.use.urdf import corrected_urdf
 
-LOCKED = MIXED.replace('name="lift"', 'name="held"')
-
 
 @pytest.fixture
 def written(run, tmp_path):
     """Write the URDF of a model by the command; return how it ended, and the file."""
 
-    def write(trained, *words):
+    def write(trained, words=""):
         trained.save(tmp_path / "m.calib")
-        path = tmp_path / "new.urdf"
-        return run("urdf", tmp_path / "m.calib", "-o", path, *words), path
+        return run(f"urdf {tmp_path}/m.calib -o {tmp_path}/new.urdf {words}"), tmp_path / "new.urdf"
 
     return write
 
@@ -46,16 +43,16 @@ def test_kinematics_of_the_changed_planar_arm(written, changes):
     samples = log(*changes, n=100, noise=0.0)
     done, path = written(calib.adapt(model(), samples, cause="joints").model)
     assert done.code == 0, done.err
-    q = np.random.default_rng(0).uniform(arm().lower, arm().upper, (200, 2))
+    q = random_joints(arm(), 200)
     assert np.abs(load_arm(path).forward(q) - samples.simulation.exact(q)).max() < 1e-5
     assert np.abs(arm().forward(q) - samples.simulation.exact(q)).max() > 5e-3
 
 
 def no_chain():
     """Another arm's log once gave an elbow offset of 6,844 degrees and 277 mm rms, exit 0."""
-    q = np.random.default_rng(0).uniform(arm().lower, arm().upper, (400, 2))
+    q = random_joints(arm(), 400)
     x = np.stack([np.sin(3 * q[:, 0]) * q[:, 1], np.cos(2 * q[:, 1]) + q[:, 0] ** 2], axis=1)
-    return calib.train(replace(log(n=400), q=q, x=x, simulation=None, arm=arm()), size=12)
+    return calib.train(log_of(arm(), q, x), size=12)
 
 
 def another_arm():
@@ -82,23 +79,25 @@ def test_the_users_own_file_is_never_written_over(written, tmp_path):
     assert path.read_text() == arm().urdf
 
 
-def moved_somehow(arm):
-    """A geometry with every parameter of the chain off; the probe is at the tip."""
+ARMS = {
+    "six_axis": load_arm("six_axis"),
+    "spatial_three": load_arm("spatial_three"),
+    "mixed": arm_from_urdf(MIXED),
+    "followed": arm_from_urdf(FOLLOWED),
+    "locked": arm_from_urdf(MIXED, lock={"lift": 0.4}),
+}
+
+
+@pytest.mark.parametrize("source", ARMS)
+def test_pinocchio_reads_the_fitted_geometry(source):
+    """With every parameter of the chain off; the probe is at the tip."""
+    arm = ARMS[source]
     structure, rng = structure_of(arm, "base"), np.random.default_rng(1)
-    beta = structure.neutral()
+    beta, q = structure.neutral(), random_joints(arm, 20)
     for group in ("placement", "offset"):
         beta[structure.groups[group]] = rng.normal(0, 0.05, len(structure.groups[group]))
-    return replace(fit_geometry(in_space()), arm=arm, structure=structure, beta=beta)
-
-
-@pytest.mark.parametrize("source", ["six_axis", "spatial_three", "mixed", "followed", "locked"])
-def test_pinocchio_reads_the_fitted_geometry(source):
-    texts = {"mixed": MIXED, "followed": FOLLOWED, "locked": LOCKED}
-    lock = {"held": 0.4} if source == "locked" else {}
-    arm = arm_from_urdf(texts[source], lock=lock) if source in texts else load_arm(source)
-    geometry = moved_somehow(arm)
-    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (20, arm.dof))
-    points, turns = geometry.structure.pose(q, geometry.beta)
+    geometry = replace(fit_geometry(in_space()), arm=arm, structure=structure, beta=beta)
+    points, turns = structure.pose(q, beta)
     again = arm_from_urdf(corrected_urdf(geometry), arm.joint_names, arm.tip, lock=arm.locked)
     if source == "followed":  # Pinocchio alone does not know what follows what
         places, matrices = again.chain.poses(q)
@@ -121,9 +120,7 @@ def test_a_fit_beats_the_drawing_and_holds_the_first_joint(written):
     assert done.document["residual"] == pytest.approx(geometry.residual)
     assert "sensed point, not written" in written(trained)[0].out
     lines = zip(trained.about.urdf.splitlines(), path.read_text().splitlines(), strict=True)
-    changed = [new for old, new in lines if old != new]
-    assert changed
-    assert all("<origin" in line for line in changed)
+    assert {"<origin" in new for old, new in lines if old != new} == {True}
 
 
 def test_pixels_tell_offsets():
@@ -136,8 +133,7 @@ def test_pixels_tell_offsets():
 
 def test_poses_turn_the_wrist_too():
     """Of a log of poses the URDF was fitted to positions alone: the tool was .1 deg off."""
-    arm = calib.load_arm("six_axis")
-    rng = np.random.default_rng(0)
+    arm, rng = ARMS["six_axis"], np.random.default_rng(0)
     q = rng.uniform(0.6 * arm.lower, 0.6 * arm.upper, (200, 6))
     offsets = np.array([0.0, 0.0, -0.003, 0.0, 0.004, 0.0])
     position, quaternion = arm.pose(q + offsets)
@@ -159,29 +155,25 @@ def test_poses_turn_the_wrist_too():
 
 def test_a_zero_is_one_number_with_an_interval_that_holds(written, tmp_path, run):
     """`info`, `urdf` and `export` told three: -.2 +- 1.1, -2.63 +- 1.22, and -3.0 was true."""
-    six = load_arm("six_axis")
-    rows = calib.babble(six, 100, noise=1e-4, changes=["elbow.offset=-0.05"], seed=1)
-    done, _ = written(calib.train(replace(rows, simulation=None), size=4), "--json")
+    rows = bare("six_axis", 100, 1, "elbow.offset=-0.05", noise=1e-4)
+    done, _ = written(calib.train(rows, size=4), "--json")
     zero = done.document["offsets"]["elbow"]
     assert abs(zero["value"] + 0.05) < zero["interval"] < 0.02
     motors = {"homing_offset": 0, "range_min": 800, "range_max": 3200}
-    (tmp_path / "old.json").write_text(json.dumps(dict.fromkeys(six.joint_names, motors)))
-    words = ("export", tmp_path / "m.calib", "--lerobot", tmp_path / "old.json", "--json")
-    lerobot = run(*words, "-o", tmp_path / "new.json").document
-    parameters = run("info", tmp_path / "m.calib", "--json").document["body"]["parameters"]
+    (tmp_path / "old.json").write_text(json.dumps(dict.fromkeys(rows.joint_names, motors)))
+    words = f"--lerobot {tmp_path}/old.json -o {tmp_path}/new.json --json"
+    lerobot = run(f"export {tmp_path}/m.calib {words}").document
+    parameters = run(f"info {tmp_path}/m.calib --json").document["body"]["parameters"]
     (entry,) = (part for part in parameters if part["name"] == "elbow.offset")
-    for value, interval in (
-        (lerobot["offsets"]["elbow"], lerobot["intervals"]["elbow"]),
-        (entry["value"], entry["high"] - entry["value"]),
-    ):
-        assert (value, interval) == pytest.approx((zero["value"], zero["interval"]))
+    told = (zero["value"], zero["interval"])
+    assert (lerobot["offsets"]["elbow"], lerobot["intervals"]["elbow"]) == pytest.approx(told)
+    assert (entry["value"], entry["high"] - entry["value"]) == pytest.approx(told)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 7])
 def test_waves_of_the_joints_are_in_the_interval_of_a_zero(seed):
     """Waves of 1 mrad, which no URDF holds, were 1.7 to 2.1 intervals of the shoulder's zero."""
-    drawing = load_arm("spatial_three")
-    rng = np.random.default_rng(seed)
+    drawing, rng = ARMS["spatial_three"], np.random.default_rng(seed)
     q = rng.uniform(drawing.lower, drawing.upper, (80, 3))
     zeros = rng.normal(0, 3e-3, 3) * (0, 1, 1)
     x = drawing.forward(q + zeros + 1e-3 * np.sin(3 * q + rng.uniform(0, 6, 3)))
@@ -194,26 +186,22 @@ def test_waves_of_the_joints_are_in_the_interval_of_a_zero(seed):
 @pytest.mark.parametrize(("size", "seed"), [(20, 0), (20, 2), (40, 1)])
 def test_intervals_of_maps_alone_hold_the_lengths_of_the_simulated_arm(size, seed):
     """Errors of maps hang together: 500 nodes tell no more than a few rows."""
-    samples = calib.babble(load_arm("two_link"), 3000, seed=seed)
-    maps = calib.train(samples, size=size, seed=seed, body="none")
-    moved = fit_geometry(maps).document()["moved"].values()
-    for shift in moved:
+    maps = calib.train(calib.babble(arm(), 3000, seed=seed), size=size, seed=seed, body="none")
+    for shift in fit_geometry(maps).document()["moved"].values():
         assert (np.abs(shift.value) < shift.interval).all()
 
 
 def test_a_first_axis_that_stands_elsewhere_in_the_root_frame_is_written(written):
     """A log in the root's frame tells where the first axis is: held as drawn, it left 2 mm."""
-    drawn = load_arm("six_axis")
+    drawn = ARMS["six_axis"]
     head, first, rest = drawn.urdf.partition('<joint name="shoulder_pan"')
     moved = 'xyz="0.001 -0.002 0.12" rpy="0.004 -0.003 0"'
     text = head + first + re.sub(r'xyz="[^"]*" rpy="[^"]*"', moved, rest, count=1)
     real = arm_from_urdf(text, drawn.joint_names, drawn.tip)
-    rng = np.random.default_rng(0)
-    babbled = calib.babble(drawn, 200)
-    x = real.forward(babbled.q) + rng.normal(0.0, 1e-4, (200, 3))
-    measured = replace(babbled, x=x, simulation=None)
-    done, path = written(calib.train(measured, view="base", size=3))
+    q = random_joints(drawn, 200)
+    truth = real.forward(q)
+    x = truth + np.random.default_rng(0).normal(0.0, 1e-4, (200, 3))
+    done, path = written(calib.train(log_of(drawn, q, x), view="base", size=3))
     assert done.code == 0, done.err
-    off = np.linalg.norm(load_arm(path).forward(babbled.q) - real.forward(babbled.q), axis=1)
-    assert np.abs(drawn.forward(babbled.q) - real.forward(babbled.q)).max() > 2e-3
-    assert off.max() < 3e-4
+    assert np.abs(drawn.forward(q) - truth).max() > 2e-3
+    assert np.linalg.norm(load_arm(path).forward(q) - truth, axis=1).max() < 3e-4

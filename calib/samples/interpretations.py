@@ -1,4 +1,4 @@
-"""Other readings: the joints of a log read in another unit, another order, or with another sign."""
+"""Interpretations: the joints of a log in another unit, another order, or with another sign."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from ..common.arrays import Array
 from ..common.wording import listing
 from .findings import Finding
 
-OtherReading = tuple[Array, Finding]
-"""Joint values (n, dof) read otherwise, and what that would mean, "... only if" its words hold."""
+Interpretation = tuple[Array, Finding]
+"""Other joint values (n, dof), and what they would mean: the log fits "only if" its words hold."""
 
 
-def readings(
+def interpretations(
     q: Array, names: Sequence[str], revolute: Sequence[bool], *, any_order: bool
-) -> tuple[Iterator[OtherReading], ...]:
-    """Other readings of joint values (n, dof): their unit, their order, one sign, two signs.
+) -> tuple[Iterator[Interpretation], ...]:
+    """Interpretations of joint values (n, dof): their unit, their order, one sign, two signs.
 
     any_order : whether columns are tried in all orders, not only with two exchanged
     """
@@ -30,7 +30,7 @@ def readings(
     )
 
 
-def units(q: Array, revolute: Sequence[bool]) -> Iterator[OtherReading]:
+def units(q: Array, revolute: Sequence[bool]) -> Iterator[Interpretation]:
     """The angles of joint values (n, dof) in degrees, then in radians."""
     for unit, convert, hint in (
         ("degrees", np.deg2rad, "give `degrees=True`"),
@@ -43,7 +43,7 @@ def units(q: Array, revolute: Sequence[bool]) -> Iterator[OtherReading]:
 
 def _orders(
     q: Array, names: Sequence[str], any_order: bool
-) -> Iterator[OtherReading]:
+) -> Iterator[Interpretation]:
     """Columns of joint values (n, dof) exchanged, two of them or in any order."""
     for order in itertools.permutations(range(len(names))):
         column_of = {names[k]: names[j] for k, j in enumerate(order) if k != j}
@@ -60,7 +60,7 @@ def _orders(
 
 def _signs(
     q: Array, names: Sequence[str], count: int
-) -> Iterator[OtherReading]:
+) -> Iterator[Interpretation]:
     """The signs of `count` columns of joint values (n, dof) changed."""
     if count >= len(names):  # all of them changed are a mirror
         return
