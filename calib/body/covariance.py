@@ -12,11 +12,10 @@ from ..common.arrays import Array
 from .normal import Factor
 
 NORMAL_95 = 1.6448536269514722  # one-sided quantile of 95 %
+Z95 = 1.96  # half of a 95 % interval, in standard deviations
 
 RADIUS_95 = 2.448
 """Radius that holds 95 % of a Gaussian in the plane of standard deviation 1."""
-
-_LAGS = 60  # rows that an autocorrelation is followed over
 
 _Packed = NDArray[np.float32]
 
@@ -49,8 +48,11 @@ def spread_of(derivative: Array, root: Array) -> Array:
     return roots @ np.swapaxes(roots, 1, 2)
 
 
-def autocorrelation_time(r: Array) -> float:
-    """Integrated autocorrelation time [rows] of residuals (n, m) in the order of the log."""
+def autocorrelation_time(r: Array, lags: int = 60) -> float:
+    """Integrated autocorrelation time [rows] of residuals (n, m) in the order of the log.
+
+    lags : rows that the autocorrelation is followed over
+    """
     n = len(r)
     if n < 40:
         return 1.0
@@ -59,7 +61,7 @@ def autocorrelation_time(r: Array) -> float:
     r = r - r.mean(axis=0)
     power = float((r * r).sum()) + 1e-300
     total = 1.0
-    longest = min(_LAGS, n // 3)
+    longest = min(lags, n // 3)
     for lag in range(1, longest):
         products = r[lag:] * r[:-lag]
         rho = float(products.sum()) / power

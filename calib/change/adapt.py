@@ -29,12 +29,11 @@ from .adaptation import (
     unchanged_adaptation,
 )
 from .causes import FRAME, GROUPS
-from .evidence import Evidence
+from .evidence import Evidence, frame_between
 from .frame import LEAST_OWN
 from .judge import guarded_algebra, judge
 from .update import Update
 from .verdict import Verdict
-from .words import frame_between
 
 TOO_WIDE = (
     "the new bound is a tenth of the reach or more at every row: measure more"
@@ -140,9 +139,9 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
     if evidence.is_attributed and FRAME[0] in update.explanation.groups:
         frame = frame_between(evidence, update.body.beta)
     report(1.0, "done", improved.after["mean"])
-    judged = rows.log.q[update.rows]
+    held_out_q = rows.log.q[update.rows]
     return adaptation_with(
-        verdict, improved, model, judged, update.residual, "few-shot", frame
+        verdict, improved, model, held_out_q, update.residual, "few-shot", frame
     )
 
 
@@ -161,10 +160,9 @@ def _without_model(
         kept = ARM_AND_SENSOR
     if update.improved and not evidence.is_attributed:
         correction += ", rows added"
-    unchanged = unchanged_adaptation(
-        verdict, update.before, update.after, correction
+    return unchanged_adaptation(
+        verdict, update.before, update.after, correction, kept
     )
-    return replace(unchanged, kept=kept)
 
 
 def _groups_kept(
@@ -174,8 +172,9 @@ def _groups_kept(
     structure = evidence.reference.structure
     names = []
     for name, group in GROUPS.items():
-        has_lens = name != "lens" or structure.outputs < 3  # a tracker has none
-        exists = has_lens and len(structure.groups.get(name, ())) > 0
+        if name == "lens" and structure.outputs >= 3:
+            continue  # a tracker has none
+        exists = len(structure.groups.get(name, ())) > 0
         if group.kept and exists and name not in changed:
             names.append(group.kept)
     return tuple(names)
@@ -259,8 +258,7 @@ def _online(verdict: Verdict, report: Progress) -> Adaptation:
     before = rows.distance[held_out]
     after = row_lengths(residual)
     correction = "maps and Hebbian links trained online"
-    unchanged = unchanged_adaptation(verdict, before, after, correction)
-    unchanged = replace(unchanged, kept=())
+    unchanged = unchanged_adaptation(verdict, before, after, correction, ())
     if times > 1:
         note = f"{len(shown)} samples were shown {times} times"
         unchanged = unchanged.with_note(note)

@@ -14,9 +14,9 @@ from ..common.scale import Scale
 from ..maps.local_models import NO_MODELS, LocalModels
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
-from ..model.about import MeasuredRows
+from ..model.about import About, MeasuredRows
 from ..model.alignment import Alignment
-from ..model.baseline import RowPlaces, learn_baseline
+from ..model.baseline import Baseline, RowPlaces, learn_baseline
 from ..model.model import Model
 from ..model.parts import bounds_of_nodes
 from ..samples.motion import Motion
@@ -37,17 +37,17 @@ from .verdict import Verdict
 class AdaptationSettings:
     """When an adaptation is written."""
 
-    # of the held-out error that the rows of an adaptation may be missed by
+    # times the promised error that a model may miss its rows by
     consistent: float = 1.2
-    # Of the error before: a model that misses rows by less is written although the linear equations
-    # promised more.  Exact rows after a lens: 1e-5 mm promised, 20 mm before.
+    # share of the error before: a model that misses rows by less is written although the linear
+    # equations promised more.  Exact rows after a lens: 1e-5 mm promised, 20 mm before.
     clearly_better: float = 0.01
-    # 95 % quantile over median of the distances that is no noise (in the plane that of noise is
-    # 2.1): a bump of 5 mm that 3 of 30 rows saw
+    # ratio of the 95 % quantile of distances to their median that is no noise (in the plane that of
+    # noise is 2.1): a bump of 5 mm that 3 of 30 rows saw
     tail: float = 3.0
     # least spread of rows in any direction, over that of the learned range
     wide: float = 0.5
-    # along each joint, for the share of the range that a log measured
+    # cells along each joint, for the share of the range that a log measured
     cells: int = 5
     # imagined samples that tell what is usual after an adaptation
     baseline: int = 6000
@@ -71,7 +71,7 @@ class Adaptation:
     improved : bool
         Whether held-out rows are predicted better than before.
     samples : int
-        Rows that it rests on.
+        Rows of the log that count.
     outliers : int
         Rows that were left out as wrong detections.
     before, after : dict
@@ -128,9 +128,16 @@ class Adaptation:
 
 
 def unchanged_adaptation(
-    verdict: Verdict, before: Array, after: Array, correction: str
+    verdict: Verdict,
+    before: Array,
+    after: Array,
+    correction: str,
+    kept: tuple[str, ...] = ARM_AND_SENSOR,
 ) -> Adaptation:
-    """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit]."""
+    """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit].
+
+    kept : what was left as it was, in words
+    """
     rows = verdict.rows
     changed = [cause for cause in verdict.causes if cause.group != "noise"]
     return Adaptation(
@@ -142,7 +149,7 @@ def unchanged_adaptation(
         after=error_sizes(after),
         correction=correction,
         changed=tuple(changed),
-        kept=ARM_AND_SENSOR,
+        kept=kept,
         coverage=_coverage(rows.u),
         notes=verdict.notes,
         everywhere=rows.across > ADAPTING.wide,
@@ -167,51 +174,28 @@ def adaptation_with(
     verdict: Verdict,
     improved: Adaptation,
     model: Model,
-    judged: Array,
-    residual: Array,
+    held_out_q: Array,
+    held_out_residual: Array,
     method: str,
     frame: Alignment | None = None,
 ) -> Adaptation:
     """The adaptation with the new model, its facts, its baseline and the history of the old one.
 
-    judged, residual : (k, dof) and (k, m) [unit], joints and residuals of held-out rows
+    held_out_q, held_out_residual : (k, dof), (k, m) [unit], of rows that it did not learn from
     frame : of the sensor that was moved, in that of the old model
     """
     rows = verdict.rows
     old = rows.model
-    after = row_lengths(residual)
-    bound = np.nan_to_num(model.expected_error(judged)) + 1e-12
-    facts = old.about.by_readings(
-        samples=improved.samples,
-        unit=verdict.unit,
-        errors=_errors(model, rows, residual),
-        notes=improved.notes,
-        tested=len(after),
-        left_out=improved.left_out,
-        within={
-            "p95": float(np.quantile(after, 0.95)),
-            "covered": float(np.mean(after <= bound)),
-        },
-    )
     learned = MeasuredRows.of(rows.log.q, rows.x)
-    if len(residual) == len(learned):  # of all rows that are kept
-        learned = replace(learned, held_out=residual)
-    shape = (ADAPTING.baseline, rows.q.shape[1])
-    points = np.random.default_rng(0).random(shape)
-    baseline = learn_baseline(
-        model.association, points, model.predictor.value(points), after
-    )
-    if model.body is None:  # maps that followed these rows know no others
-        scale = model.motor.scale
-        places = RowPlaces.of(scale, scale.to_unit(learned.q))
-        baseline = replace(baseline, seen=places)
+    if len(held_out_residual) == len(learned):  # of all rows that are kept
+        learned = replace(learned, held_out=held_out_residual)
     # a camera that was moved sees another picture
     photo = old.photo if method == "few-shot" and frame is None else None
     event = _event(improved, method, frame)
     model = replace(
         model,
-        about=facts,
-        baseline=baseline,
+        about=_facts(verdict, improved, model, held_out_q, held_out_residual),
+        baseline=_baseline(model, learned, row_lengths(held_out_residual)),
         rows=learned,
         photo=photo,
         history=(*old.history, event),
@@ -219,11 +203,51 @@ def adaptation_with(
     return replace(improved, model=model)
 
 
+def _facts(
+    verdict: Verdict,
+    improved: Adaptation,
+    model: Model,
+    held_out_q: Array,
+    held_out_residual: Array,
+) -> About:
+    """The facts of the new model, by held-out rows (k, dof), (k, m) [unit]."""
+    rows = verdict.rows
+    distance = row_lengths(held_out_residual)
+    bound = np.nan_to_num(model.expected_error(held_out_q)) + 1e-12
+    within = {
+        "p95": float(np.quantile(distance, 0.95)),
+        "covered": float(np.mean(distance <= bound)),
+    }
+    return rows.model.about.by_readings(
+        samples=improved.samples,
+        unit=verdict.unit,
+        errors=_errors(model, rows, held_out_residual),
+        notes=improved.notes,
+        tested=len(distance),
+        left_out=improved.left_out,
+        within=within,
+    )
+
+
+def _baseline(model: Model, learned: MeasuredRows, distance: Array) -> Baseline:
+    """What is usual of the new model, by its distances (k,) from held-out rows [unit]."""
+    shape = (ADAPTING.baseline, learned.q.shape[1])
+    points = np.random.default_rng(0).random(shape)
+    baseline = learn_baseline(
+        model.association, points, model.predictor.value(points), distance
+    )
+    if model.body is None:  # maps that followed these rows know no others
+        scale = model.motor.scale
+        places = RowPlaces.of(scale, scale.to_unit(learned.q))
+        baseline = replace(baseline, seen=places)
+    return baseline
+
+
 def _event(
     improved: Adaptation, method: str, frame: Alignment | None
 ) -> Document:
     """What the history of a model keeps of an adaptation, beside what the model was before."""
-    old = improved.model
+    old = improved.model  # still the old one
     about = old.about
     usual = about.errors.get(old.default_readout)
     return {
@@ -287,7 +311,7 @@ def model_around(old: Model, body: Body, u: Array) -> Model:
 
 
 def _local_models_around(old: Model, body: Body) -> LocalModels:
-    """The local models of a model, as the joints that cause what they add move an updated body."""
+    """The local models of a model, their offsets carried to an updated body by `offset_after`."""
     models = old.predictor.models
     if old.body is None or models.degree < 0:
         return NO_MODELS

@@ -21,12 +21,12 @@ from ..body.structure import Structure
 from ..common.arrays import Array
 
 CREEP_WAVES = 0.01  # sd of a joint's curve that may creep between two logs, over that of its prior
-# the same of a curve that is freed, and of an arm as it was built
+# the same of an arm as it was built
 BUILT_CURVE = 0.3
 LEAST_MISFIT = 1e-4
 """Least residual sd of an arm that may have changed, beyond the noise [extents]: also of samples
 without noise."""
-# Sizes of a freed frame, a radian and an extent, beyond which it is not looked for
+# Times the standard deviation of a freed frame: to a radian and an extent
 ANYWHERE = 20.0
 CALM_WAVES = 0.7
 WAVE_SIZES = (CREEP_WAVES, CALM_WAVES, 4.0)
@@ -45,10 +45,7 @@ FRAME = ("view.rotation", "view.shift")
 class Cause:
     """One change that explains a log."""
 
-    # ``"sensor"``, ``"offset:JOINT"``, ``"length:JOINT"``, ``"gain:JOINT"``, ``"elastic:JOINT"``,
-    # ``"curve:JOINT"``, ``"curve"`` of all joints, ``"scale"``, ``"tilt"``, ``"lens"``,
-    # ``"mirror"``, ``"sign:JOINT"``, ``"lost:JOINT"``, ``"backlash:JOINT"``, ``"noise"``,
-    # ``"noise:JOINT"`` or ``"unknown"``
+    # ``"sensor"``, ``"offset:JOINT"`` or another one of the table in docs/howto/after-a-knock.md
     cause: str
     group: str  # of parameters, such as ``"view.rotation"`` or ``"offset"``
     words: str  # the change in words
@@ -85,89 +82,88 @@ class Group(NamedTuple):
 _DEGREE = float(np.radians(1.0))
 GROUPS = {
     # [rad], about the frame that fits the log best; of the extents
-    "view.rotation": Group(0.05, kept="the sensor's frame"),
-    "view.shift": Group(0.05),
+    "view.rotation": Group(freed=0.05, kept="the sensor's frame"),
+    "view.shift": Group(freed=0.05),
     "view.scale": Group(
-        0.3,
+        freed=0.3,
         kept="the sensor's scale",
         changed="the sensor's scale changed by {size}",
         whole=True,
     ),
     "view.shear": Group(
-        0.1, changed="the sensor's axes are stretched or sheared", whole=True
+        freed=0.1,
+        changed="the sensor's axes are stretched or sheared",
+        whole=True,
     ),
     # over the chain's length
     "view.tilt": Group(
-        0.3,
+        freed=0.3,
         kept="the camera's tilt",
         changed="the camera is tilted",
         whole=True,
     ),
     "lens": Group(
-        0.2,
+        freed=0.2,
         kept="the lens",
         changed="the sensor's frame is bent, as by a lens",
         whole=True,
     ),
     # of the mean length; as built [m]
     "length": Group(
-        0.15,
-        1e-4,
-        1e-3,
-        "the links' lengths",
-        "the link of {joint} is {share} ({length}) {longer}",
+        freed=0.15,
+        creep=1e-4,
+        built=1e-3,
+        kept="the links' lengths",
+        changed="the link of {joint} is {share} ({length}) {longer}",
     ),
     "offset": Group(
-        5 * _DEGREE,
-        0.02 * _DEGREE,
-        0.1 * _DEGREE,
-        "the joints' offsets",
-        "{joint} is off by {size}",
+        freed=5 * _DEGREE,
+        creep=0.02 * _DEGREE,
+        built=0.1 * _DEGREE,
+        kept="the joints' offsets",
+        changed="{joint} is off by {size}",
     ),
     "gain": Group(
-        0.03,
-        1e-4,
-        1e-3,
-        "the joints' gains",
-        "{joint} moves {size} further than it says",
+        freed=0.03,
+        creep=1e-4,
+        built=1e-3,
+        kept="the joints' gains",
+        changed="{joint} moves {size} further than it says",
     ),
     "coupling": Group(
-        0.03,
-        1e-4,
-        1e-3,
-        "the joints' coupling",
-        "{joint} moves with the joint before it, by {size} more",
+        freed=0.03,
+        creep=1e-4,
+        built=1e-3,
+        kept="the joints' coupling",
+        changed="{joint} moves with the joint before it, by {size} more",
     ),
     "elastic": Group(
-        0.02,
-        2e-5,
-        1e-4,
-        "elasticity",
-        "{joint} bends under load, by up to {most} deg",
-        True,
+        freed=0.02,
+        creep=2e-5,
+        built=1e-4,
+        kept="elasticity",
+        changed="{joint} bends under load, by up to {most} deg",
+        whole=True,
     ),
     "payload": Group(
-        0.02,
-        2e-5,
-        1e-4,
-        "the payload",
-        "a payload bends {joint}, by up to {most} deg",
-        True,
+        freed=0.02,
+        creep=2e-5,
+        built=1e-4,
+        kept="the payload",
+        changed="a payload bends {joint}, by up to {most} deg",
+        whole=True,
     ),
     # over the prior of a robot
     "placement": Group(
-        5.0,
-        0.1,
-        1.0,
-        "the joints' placements",
-        "{joint} sits elsewhere, {name} by {size}",
+        freed=5.0,
+        creep=0.1,
+        built=1.0,
+        kept="the joints' placements",
+        changed="{joint} sits elsewhere, {name} by {size}",
     ),
-    "tool": Group(0.1, 1e-4, 1e-3, "the tool"),  # [m]
-    "tool.rotation": Group(0.3, 0.02 * _DEGREE, 0.1 * _DEGREE),
-    "curve": Group(  # of sizes that are given
-        0.0,
-        changed="{joint} has another error curve, by up to {most} deg",
-        whole=True,
+    "tool": Group(freed=0.1, creep=1e-4, built=1e-3, kept="the tool"),  # [m]
+    "tool.rotation": Group(
+        freed=0.3, creep=0.02 * _DEGREE, built=0.1 * _DEGREE
     ),
 }
 
@@ -273,8 +269,7 @@ def sd_if_changed(
     void : parameters of a frame that was fitted to the log: a narrow prior would count rows
         twice
     """
-    freed = attrgetter("freed")
-    sd = _sd_of_groups(body, groups, freed, curve=BUILT_CURVE)
+    sd = _sd_of_groups(body, groups, attrgetter("freed"))
     if void is not None:
         frame = indices_of(body.structure, FRAME)
         sd[np.intersect1d(frame, void)] *= ANYWHERE
@@ -340,7 +335,7 @@ def _sd_of_groups(
     groups: Iterable[str],
     size: Callable[[Group], float],
     *,
-    curve: float,
+    curve: float = 0.0,
     link: float | None = None,
 ) -> Array:
     """Standard deviation (d,) of the parameters of some groups by their sizes, else 0.

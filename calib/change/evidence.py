@@ -12,6 +12,7 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm, matrix_of
 from ..body.belief import Body, knows_orientation
+from ..body.covariance import Z95
 from ..body.fit import Fit
 from ..body.parameters import Prior
 from ..body.rows import Rows
@@ -20,8 +21,9 @@ from ..body.structure import Structure
 from ..common.arrays import Array
 from ..common.rows import median_length, spread_rows
 from ..common.wording import quantity
+from ..model.alignment import Alignment
 from ..samples.diagnosis import rows_behind
-from .causes import Cause
+from .causes import Cause, indices_of, is_sensors
 from .explain import MARGIN, explain
 from .explanation import Explanation
 from .frame import Reference
@@ -44,7 +46,7 @@ class EvidenceSettings:
     few_wrong: float = 0.05
     # score of a mirror, another sense or another unit, which are no matter of chance
     discrete: float = 2.0
-    # that tell how the tool is turned
+    # most rows that tell how the tool is turned
     tool_rows: int = 600
 
 
@@ -66,7 +68,7 @@ class ToolTurn:
         """A tool that is turned about its own tip."""
         angle = float(np.linalg.norm(self.turn))
         variance = self.turn @ self.covariance @ self.turn
-        half = 1.96 * float(np.sqrt(variance)) / angle
+        half = Z95 * float(np.sqrt(variance)) / angle
         size = quantity(angle, "rad", half)
         words = f"the tool is turned by {size} (its orientation, not its place)"
         cause = Cause("tool", "tool.rotation", words, angle, unit="rad")
@@ -297,7 +299,7 @@ def with_orientations(
         cause,
         correlation_time=correlation_time,
         calm=False,
-        turned=(TOOL,),
+        certain_groups=(TOOL,),
     )
     return weigh(evidence, explanations)
 
@@ -315,3 +317,20 @@ def _by_orientations(evidence: Evidence) -> tuple[Explanation, ...]:
             others = [other for other in changes if other is not change]
             return (change, *others)
     return evidence.explanations
+
+
+def frame_between(evidence: Evidence, beta: Array) -> Alignment:
+    """The sensor's new frame, of parameters (d,), as an affine map of the old one.
+
+    Its lens is as it was: one that a corner's rows bend may fold over elsewhere.
+    """
+    structure = evidence.reference.structure
+    probes = evidence.rows.probes
+    mixed = evidence.prior.beta.copy()
+    of_frame = filter(is_sensors, set(structure.groups) - {"lens"})
+    sensors = indices_of(structure, of_frame)
+    mixed[sensors] = beta[sensors]
+    before = evidence.rows.body.predict(probes)
+    after = structure.predict(probes, mixed)
+    places = slice(structure.blocks[0])
+    return Alignment.between(before[:, places], after[:, places])

@@ -39,7 +39,7 @@ from .causes import (
 from .explanation import Explanation, Place, climb
 from .system import System
 
-# Nats by which a change must be better than none, and within which explanations are averaged
+# Nats by which a change must be better than none, and within which a fit is as good as promised
 MARGIN = 5.0
 
 
@@ -47,22 +47,23 @@ MARGIN = 5.0
 class SearchSettings:
     """How causes are searched."""
 
-    # that belong together at most
+    # most causes in a set
     causes: int = 3
     # sets of causes to which further ones are added
     beam: int = 4
     # nats by which one more cause must better the evidence
-    better: float = 1.0
-    # in which the system is set up at the best explanation
+    nats_better: float = 1.0
+    # most times that the system is set up anew, at the best explanation
     rounds: int = 3
-    # explanations of a round that are fitted to convergence at most, and nats from the best within
-    # which they are
+    # most explanations of a round that are fitted to convergence
     fits: int = 8
-    near: float = 10.0
-    # one in so many sizes of the noise is compared: sets share it nearly
-    coarser: int = 3
-    # steps at most to the best fit of a set, and nats that one must gain
+    # nats from the best within which explanations are fitted
+    nats_near: float = 10.0
+    # sizes of the noise from one that is compared to the next: sets share it nearly
+    noise_stride: int = 3
+    # most steps to the best fit of a set
     steps: int = 12
+    # nats that a step must gain
     enough: float = 5e-3
 
 
@@ -190,7 +191,7 @@ class Search:
             self.system.y, x
         )
         noises, likelihood = statistics.noises()
-        sparse = slice(None, None, SEARCH.coarser)
+        sparse = slice(None, None, SEARCH.noise_stride)
         by_noise = map(statistics.information, noises[sparse].tolist())
         matrices, vectors = zip(*by_noise, strict=True)
         return Information(
@@ -244,7 +245,7 @@ class Search:
             beam = [
                 candidate.causes for candidate in best_of_sets[: SEARCH.beam]
             ]
-            if best < least + SEARCH.better:
+            if best < least + SEARCH.nats_better:
                 break
             least = best
         every = chain(nothing, *tried.values())
@@ -340,7 +341,7 @@ def explain(
     *,
     correlation_time: float,
     calm: bool,
-    turned: Sequence[str] = (),
+    certain_groups: Sequence[str] = (),
 ) -> tuple[Explanation, ...]:
     """Return sets of causes with their evidence, the best first.
 
@@ -348,32 +349,33 @@ def explain(
         that is far
     correlation_time : of the rows
     calm : whether no test fired: the causes are not searched then
-    turned : groups that changed for sure, as orientations show: the tool that is turned has moved
+    certain_groups : those that changed for sure: orientations show that the tool has moved
     """
     explanations: list[Explanation] = []
     for system in systems:
-        free_groups = turned
+        free_groups = certain_groups
         if system.reference.is_fitted:
-            free_groups = (*FRAME, *turned)
+            free_groups = (*FRAME, *certain_groups)
         search = Search(system, cause, free_groups, correlation_time)
         nothing = map(search.explanation_of, search.candidates_of(()))
         if calm:
             explanations += nothing
         else:
-            explanations += _with_best_sets(search, [*nothing])
+            explanations += _with_best_sets(search, nothing)
     return tuple(sorted(explanations, key=_evidence, reverse=True))
 
 
 def _with_best_sets(
-    search: Search, fits: list[Explanation]
+    search: Search, nothing: Iterable[Explanation]
 ) -> Iterable[Explanation]:
-    """Fits with those of the best sets, linearised at the best until it is as good as promised."""
+    """Fits of the best sets and of nothing, linearised at the best until that is as promised."""
+    fits = list(nothing)
     causes: CauseNames | None = None
     for _ in range(SEARCH.rounds):
         candidates = search.candidates()
         promise = candidates[0].evidence
         for candidate in candidates[: SEARCH.fits]:
-            if candidate.evidence > promise - SEARCH.near:
+            if candidate.evidence > promise - SEARCH.nats_near:
                 fits.append(search.explanation_of(candidate))
         fits.sort(key=_evidence, reverse=True)
         best = fits[0]
@@ -382,4 +384,10 @@ def _with_best_sets(
             break
         causes = best.causes
         search = search.relinearised(best.beta)
-    return {(fit.causes, fit.wave_size): fit for fit in reversed(fits)}.values()
+    return _best_of_each(fits)
+
+
+def _best_of_each(fits: Sequence[Explanation]) -> Iterable[Explanation]:
+    """The best fit of each set with each size of waves, of fits whose first is the best."""
+    best = {(fit.causes, fit.wave_size): fit for fit in reversed(fits)}
+    return best.values()

@@ -35,17 +35,17 @@ class FrameSettings:
 
     # misfit, of the extents, from which another one is looked for
     far: float = 0.05
-    # share of it that a mirror, another sense or another unit must leave at most
+    # largest share of it that a mirror, another sense or another unit may leave
     better: float = 0.5
-    # beyond these ratios of size positions are in another unit
+    # ratios of size beyond which positions are in another unit
     scales: tuple[float, float] = (0.5, 2.0)
-    # that a frame is looked for with
+    # most rows that a frame is looked for with
     rows: int = 200
     # noise that is always allowed, of the extents
     least: float = 1e-4
     # misfit, of the extents, that is none
     exact: float = 1e-6
-    # between the angles that are tried for a joint that is held [rad]
+    # step from angle to angle that is tried for a joint that is stuck [rad]
     angle: float = 0.1
 
 
@@ -199,7 +199,11 @@ def _scaled(body: Body, structure: Structure, factor: float) -> Body:
 def offset_after(
     old: Body, new: Body, beta: Array, q: Array, offset: Array
 ) -> Array:
-    """What maps add to a body, (n, .., m), after a change: as joints that cause it move the tip."""
+    """What maps add to a body, (n, .., m), after a change of the body.
+
+    The maps' offset is turned into joint errors by the old Jacobian, and back into positions by
+    the new one: J_new pinv(J_old) offset.
+    """
     before = old.structure.slope(q, old.beta)
     after = new.structure.slope(q, beta)
     inverse = np.linalg.pinv(before, rcond=1e-3)

@@ -157,7 +157,7 @@ def sd_of_changes(reference: Reference) -> Array:
 def usual_noise(reference: Reference) -> float:
     """The noise that a belief expects, in `Reference.sizes`."""
     usual = float(np.min(reference.body.noise / reference.sizes))
-    return max(usual, SYSTEM.exact)
+    return max(usual, SYSTEM.exact_noise)
 
 
 def f_chance(statistic: float, freedom: float, noise_freedom: float) -> float:
@@ -178,11 +178,11 @@ def score_of(chance: float) -> float:
 class PlaySettings:
     """When a joint has play."""
 
-    # Of the play that a model knows, by which that may be wrong: 20 mrad were learned as 19.1
+    # share of the play that a model knows by which that may be wrong: 20 mrad were learned as 19.1
     play_share: float = 0.1
-    # of a joint's rows that come from either side, or nothing tells its play
+    # least share of a joint's rows from either side, or nothing tells its play
     least_share: float = 0.1
-    # of the squared residuals: what explains less does not pay in `calib.body.approach` either
+    # least share of the squared residuals that a play explains
     least_explained: float = 0.06
 
 

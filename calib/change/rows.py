@@ -15,6 +15,7 @@ from ..body.rows import Rows
 from ..body.settings import STUDENT
 from ..common.arrays import Array, Index, Mask
 from ..common.rows import row_lengths, spread_rows
+from ..common.scale import Scale
 from ..errors import LogError, ModelError
 from ..model.model import Model
 from ..model.prediction import predict
@@ -49,11 +50,11 @@ class RowSettings:
     line: float = 0.2
     # joints all over the learned range at which predictions are compared
     probes: int = 120
-    # share of the rows that the model answers, or that lie within its range: of a log in its unit,
-    # and of one in another
+    # share of the rows of a log in the model's unit that it answers, or that lie within its range
     answered: float = 0.5
+    # share of the rows of a log in another unit that lie within the range
     answered_in_other: float = 0.9
-    # of the learned range, distance from its middle that counts as within
+    # distance from the middle of the learned range, over that range, that counts as within
     range: float = 0.55
 
 
@@ -268,33 +269,36 @@ def _refuse_degrees(model: Model, log: Samples) -> None:
     """Refuse a log of joints in another unit, most of which the model has not learned."""
     about = model.about
     q = about.joints_of(log)
+    if not any(about.revolute):
+        return
     scale = model.motor.scale
-
-    def inside(q: Array) -> float:
-        """Share of rows (n, dof) within the learned range: coarse maps answer few of them."""
-        from_middle = np.abs((q - scale.lower) / scale.span - 0.5)
-        return float((from_middle <= ROWS.range).all(axis=1).mean())
-
     answered = float(np.isfinite(model.expected_error(q)).mean())
-    if max(answered, inside(q)) > ROWS.answered:
+    # coarse maps answer few rows within the range
+    if max(answered, _share_inside(scale, q)) > ROWS.answered:
         return
     units, *_ = interpretations(
         q, about.joint_names, about.revolute, any_order=False
     )
-    for q, other in units if any(about.revolute) else ():
-        if inside(q) > ROWS.answered_in_other:
+    for values, other in units:
+        if _share_inside(scale, values) > ROWS.answered_in_other:
             raise LogError(
                 f"the log fits the model only if {other.words}", hint=other.hint
             )
+
+
+def _share_inside(scale: Scale, q: Array) -> float:
+    """Share of rows (n, dof) within the learned range."""
+    from_middle = np.abs((q - scale.lower) / scale.span - 0.5)
+    return float((from_middle <= ROWS.range).all(axis=1).mean())
 
 
 @dataclass(frozen=True)
 class ObservationSettings:
     """How rows are found that contradict all others."""
 
-    # 12 took exact rows of a longer link for outliers
+    # most steps of the fit: 12 took exact rows of a longer link for outliers
     robust_steps: int = 60
-    # of the fit that finds outliers: enough for every parameter
+    # most rows of the fit that finds outliers: enough for every parameter
     robust_rows: int = 400
 
 
@@ -337,7 +341,8 @@ def sound_rows(reference: Reference, q: Array, z: Array) -> Mask:
     square = (residual**2).sum(axis=1)
     outputs = residual.shape[1]
     median = float(np.median(square[rows]))
-    noise = max(median / (outputs - 2 / 3), 1.0)
+    median_of_chi_square = outputs - 2 / 3
+    noise = max(median / median_of_chi_square, 1.0)
     return np.asarray(square <= OUTLIER**2 * outputs * noise)
 
 

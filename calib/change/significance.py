@@ -21,7 +21,7 @@ import numpy as np
 from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
 from ..body.structure import Structure
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array, Index, Mask
 from .causes import CREEP_WAVES, FRAME, indices_of, single_causes
 from .noise import FALSE_ALARM, NoiseFit, f_chance, score_of
 from .rows import LogRows
@@ -115,8 +115,14 @@ class GroupTests:
 def alarms(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
     """Groups above their threshold, the most telling first."""
     above = [g for g in groups if g.score > 1.0]
-    above.sort(key=lambda g: (-g.score, 3.0 * g.freedom - g.statistic))
+    above.sort(key=_how_telling, reverse=True)
     return tuple(above)
+
+
+def _how_telling(test: GroupTest) -> tuple[float, float]:
+    """The score, and where scores are the same the statistic less 3 for each degree of freedom."""
+    net_statistic = test.statistic - 3.0 * test.freedom
+    return test.score, net_statistic
 
 
 def groups_of(structure: Structure) -> dict[str, Indices]:
@@ -357,23 +363,29 @@ def _noise_of_joint(rows: LogRows, tests: GroupTests) -> Array:
 
 def variance_of_places(rows: LogRows, residual: Array) -> float:
     """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
-    from scipy.spatial import cKDTree
     from scipy.special import ndtri
 
-    # of so many rows at least one is no neighbour in time: noise may last over some rows
-    lasting = LASTING
-    count = min(2 * lasting + 2, len(rows))
-    _, neighbours = cKDTree(rows.u).query(rows.u, count)
-    near = np.asarray(neighbours)
-    index = np.arange(len(rows))
-    later = np.abs(near - index[:, None]) > lasting
-    row = np.flatnonzero(later.any(axis=1))
-    if not len(row):
+    first, second = _neighbours_apart_in_time(rows)
+    if not len(first):
         return 0.0
-    other = near[row, later[row].argmax(axis=1)]
-    pairs = np.sort(np.stack([row, other], axis=1), axis=1)
-    first, second = np.unique(pairs, axis=0).T
     product = (residual[first] * residual[second]).sum(axis=1)
     # whatever its size, noise makes either sign as likely
     sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
     return float(product.mean()) / residual.shape[1] if sure else 0.0
+
+
+def _neighbours_apart_in_time(rows: LogRows) -> tuple[Index, Index]:
+    """Pairs (p,), (p,) of rows of like joints between which noise does not last."""
+    from scipy.spatial import cKDTree
+
+    # of so many rows at least one is no neighbour in time
+    count = min(2 * LASTING + 2, len(rows))
+    _, neighbours = cKDTree(rows.u).query(rows.u, count)
+    near = np.asarray(neighbours)
+    index = np.arange(len(rows))
+    is_apart = np.abs(near - index[:, None]) > LASTING
+    row = np.flatnonzero(is_apart.any(axis=1))
+    nearest = is_apart[row].argmax(axis=1)
+    pairs = np.sort(np.stack([row, near[row, nearest]], axis=1), axis=1)
+    first, second = np.unique(pairs, axis=0).T
+    return first, second

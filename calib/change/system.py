@@ -36,16 +36,18 @@ series A, .4 mm off, are an alarm without it; all of it hid a sensor that was mo
 class SystemSettings:
     """How large the system of a log is."""
 
-    # of a system: its power grows with them, its work too
+    # most observations of a system: its power grows with them, its work too
     rows: int = 300
-    # of the log's own residual; more did not change a verdict on A and C
+    # nodes of the log's own residual; more did not change a verdict on A and C
     nodes: int = 40
-    # sizes of the noise that are compared, from where on, and that of an exact model
+    # sizes of the noise that are compared
     noises: int = 64
-    least: float = 1e-2
-    exact: float = 1e-3
-    # variance of an axis, of that of the noise, which no test tells
-    nothing: float = 1e-10
+    # least of these, in `Reference.sizes`
+    least_noise: float = 1e-2
+    # least usual noise, in `Reference.sizes`: that of an exact model
+    exact_noise: float = 1e-3
+    # variance of an axis, over that of the noise, which no test tells
+    least_variance: float = 1e-10
 
 
 SYSTEM = SystemSettings()
@@ -185,7 +187,7 @@ class Statistics:
         Nuisance columns B, of K = B B', have the principal axes of B'B.
         """
         variances, vectors = np.linalg.eigh(gram[:nuisances, :nuisances])
-        telling = variances > SYSTEM.nothing
+        telling = variances > SYSTEM.least_variance
         variances = variances[telling]
         along = vectors[:, telling].T @ gram[:nuisances, nuisances:]
         along /= np.sqrt(variances)[:, None]
@@ -224,7 +226,7 @@ class Statistics:
         """
         usual = math.sqrt(self.gram[-1, -1] / self.count)
         high = 2.0 * max(usual, least or 1.0)
-        low = least or SYSTEM.least
+        low = least or SYSTEM.least_noise
         sizes = np.geomspace(low, high, SYSTEM.noises)
         likelihood = self.likelihood(sizes)
         if least is None:
@@ -302,7 +304,7 @@ def principal_axes(columns: Array) -> tuple[Array, Array]:
         values, axes = np.linalg.eigh(columns @ columns.T)
         return axes, np.maximum(values, 0.0)
     values, vectors = np.linalg.eigh(columns.T @ columns)
-    telling = values > SYSTEM.nothing
+    telling = values > SYSTEM.least_variance
     values = values[telling]
     axes = columns @ vectors[:, telling]
     return axes / np.sqrt(values), values

@@ -33,9 +33,10 @@ from .significance import BEYOND
 class UpdateSettings:
     """How a belief is updated."""
 
-    # that an update takes: linear in them
+    # most rows of an update, whose time is linear in them
     rows: int = 600
-    # that are fitted as training fits them: of 10,719 of series A all are as good within .2 %
+    # most rows that are fitted as training fits them: of 10,719 of series A all are as good within
+    # .2 %
     rows_of_training: int = 2000
     # sizes of what an unchanged arm's log has of its own, times the usual one: with the first alone
     # 40 rows of another mounting made errors elsewhere 1.25 times as large
@@ -43,10 +44,10 @@ class UpdateSettings:
     # score from which a change is beyond doubt: then the usual residual alone, with which windows
     # of 30 and more rows of series C left errors half as large as with 4 times as much
     clearly: float = 2.0
-    # share of the held-out error that a change may leave at most
+    # largest share of the held-out error that a change may leave
     changed: float = 0.95
-    # The same where nothing changed, and of the error that a belief expects of itself: rows of half
-    # of series A were added to a model of the other, which was then 1.15 times as far off
+    # the same where nothing changed, also of the error that a belief expects of itself: half of the
+    # rows of series A were added to a model of the other, which was then 1.15 times as far off
     refined: float = 0.85
     # standard errors by which the held-out blocks must gain
     sure: float = 2.0
@@ -246,7 +247,7 @@ def _as_uncertain(
     them alone was wrong by 2 mm elsewhere, under a bound of .5 mm.  Two causes pay twice for their
     number: of those within 3 nats alone bounds in corners covered 40 %.
     """
-    least = max(e.evidence for e in explanations) - SEARCH.near
+    least = max(e.evidence for e in explanations) - SEARCH.nats_near
     differences = np.stack(
         [
             other.beta - best.beta

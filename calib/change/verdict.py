@@ -142,7 +142,10 @@ class Verdict:
 
     @property
     def smallest(self) -> float:
-        """Displacement (rms over the learned range) by the smallest change to be seen [unit]."""
+        """Displacement [unit] that a change of any group would have to make to be seen.
+
+        Root mean square over the learned range.
+        """
         if self.evidence is None:
             bounds = self.rows.model.expected_error(self.rows.log.q)
             return float(np.median(bounds))

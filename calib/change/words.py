@@ -13,22 +13,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..body.covariance import Z95
 from ..body.parameters import Indices
 from ..body.settings import NATS
 from ..body.structure import Structure
 from ..common.arrays import Array
 from ..common.wording import for_people, quantity, two_digits
-from ..model.alignment import Alignment
 from .causes import (
     CREEP_WAVES,
     FRAME,
     GROUPS,
     Cause,
     indices_of,
-    is_sensors,
     single_causes,
 )
-from .evidence import Evidence
+from .evidence import Evidence, frame_between
 from .explanation import groups_at
 from .noise import NOISIER, Play
 from .significance import alarms, moves_of
@@ -55,7 +54,7 @@ def causes_of(
 ) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     """Return the causes of a log, the largest first, and notes on what it cannot tell apart.
 
-    Where nothing changed, more noise and a play are the only causes there may be.
+    Where nothing changed, more noise, a play and a turned tool are the only causes there may be.
     """
     drifted = evidence.score > 1.0
     if drifted and not evidence.is_explained:
@@ -97,7 +96,7 @@ def _play(evidence: Evidence, play: Play) -> Cause:
     """A joint that has more play than the model knows, by all of it."""
     name, unit = _joint(evidence, play.joint)
     whole = 2.0 * float(play.half[play.joint])
-    half = 2.0 * 1.96 * play.deviation
+    half = 2.0 * Z95 * play.deviation
     words = (
         f"{name} has {quantity(whole, unit, half)} of play that the model does not know: "
         "`calib train` learns it from a log that goes both ways"
@@ -136,7 +135,10 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
 
 
 def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
-    """Return the causes with a camera or a board that moved in the hand once, as a turn if any."""
+    """Return the causes with at most one of the group "tool".
+
+    That is a camera or a board that moved in its mount.
+    """
     moved = [cause for cause in causes if cause.group.startswith("tool")]
     if not moved:
         return causes
@@ -178,17 +180,36 @@ def _changes(evidence: Evidence) -> list[Cause]:
         words = "the joints have waves that the model does not know: gears, or their sensors"
         waves = Cause("curve", "curve", words)
         return [waves] if best.wave_size > CREEP_WAVES else []
+    effects = _effects(evidence, estimate)
+    effects.sort(key=lambda effect: -effect.size)
+    least = WORDS.matters * max((e.size for e in effects), default=0.0)
+    causes = [e.cause for e in effects if e.size >= least]
+    has_frame = FRAME[0] in groups_at(structure, estimate.indices)
+    if has_frame and _frame_is_other(evidence):
+        causes.insert(0, _move_of_sensor(evidence, estimate))
+    return causes
+
+
+def _frame_is_other(evidence: Evidence) -> bool:
+    """Whether the sensor's frame has other axes or another unit: a move of it has no size then."""
+    discrete = {cause.cause for cause in evidence.reference.causes}
+    return not discrete.isdisjoint(("mirror", "scale"))
+
+
+def _effects(evidence: Evidence, estimate: _Estimate) -> list[_Effect]:
+    """Effects of the parameters that are clearly away from where they were."""
+    structure = estimate.structure
     change = np.abs(estimate.beta - evidence.prior.beta)
     clear = change > WORDS.clear * estimate.deviation
     clear &= estimate.deviation > 0.0
     moves = moves_of(structure, estimate.beta, evidence.rows.probes)
     sizes = moves * change
-    discrete = {cause.cause for cause in evidence.reference.causes}
+    is_scaled = any(c.cause == "scale" for c in evidence.reference.causes)
     groups = groups_at(structure, estimate.indices)
 
     effects: list[_Effect] = []
     for group in groups:
-        if group in FRAME or (group == "view.scale" and "scale" in discrete):
+        if group in FRAME or (group == "view.scale" and is_scaled):
             continue
         indices = indices_of(structure, (group,))
         is_one_cause = GROUPS[group].whole
@@ -199,19 +220,13 @@ def _changes(evidence: Evidence) -> list[Cause]:
                 cause = _of_parameter(evidence, estimate, largest, part)
                 size = float(np.linalg.norm(sizes[part]))
                 effects.append(_Effect(size, cause))
-    first: list[Cause] = []
-    if FRAME[0] in groups:
-        frame = indices_of(structure, FRAME)
+    frame = indices_of(structure, FRAME)
+    is_moved = FRAME[0] in groups and clear[frame].any()
+    if is_moved and not _frame_is_other(evidence):
         size = float(np.linalg.norm(sizes[frame]))
-        # a frame with other axes or in another unit has no size
-        if discrete & {"mirror", "scale"}:
-            first.append(_move_of_sensor(evidence, estimate))
-        elif clear[frame].any():
-            moved = _move_of_sensor(evidence, estimate)
-            effects.append(_Effect(size, moved))
-    effects.sort(key=lambda effect: -effect.size)
-    least = WORDS.matters * max((e.size for e in effects), default=0.0)
-    return first + [e.cause for e in effects if e.size >= least]
+        moved = _move_of_sensor(evidence, estimate)
+        effects.append(_Effect(size, moved))
+    return effects
 
 
 def _by_test(evidence: Evidence, estimate: _Estimate) -> _Estimate:
@@ -240,12 +255,12 @@ def _half_width(evidence: Evidence, best: _Estimate, k: int) -> float:
     It holds what the other explanations say that the evidence hardly tells from the best: rows
     that show a sum of two changes do not show each.
     """
-    half = 1.96 * float(best.deviation[k])
+    half = Z95 * float(best.deviation[k])
     least = evidence.explanations[0].evidence - NATS
     for other in evidence.explanations if evidence.is_attributed else ():
         if other.evidence > least:
             distance = abs(float(other.beta[k] - best.beta[k]))
-            half = max(half, distance + 1.96 * float(other.deviation[k]))
+            half = max(half, distance + Z95 * float(other.deviation[k]))
     return half
 
 
@@ -282,7 +297,7 @@ def _move_of_sensor(evidence: Evidence, best: _Estimate) -> Cause:
     """The sensor's frame as one cause, its rotation as the number."""
     turn = best.structure.groups["view.rotation"]
     moved = frame_between(evidence, best.beta)
-    half = 1.96 * float(np.linalg.norm(best.deviation[turn]))
+    half = Z95 * float(np.linalg.norm(best.deviation[turn]))
     squares = np.zeros(len(moved.shift))
     for k in indices_of(best.structure, FRAME).tolist():
         nearby = best.beta.copy()
@@ -293,27 +308,10 @@ def _move_of_sensor(evidence: Evidence, best: _Estimate) -> Cause:
         change = best.beta - evidence.prior.beta
         angle = float(change[turn[0]])
         value = math.remainder(angle, 2 * math.pi)
-    size = moved.words(evidence.unit, half, 1.96 * np.sqrt(squares))
+    size = moved.words(evidence.unit, half, Z95 * np.sqrt(squares))
     words = f"the sensor's frame moved: {size}"
     cause = Cause("sensor", "view.rotation", words, value, unit="rad")
     return cause.within(half)
-
-
-def frame_between(evidence: Evidence, beta: Array) -> Alignment:
-    """The sensor's new frame, of parameters (d,), as an affine map of the old one.
-
-    Its lens is as it was: one that a corner's rows bend may fold over elsewhere.
-    """
-    structure = evidence.reference.structure
-    probes = evidence.rows.probes
-    mixed = evidence.prior.beta.copy()
-    of_frame = filter(is_sensors, set(structure.groups) - {"lens"})
-    sensors = indices_of(structure, of_frame)
-    mixed[sensors] = beta[sensors]
-    before = evidence.rows.body.predict(probes)
-    after = structure.predict(probes, mixed)
-    places = slice(structure.blocks[0])
-    return Alignment.between(before[:, places], after[:, places])
 
 
 def _turn_like_offset(

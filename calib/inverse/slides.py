@@ -45,7 +45,7 @@ def settle(
 
 @dataclass(frozen=True)
 class Slides:
-    """Slides of n joints, each towards what is near to them; changed in place.
+    """Slides of n joints, each towards what is near to them; its arrays are changed in place.
 
     The self-motion is curved: the length of a slide follows from the last one (Barzilai and Borwein
     1988).

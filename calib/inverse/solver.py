@@ -28,7 +28,10 @@ class Starts(Protocol):
 
 @dataclass(frozen=True)
 class Nearest:
-    """For each of n targets the best way so far: the nearest to some joints; changed in place."""
+    """For each of n targets the best way so far: the nearest to some joints.
+
+    Its arrays are changed in place.
+    """
 
     newton: Newton
     # (n, dof), joints of the unit box that answers should be near to

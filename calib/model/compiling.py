@@ -15,7 +15,7 @@ from .header import Header
 from .parts import Parts
 from .prediction import Prediction
 
-COMPILER = 7e5  # [us], processor time of the compiler
+COMPILE_TIME = 7e5  # [us], processor time of the compiler
 
 ROWS_TO_COMPARE = 20
 """Joint values at which compiled C has to say what NumPy says, to a share of the extent."""
@@ -83,7 +83,7 @@ def kernel_for(model: Parts, query: Query, rows: int) -> Library | None:
     """
     cost = rows * len(model.about.lower) ** 2 * query.cost
     compiles = model.body is not None and "uncompiled" not in model.cache
-    if model.kernel is None and compiles and cost >= COMPILER:
+    if model.kernel is None and compiles and cost >= COMPILE_TIME:
         kernel, reason = kernel_of(model)
         object.__setattr__(model, "kernel", kernel)
         if kernel is None:

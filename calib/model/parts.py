@@ -82,12 +82,12 @@ class Parts:
     # the same arm as its further sensors see it, each with maps, local models and bounds of its own
     others: tuple[Parts, ...] = ()
 
-    # what `warm_up` compiled, which answers single queries
+    # compiled by `warm_up`, or for a large batch
     kernel: ClassVar[Library | None] = None
 
     def __post_init__(self) -> None:
         freeze(self, "bounds", "model_bounds", "visited")
-        # one answer is enough
+        # the same array, so that equal bounds are computed once
         if np.array_equal(self.bounds, self.model_bounds):
             object.__setattr__(self, "model_bounds", self.bounds)
 

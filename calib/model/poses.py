@@ -23,9 +23,6 @@ from .reach import Reach
 from .space import REACHED, Space
 from .turns import on_turn
 
-PoseAnswers = Answer
-"""Answers to poses; without `every` one for each, in their order."""
-
 
 def solve_poses(
     model: Parts,

@@ -129,9 +129,9 @@ class Reach:
             ways = [self._scale.from_unit(every.u[part]) for part in rows]
         else:
             ways = self._ways_by_kernel(kernel, target, near)
-        wish = self._unit(near)
-        questions = zip(ways, target, wish, strict=True)
-        return [self._ordered(q, goal, near) for q, goal, near in questions]
+        wishes = self._unit(near)
+        questions = zip(ways, target, wishes, strict=True)
+        return [self._ordered(q, goal, wish) for q, goal, wish in questions]
 
     def _ways_by_kernel(
         self, kernel: Library, target: Array, near: Array

@@ -33,6 +33,21 @@ Words = Mapping[str, object]
 
 
 @dataclass(frozen=True)
+class StartSettings:
+    """How many joints a header knows from which ways to positions may begin."""
+
+    # cells of the workspace
+    cells: int = 576
+    # distance below which starts of a cell count as one [unit box]
+    apart: float = 0.1
+    # postures of redundant joints
+    postures: int = 128
+
+
+STARTS = StartSettings()
+
+
+@dataclass(frozen=True)
 class Section:
     """Constants and arms of C by name, and words that templates are filled with."""
 
@@ -206,22 +221,19 @@ def local_models(model: Parts) -> Section:
     return Section(tables, words)
 
 
-def grid_starts(model: Parts, cells: int = 576, apart: float = 0.1) -> Section:
+def grid_starts(model: Parts) -> Section:
     """Joints from which positions are sought, and where they lead, by cells of the workspace.
 
     The source grows by 20 bytes a number.
-
-    cells : of the workspace
-    apart : starts of a cell that are closer count as one
     """
     place = model.sensory.scale
     dimensions = len(place.span)
-    side = max(2, int(cells ** (1 / dimensions)))
+    side = max(2, int(STARTS.cells ** (1 / dimensions)))
     corners = np.indices((side,) * dimensions).reshape(dimensions, -1).T
     step = place.span / side
     middles = place.lower + (corners + 0.5) * step
     cell, u = model.solver.starts.of(middles)
-    single = distinct(model.motor.scale, cell, u, apart)
+    single = distinct(model.motor.scale, cell, u, STARTS.apart)
     count = np.bincount(cell[single], minlength=len(middles))
     grid: Tables = {
         "grid": np.full(dimensions, side),
@@ -232,10 +244,10 @@ def grid_starts(model: Parts, cells: int = 576, apart: float = 0.1) -> Section:
     return _starts(model, u[single], grid)
 
 
-def posture_starts(model: Parts, postures: int = 128) -> Section:
+def posture_starts(model: Parts) -> Section:
     """The same of redundant joints, which have too many for each place: some postures."""
     nodes = np.flatnonzero(model.visited)
-    nodes = nodes[spread_rows(len(nodes), postures)]
+    nodes = nodes[spread_rows(len(nodes), STARTS.postures)]
     return _starts(model, np.clip(model.motor.units[nodes], 0.0, 1.0))
 
 

@@ -217,13 +217,13 @@ def _in_base(body: Body | None) -> Body | None:
     structure = measured_chain(body)
     if body is None or structure is None:
         return None
-    none = np.zeros(3)
+    zeros = np.zeros(3)
     second = body.second and _of_the_arm(structure, body.second)
     return replace(
         _of_the_arm(structure, body),
         structure=without_sensor(structure, body.beta)[0],
-        tau=none,
-        residual=none,
+        tau=zeros,
+        residual=zeros,
         second=second,
     )
 
@@ -259,19 +259,17 @@ def _drawn_body(model: Parts) -> Body | None:
     if not isinstance(arm, SpatialArm):
         return None
     structure = structure_of(arm, "base")
-    none = np.zeros(3)
-    active = structure.groups["tool"]
-    root = np.zeros((3, 3))
+    zeros = np.zeros(3)
     return Body(
-        structure,
-        structure.neutral(),
-        active,
-        root,
-        none,
-        1.0,
-        none,
-        none,
-        np.inf,
-        1.0,
+        structure=structure,
+        beta=structure.neutral(),
+        active=structure.groups["tool"],
+        root=np.zeros((3, 3)),
+        noise=zeros,
+        kappa=1.0,
+        tau=zeros,
+        residual=zeros,
+        nu=np.inf,
+        autocorrelation=1.0,
         simulated=True,
     )

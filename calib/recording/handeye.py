@@ -100,14 +100,15 @@ def handeye(
     with one_blas_thread():
         # pictures -> corners -> lens and board before each camera
         for name, source in cameras.items():
-            place = eyes.get(name)
-            check_choice(f"eye of {name}", place, EYES)
+            eye_of_camera = eyes.get(name)
+            check_choice(f"eye of {name}", eye_of_camera, EYES)
             corners = source
             if not isinstance(corners, BoardPictures):
                 corners = find_board(
                     corners, joints, board, arm, camera, degrees=bool(degrees)
                 )
-            view = view_of(name, corners, place == "hand", lenses.get(name))
+            in_hand = eye_of_camera == "hand"
+            view = view_of(name, corners, in_hand, lenses.get(name))
             views.append(view)
 
         # corners and motions -> start -> bundle -> answer

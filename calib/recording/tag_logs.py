@@ -145,7 +145,7 @@ def log_video(
         )
     if still is None:
         why = "the arm moves"
-        mean = np.mean([0, *map(len, groups)])
+        mean = np.mean([len(group) for group in groups])
         notes.append(f"{len(groups)} rests of {mean:.0f} frames")
     else:
         why = f"a joint moves faster than {still:g}"

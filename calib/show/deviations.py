@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.belief import Body
+from ..body.covariance import Z95
 from ..body.curves import waves_of
 from ..body.structure import Structure
 from ..common.arrays import Array, Index
@@ -18,7 +19,7 @@ from ..common.wording import quantity
 from ..errors import CalibError
 from ..model.model import Model
 from ..model.nominal import nominal_before
-from .settings import SETTINGS, Z95
+from .settings import SETTINGS
 
 _ORDER = ("length", "offset", "gain", "elastic", "placement")
 _WORDS = {

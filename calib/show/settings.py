@@ -2,9 +2,6 @@
 
 from dataclasses import dataclass
 
-Z95 = 1.96
-"""Half-width of a 95 % interval, in standard deviations."""
-
 
 @dataclass(frozen=True)
 class Settings:

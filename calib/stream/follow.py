@@ -32,17 +32,17 @@ BLOCK = 100
 class FollowSettings:
     """How a stream is followed."""
 
-    # one sample in so many tells the error
+    # samples from one that tells the error to the next
     glance: int = 5
     # neighbourhood radius once settled [nodes]
     sigma_end: float = 0.5
-    # latest samples that the local models are fitted to
+    # most samples that the local models are fitted to: the latest
     latest: int = 20_000
-    # samples since a change that a model can rest on
+    # fewest samples since a change that a model can rest on
     least: int = 10
     # samples that a running mean remembers
     window: float = 200.0
-    # a re-formed map has settled within this factor of a trained one
+    # distortion of a re-formed map that has settled, over that of a trained one
     at_rest: float = 1.2
     # standard deviations of a running mean that are no chance
     no_chance: float = 4.0
@@ -71,8 +71,8 @@ class Step:
 def matching_sigma(network: Map, error: float) -> float:
     """Neighbourhood radius [nodes] at which training had a quantization error (eq. 10).
 
-    network : its history tells how the error fell with sigma; the radii of its coarse lattices
-        count as the same share of the full one
+    network : a map, whose history tells how the error fell with sigma; the radii of its coarse
+        lattices count as the same share of the full one
     error : root mean square distance to the winner after the change, in the unit box
     Returns float, the radius of the whole map where the error is larger than at the start.
     """
@@ -123,7 +123,7 @@ class OnlineAdapter:
         self._baseline = model.baseline
         self._horizon = horizon
         self._force = force
-        self._net = _network(model)
+        self._vdsom = _vdsom_of(model)
         self._seen = 0  # samples
         self._since = -1  # samples since a change was noticed, -1 before
         # radii of the motor and the sensory map from which sigma decays [nodes]
@@ -140,7 +140,7 @@ class OnlineAdapter:
         return self._since >= 0 and (self._force or self._since < self._horizon)
 
     def feed(self, q: Array, x: Array) -> Step:
-        """Take the next samples of the stream, (n, dof) and (n, 2), and learn from them."""
+        """Take the next samples of the stream, (n, dof) and (n, m), and learn from them."""
         model = self._model
         q = np.asarray(q, dtype=float)
         x = np.asarray(x, dtype=float)
@@ -155,7 +155,7 @@ class OnlineAdapter:
         return steps[-1]
 
     def _feed(self, u: Array, v: Array) -> Step:
-        """Take one block, (n, dof) and (n, 2) in the unit boxes."""
+        """Take one block, (n, dof) and (n, m) in the unit boxes."""
         motor, sensory = self._maps()
         winner_distance, winner = sensory.nearest(v)
         zeta_motor = (motor.nearest(u)[0] ** 2).mean()  # eq. 9
@@ -180,21 +180,24 @@ class OnlineAdapter:
         rates = (0.0, 0.0, 0.0)
         if self._since >= 0:
             rates = self._learn(u, v, rows)
+        sigma, eta, beta = rates
         return Step(
-            self._seen,
-            mean_motor,
-            mean_sensory,
-            threshold,
-            error,
-            *rates,
-            self.adapting,
+            samples=self._seen,
+            zeta_motor=mean_motor,
+            zeta_sensory=mean_sensory,
+            threshold=threshold,
+            error=error,
+            sigma=sigma,
+            eta=eta,
+            beta=beta,
+            adapting=self.adapting,
         )
 
     def _error(self, u: Array, v: Array) -> float:
         """Mean distance [unit] of some samples from what maps and links predict."""
         u = u[:: FOLLOW.glance]
         v = v[:: FOLLOW.glance]
-        residual = self._net.predict(u) - v
+        residual = self._vdsom.predict(u) - v
         residual *= self._model.sensory.scale.span
         return float(np.linalg.norm(residual, axis=1).mean())
 
@@ -235,7 +238,7 @@ class OnlineAdapter:
         rates = Rates.following(
             t, self._starts, FOLLOW.sigma_end, self._horizon
         )  # eq. 10, 12
-        self._net.show((u, v), rates)
+        self._vdsom.show((u, v), rates)
         self._since += len(u)
         q = self._model.motor.scale.from_unit(u)
         x = self._model.sensory.scale.from_unit(v)
@@ -258,34 +261,37 @@ class OnlineAdapter:
         """
         if self._since < 0 or sum(map(len, self._x)) < FOLLOW.least:
             return self._model
-        rule_links = without_weak(self._net.links) if links == "rule" else None
+        rule_links = (
+            without_weak(self._vdsom.links) if links == "rule" else None
+        )
         q = np.concatenate(self._q)
         x = np.concatenate(self._x)
         return settled_model(self._model, *self._maps(), q, x, rule_links)
 
     def _maps(self) -> tuple[Map, Map]:
         """The motor and the sensory map as they are."""
-        motor, sensory = self._net.layers
+        motor, sensory = self._vdsom.layers
         return (
             replace(self._model.motor, units=motor.weights),
             replace(self._model.sensory, units=sensory.weights),
         )
 
 
-def _network(model: Model) -> VDSOM:
-    """The maps and links of a model as a network that learns on."""
+def _vdsom_of(model: Model) -> VDSOM:
+    """The maps and links of a model as a VDSOM that learns on."""
     # a model file keeps no function
     rule = str(model.about.options.get("map", "vdsom"))
     gain = gain_of(rule if rule in MAPS else "vdsom")
     layers = []
-    for part in (model.motor, model.sensory):
-        if not isinstance(part.lattice, Lattice):
+    for network in (model.motor, model.sensory):
+        lattice = network.lattice
+        if not isinstance(lattice, Lattice):
             raise OptionError(
                 "online adaptation resets the neighbourhood radius of a lattice (eq. 10), and "
                 "a growing neural gas has neither: use method 'few-shot', or train with map "
                 "'vdsom', 'som' or 'dsom'"
             )
-        layers.append(Layer(part.units, part.lattice, part.scale, gain))
+        layers.append(Layer(network.units, lattice, network.scale, gain))
     return VDSOM(layers, model.association.wiring, model.links.toarray())
 
 
@@ -300,7 +306,7 @@ def follow(
     """Let a model follow a stream, block by block: the paper's adaptation curves.
 
     model : where to start
-    q, x : (n, dof), (n, 2) [unit], samples in the order in which they come
+    q, x : (n, dof), (n, m) [unit], samples in the order in which they come
     horizon, force : see :class:`OnlineAdapter`
 
     Yields

@@ -16,7 +16,7 @@ from ..maps.links import SparseRows, Wiring
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.model_selection import blocks, select
-from ..maps.predictor import BodyInBox
+from ..maps.predictor import BodyInBox, Predictor
 from ..model.about import MeasuredRows
 from ..model.model import Model
 from ..training.bounds import node_bounds
@@ -28,9 +28,9 @@ class SettleSettings:
 
     # samples that links are learned from where the stream is short
     imagined: int = 20_000
-    # that a body is refitted to: more would tell it hardly more
+    # most rows that a body is refitted to: more would tell it hardly more
     rows: int = 3000
-    # fewer have no links of their own
+    # rows below which a stream has no links of its own
     few_rows: int = 1000
 
 
@@ -43,13 +43,13 @@ def settled_model(
     sensory: Map,
     q: Array,
     x: Array,
-    links: SparseRows | None = None,
+    links: SparseRows | None,
 ) -> Model:
     """A model with maps as they are now, which have followed some samples.
 
     q, x : (n, dof), (n, m) [unit], samples since the change
-    links : (motor, sensory), links as they are; by default those at which eq. 11 comes to rest for
-        the samples.
+    links : (motor, sensory), links as they are; where they are None, those at which eq. 11 comes to
+        rest for the samples
     """
     scale = motor.scale
     wiring = model.association.wiring
@@ -62,6 +62,7 @@ def settled_model(
     # the readout, and its errors at held-out rows
     fitted = slice(None, None, -(-len(u) // SETTLED.rows))
     body_fit = _refitted(model, scale.from_unit(u[fitted]), x[fitted])
+    predictor: Predictor | None = None
     if body_fit is None:
         body = None
         local = NO_MODELS
@@ -77,15 +78,10 @@ def settled_model(
         local = predictor.models
         errors = np.linalg.norm(residual, axis=1)
 
-    if links is not None:
-        association = Association(motor, sensory, links, wiring)
-    elif body_fit is None or len(u) >= SETTLED.few_rows:
-        association = _learned(motor, sensory, wiring, u, x)
+    if links is None:
+        association = _association(model, motor, sensory, u, x, predictor)
     else:
-        shape = (SETTLED.imagined, u.shape[1])
-        drawn = np.random.default_rng(model.about.seed).random(shape)
-        positions = predictor.value(drawn)
-        association = _learned(motor, sensory, wiring, drawn, positions)
+        association = Association(motor, sensory, links, wiring)
     rows = None
     if model.rows is not None:
         rows = MeasuredRows.of(scale.from_unit(u), x)
@@ -101,6 +97,24 @@ def settled_model(
     if model.about.bound_of == "true position":
         reading = position
     return replace(settled, bounds=reading, model_bounds=position)
+
+
+def _association(
+    model: Model,
+    motor: Map,
+    sensory: Map,
+    u: Array,
+    x: Array,
+    predictor: Predictor | None,
+) -> Association:
+    """Maps with the links of samples (n, dof), (n, m), or where these are few of predictions."""
+    wiring = model.association.wiring
+    if predictor is None or len(u) >= SETTLED.few_rows:
+        return _learned(motor, sensory, wiring, u, x)
+    shape = (SETTLED.imagined, u.shape[1])
+    drawn = np.random.default_rng(model.about.seed).random(shape)
+    positions = predictor.value(drawn)
+    return _learned(motor, sensory, wiring, drawn, positions)
 
 
 def _learned(

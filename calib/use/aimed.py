@@ -25,7 +25,7 @@ class Candidates:
     """Postures to choose from."""
 
     q: Array  # (m, dof) [rad or m]
-    # of postures (k, dof) that can be taken the rows (n,) that tell most
+    # picks the n most informative rows of postures (k, dof)
     best: Callable[[Array, int], Index]
     why: str  # how they are chosen, for people
 

@@ -182,14 +182,15 @@ def _agreement(model: Model) -> _Shared | None:
     if kernel is None or not kernel.has("correct"):
         return None
     wanted = Wanted.of(model)
-    tried = visited_joints(model, CORRECTION.tried)
+    compared = visited_joints(model, CORRECTION.compared_rows)
     gaps = []
-    for q, nearest, reachable in zip(tried, *wanted.solve(tried), strict=True):
+    solutions = zip(compared, *wanted.solve(compared), strict=True)
+    for q, nearest, reachable in solutions:
         answer = kernel.ask("correct", q)
         if reachable and answer is not None and answer[1] == 1:
             gaps.append(np.abs(answer[0] - nearest).max())
     # it may do so after adaptations
-    if not gaps or max(gaps) > CORRECTION.same:
+    if not gaps or max(gaps) > CORRECTION.tolerance:
         return None
     return usual_limit(model), wanted.notes, wanted
 

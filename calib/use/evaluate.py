@@ -1,7 +1,7 @@
 """Evaluation: the errors of a model on a log, or on fresh samples of a simulation."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from ..training.settings import TESTING
 from ..training.socket_places import in_sockets
 
 Frame = Literal["kept", "free"]
-EVALUATED = ("kept", "free")
+FRAME_CHOICES = get_args(Frame)
 FRESH = "fresh exact samples"
 HELD_OUT = "rows held out in blocks of the log"
 
@@ -127,7 +127,7 @@ def evaluate(
         If the joints of `samples` are not those of the model.
     """
     require("model", model, Model)
-    check_choice("frame", frame, EVALUATED)
+    check_choice("frame", frame, FRAME_CHOICES)
     if samples is None:
         simulation = simulation_of(model)
         if simulation is None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..arm.arm import Arm, PlanarArm
 from ..arm.description import parse_robot
+from ..body.covariance import Z95
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array, Index
 from ..common.wording import by_name
@@ -157,5 +158,5 @@ class Geometry:
         """Return the sums of parameters with weights `parts` (d,) or (k, d)."""
         variance = np.einsum("...i,ij,...j->...", parts, self.covariance, parts)
         return Quantity(
-            parts @ self.beta, 1.96 * np.sqrt(np.maximum(variance, 0.0))
+            parts @ self.beta, Z95 * np.sqrt(np.maximum(variance, 0.0))
         )

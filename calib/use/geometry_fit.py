@@ -14,6 +14,7 @@ import numpy as np
 from ..arm.arm import PlanarArm, SpatialArm
 from ..arm.rotations import similarity
 from ..body.belief import Body, knows_orientation
+from ..body.covariance import Z95
 from ..body.fit import Fit
 from ..body.frame_starts import frame_of_drawing
 from ..body.normal import Factor
@@ -149,7 +150,7 @@ def body_with_zeros(model: Model) -> Body | None:
         rows = np.flatnonzero(body.active == index)
         beta[index] = offset.value
         for row in rows:
-            root[row] *= offset.interval / (1.96 * np.linalg.norm(root[row]))
+            root[row] *= offset.interval / (Z95 * np.linalg.norm(root[row]))
     return replace(body, beta=beta, root=root)
 
 
@@ -189,7 +190,7 @@ def fit_in_space(
     if not simulated and arm.revolute[-1] and untold:
         # nothing tells the last joint's offset apart from the probe's place
         covariance[last] = covariance[:, last] = 0.0
-        covariance[last, last] = (np.pi / 1.96) ** 2
+        covariance[last, last] = (np.pi / Z95) ** 2
     return Geometry(
         arm,
         structure,

@@ -56,7 +56,7 @@ class Iso9283:
     cycles: int  # visits of the pose with the fewest
     notes: tuple[str, ...]  # where the test falls short of the standard
 
-    def document(self) -> dict[str, object]:
+    def to_json(self) -> dict[str, object]:
         """Return what `calib evaluate --iso9283 --json` prints as `"iso9283"`."""
         return {
             "AP": self.corrected,
@@ -77,6 +77,30 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
     Readings of one visit count once, by their mean.
     Raises LogError if the arm went to no pose twice.
     """
+    tests, repeated = _pose_tests(model, samples)
+    if not tests:
+        raise LogError(
+            "the log went to no pose twice that the model has learned: ISO 9283 needs poses that "
+            "were attained repeatedly",
+            hint=f"go to {POSES} poses {CYCLES} times each, in turn",
+        )
+    by_drawing = [t.as_delivered for t in tests if t.as_delivered is not None]
+    return Iso9283(
+        tuple(tests),
+        samples.unit,
+        repeatability=max(test.RP for test in tests),
+        corrected=max(test.as_corrected for test in tests),
+        delivered=max(by_drawing, default=None),
+        cycles=min(test.cycles for test in tests),
+        notes=tuple(_shortfalls(tests, repeated)),
+    )
+
+
+def _pose_tests(model: Model, samples: Samples) -> tuple[list[PoseTest], int]:
+    """Tests of the poses that the model has learned, of those that the log went to again.
+
+    Returns these, and how many poses the log went to again.
+    """
     q = model.about.joints_of(samples)
     visits = visits_of(q)
     joints = group_means(visits.visit, q[visits.rows])
@@ -87,21 +111,16 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
     )
     corrected = model.forward(joints)
     answered = finite_rows(corrected)
-    several = [k for k in range(len(places)) if counts[k] > 1]
-    repeated = [k for k in several if answered[pose == k].all()]
-    if not repeated:
-        raise LogError(
-            "the log went to no pose twice that the model has learned: ISO 9283 needs poses that "
-            "were attained repeatedly",
-            hint=f"go to {POSES} poses {CYCLES} times each, in turn",
-        )
     delivered = None
     if model.about.urdf:
         with suppress(CalibError):
             delivered = Wanted.of(model).target(joints)
+    repeated = [k for k in range(len(places)) if counts[k] > 1]
     tests = []
     for k in repeated:
         members = pose == k
+        if not answered[members].all():
+            continue
         barycentre = attained[members].mean(axis=0)
         distance = np.linalg.norm(attained[members] - barycentre, axis=1)
         as_delivered = None
@@ -115,12 +134,16 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
             as_corrected=_distance(corrected[members], barycentre),
         )
         tests.append(test)
+    return tests, len(repeated)
+
+
+def _shortfalls(tests: list[PoseTest], repeated: int) -> list[str]:
+    """Where a test falls short of the standard, of poses of which so many were repeated."""
     cycles = min(test.cycles for test in tests)
-    by_drawing = [t.as_delivered for t in tests if t.as_delivered is not None]
     notes = []
-    if len(repeated) < len(several):
+    if len(tests) < repeated:
         notes.append(
-            f"{len(several) - len(repeated)} of {len(several)} poses are outside of what the "
+            f"{repeated - len(tests)} of {repeated} poses are outside of what the "
             "model has learned and left out"
         )
     if len(tests) < POSES or cycles < CYCLES:
@@ -128,19 +151,11 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
             f"ISO 9283 asks for {POSES} poses with {CYCLES} cycles each: the log has "
             f"{len(tests)} with {cycles} or more"
         )
-    if delivered is None:
+    if tests[0].as_delivered is None:
         notes.append(
             "the model knows no URDF: there is no accuracy as delivered"
         )
-    return Iso9283(
-        tuple(tests),
-        samples.unit,
-        repeatability=max(test.RP for test in tests),
-        corrected=max(test.as_corrected for test in tests),
-        delivered=max(by_drawing, default=None),
-        cycles=cycles,
-        notes=tuple(notes),
-    )
+    return notes
 
 
 def _distance(commanded: Array, barycentre: Array) -> float:

@@ -37,15 +37,15 @@ class MonitorSettings:
     window: float = 200.0
     # samples between two judgements
     every: int = 10
-    # of the model's own residual
+    # nodes of the model's own residual
     nodes: int = 20
     # standard errors from which an autocorrelation is none of chance
     chance: float = 3.0
-    # autocorrelation from sample to sample that is counted at most
+    # largest autocorrelation from sample to sample that is counted
     most_alike: float = 0.99
     # share of calm samples that may be alarms
     false_alarm: float = 1e-6
-    # a residual counts for at most so many times the usual one
+    # times the usual residual that one counts for at most
     clip: float = 8.0
 
     @property
@@ -67,9 +67,8 @@ class State(NamedTuple):
     score: float
     # [unit], standard deviation per axis of what no change explains; NaN before it is known
     noise: float
-    fired: tuple[
-        str, ...
-    ]  # the most telling group of parameters, where one fired
+    # the most telling group of parameters, where one fired
+    fired: tuple[str, ...]
 
 
 class Monitor:

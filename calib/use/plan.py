@@ -48,7 +48,7 @@ class Plan(ReadOnly):
     q : (n, dof) array [rad or m]
         Joint values to go to, one row after the other. Straight moves in joint space from
         row to row stay within the joints' ranges: a box is convex.
-    x : (n, 2) array [unit]
+    x : (n, m) array [unit]
         Where the tip is expected, by the robot's description or by the model.
     expected_error : (n,) array [unit] or None
         The model's 95 % bound there; None without a model.

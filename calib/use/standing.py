@@ -67,7 +67,7 @@ def bound_warnings(about: About) -> list[str]:
     ]
 
 
-def found(model: Model) -> str:
+def differences_from_drawing(model: Model) -> str:
     """Return in one line what differs from the drawing, or what a log told without one."""
     from .geometry_fit import body_with_zeros
 
@@ -76,7 +76,8 @@ def found(model: Model) -> str:
     if body is None:
         return "found: no kinematic body under the maps"
     nothing = "an arm of these joints, without a drawing to compare it with"
-    untold = ["`expected_error`", "origin moved"]  # calib info tells of both
+    # parts of the lines of `Body.describe` that are left out: calib info tells of both
+    untold = ["`expected_error`", "origin moved"]
     if about.urdf:
         nothing = "nothing that differs from the drawing by more than these rows can show"
         untold = untold[:1]
@@ -91,7 +92,7 @@ def found(model: Model) -> str:
     return f"found: {'; '.join(lines) or nothing}"
 
 
-def limit(model: Model, errors: Errors) -> str:
+def limiting_factor(model: Model, errors: Errors) -> str:
     """Return in one line what limits the accuracy, and the one thing that would help most."""
     import numpy as np
 

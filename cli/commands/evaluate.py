@@ -66,7 +66,9 @@ def evaluate(
         if log is None
         else _warnings_of_log(result)
     )
-    limit = [] if warnings else [standing.limit(loaded, result.errors)]
+    limit = (
+        [] if warnings else [standing.limiting_factor(loaded, result.errors)]
+    )
     if result.touch:
         document["touch"] = result.touch
         lines = [*warnings, f"{model}: {_scatter(result)}", *limit]
@@ -86,7 +88,7 @@ def evaluate(
                 "--iso9283 is of a log with repeated poses: expected --data LOG too"
             )
         standard = iso9283(loaded, log)
-        document["iso9283"] = standard.document()
+        document["iso9283"] = standard.to_json()
         say(standard.notes)
         lines.append(_standard_line(standard))
     title = f"errors on {result.rows} {result.source}"

@@ -66,6 +66,6 @@ def info(model: opt.ModelFile, degrees: opt.Degrees = False) -> Outcome:
     sensors = map(loaded.by, loaded.sensors)
     lines += map(standing.accuracy_as_made, sensors)
     if not warnings:
-        lines.append(standing.limit(loaded, about.errors))
+        lines.append(standing.limiting_factor(loaded, about.errors))
     table = error_table(loaded, about.errors, "errors when it was made")
     return Outcome(document, lines, [table], code=code_of(warnings))

@@ -182,9 +182,9 @@ def _outcome(model: calib.Model, path: str) -> Outcome:
     learned = f"{about.samples} samples"
     if about.source == "log":
         learned = f"{about.samples} rows"
-        lines.append(standing.found(model))
+        lines.append(standing.differences_from_drawing(model))
     if not warnings:
-        lines.append(standing.limit(model, about.errors))
+        lines.append(standing.limiting_factor(model, about.errors))
     cost = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
     lines.append(
         f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {cost}"

@@ -305,12 +305,12 @@ def test_a_log_of_another_unit_or_frame_is_told(run, tmp_path, factor, offset):
     if factor != 1e3:
         return
     assert "--unit mm" in done.err
-    adapt = ("adapt", "m.calib", "--data", path, "-o", tmp_path / "a.calib")
-    raw, converted = run(*adapt, "-v"), run(*adapt, "--unit", "mm", "--json")
-    assert " sensor units before" in raw.out  # and not mm, which it was not told
-    assert "--unit mm" in raw.out
-    assert converted.document["unit"] == "m"
-    looked = run("check", "m.calib", "--data", path, "-v")
+    adapt = f"adapt m.calib --data {path} -o {tmp_path}/a.calib"
+    raw = run(f"{adapt} -v").out
+    assert " sensor units before" in raw  # and not mm, which it was not told
+    assert "--unit mm" in raw
+    assert run(f"{adapt} --unit mm --json").document["unit"] == "m"
+    looked = run(f"check m.calib --data {path} -v")
     assert looked.code == 3
     assert "check the log's unit before calib adapt" in looked.out
     assert "sensor units" in looked.out
@@ -321,7 +321,6 @@ def test_a_planar_log_without_a_tip_is_told_whose_positions_it_has(run, tmp_path
     """A wrist that was measured and a tool that was taken are an offset of the elbow."""
     log = calib.babble(calib.load_arm("three_link", ["shoulder", "elbow"], "tip"), 60, noise=1e-4)
     calib.write_log(log, tmp_path / "log.csv")
-    joints = ("--joints", "shoulder,elbow", "--data", tmp_path / "log.csv", "--size", "5")
-    train = ("train", "three_link", *joints, "-o", tmp_path / "m.calib")
-    assert "--tip" in run(*train).err
-    assert "those of tip" not in run(*train, "--tip", "tip").err
+    words = f"--joints shoulder,elbow --data {tmp_path}/log.csv --size 5 -o {tmp_path}/m.calib"
+    assert "--tip" in run(f"train three_link {words}").err
+    assert "those of tip" not in run(f"train three_link {words} --tip tip").err

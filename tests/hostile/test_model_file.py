@@ -110,15 +110,13 @@ def spoilt(draw, data):
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # numbers of a forged file may overflow
-@pytest.mark.parametrize(
-    ("harm", "n", "refused", "read"), [(damaged, 60, 31, 0), (spoilt, 80, 6, 6)]
-)
+@pytest.mark.parametrize(("harm", "refused", "read"), [(damaged, 41, 0), (spoilt, 6, 6)])
 def test_damaged_files_are_refused_or_the_same_and_forged_ones_refused_or_read(
-    files, load, tmp_path, harm, n, refused, read
+    files, load, tmp_path, harm, refused, read
 ):
     found = Counter()
 
-    @inputs(n)
+    @inputs(80)
     @given(st.sampled_from(sorted(files.values())).flatmap(harm))
     def judge(data):
         model = load(data)

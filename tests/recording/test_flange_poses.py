@@ -122,15 +122,12 @@ def test_a_board_stated_in_another_unit_is_measured_and_no_unit_of_poses(factor)
 
 
 def test_pictures_at_one_pose_are_one_measurement_of_the_arm():
-    once = World(1, count=8)
-    rig = once.solve()
-    thrice = World(1, count=8)
-    thrice.flange = np.tile(once.flange, (3, 1, 1))
-    rng = np.random.default_rng(0)
-    corners = once.corners[0] * 3
-    thrice.corners = [[c + rng.normal(0.0, 0.1, c.shape) for c in corners]]
-    thrice.count = 24
-    again = thrice.solve()
+    world, rng = World(1, count=8), np.random.default_rng(0)
+    rig = world.solve()
+    world.flange = np.tile(world.flange, (3, 1, 1))
+    world.corners = [[c + rng.normal(0.0, 0.1, c.shape) for c in world.corners[0] * 3]]
+    world.count = 24
+    again = world.solve()
     assert again.used == again.pictures == 24
     assert len(again.names) == 8
     shares = np.divide(again.hand["position_95"], rig.hand["position_95"])
@@ -155,11 +152,8 @@ def test_a_lens_that_refocuses_and_a_stretched_board_are_part_of_the_fit(made, w
 
 
 def test_blurred_pictures_are_no_autofocus():
-    world = World(2)
-    rng = np.random.default_rng(7)
-    world.corners = [
-        [corners + rng.normal(0.0, 3.0, corners.shape) for corners in world.corners[0]]
-    ]
+    world, rng = World(2), np.random.default_rng(7)
+    world.corners = [[seen + rng.normal(0.0, 3.0, seen.shape) for seen in world.corners[0]]]
     notes = " ".join(world.solve().notes)
     assert "corners are off by" in notes
     assert "autofocus" not in notes
@@ -211,9 +205,8 @@ def test_planned_poses_show_the_board_and_tell_what_is_promised(in_hand, tmp_pat
     world = World(0, in_hand, axes=(0.5, 0.05, 1.0))
     rig = world.solve()
     rig.save(tmp_path / "rig.calib")
-    done = run(
-        "plan", tmp_path / "rig.calib", "--handeye", "-n", 2, "-o", tmp_path / "p.csv", "--json"
-    )
+    words = ("--handeye", "-n", 2, "-o", tmp_path / "p.csv", "--json")
+    done = run.done("plan", tmp_path / "rig.calib", *words)
     poses = done.document["poses"]
     shifts = np.column_stack([poses[name] for name in "xyz"])
     turns = Rotation.from_quat(np.column_stack([poses[f"q{name}"] for name in "xyzw"]))
@@ -268,15 +261,14 @@ def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):
     rows = np.column_stack([flat, np.tile([0.0, 0.0, 0.0, 1.0], (world.count, 1))])
     np.savetxt(tmp_path / "flange.txt", rows)
     words = ["--poses-file", tmp_path / "flange.txt", "--board", world.board, "--eye", "base"]
-    done = run.done(
-        "handeye", tmp_path / "rig", *words, "--transform", tmp_path / "t.json", "--json"
-    )
+    made = ("--transform", tmp_path / "t.json", "--json")
+    done = run.done("handeye", tmp_path / "rig", *words, *made)
     left, right = done.document["cameras"]
     assert (left["name"], right["name"]) == ("left", "right")
     assert (misses(left["base"], world.camera) < 2.0).all()
     assert (misses(right["from_first"], world.apart) < 2.0).all()
     assert "static_transform_publisher" in (tmp_path / "t.txt").read_text()
-    assert run("handeye", tmp_path / "rig", *words, "-o", tmp_path / "rig.calib").code == 0
+    run.done("handeye", tmp_path / "rig", *words, "-o", tmp_path / "rig.calib")
     refused(ModelError, "a rig of flange poses", calib.load, tmp_path / "rig.calib")
     run.refused(1, "right", "handeye", tmp_path / "rig", *words[:-1], "left=base,right=other")
 

@@ -118,8 +118,8 @@ def test_a_wrong_board_is_measured_and_a_wrong_eye_named(in_hand):
     assert low < 24e-3 < high < 24.3e-3
     assert any("squares measure 24" in note for note in found.notes)
     assert (rig.miss(found)[1] < 1.0).all()
-    with pytest.raises(LogError, match="squares measure 24 mm, 36 mm as said"):
-        rig.solve(board="7x5:36mm:18mm:5x5_100")
+    words = "squares measure 24 mm, 36 mm as said"
+    refused(LogError, words, rig.solve, board="7x5:36mm:18mm:5x5_100")
     refused(LogError, "up to wrist_1", rig.solve, arm=calib.load_arm("six_axis", tip="wrist_1"))
     refused(LogError, f"eye='{rig.eye}'", rig.solve, eye="base" if in_hand else "hand")
 
@@ -140,13 +140,12 @@ def test_an_arm_with_play_is_answered_and_its_repeatability_told():
 def test_the_drawing_of_another_robot_is_told(tmp_path):
     """Its fourth link is 25 mm longer: no drawing is off by as much."""
     rig = Rig(True, seed=5, pictures=24)
-    joint = f'<joint name="{rig.arm.joint_names[4]}"'
+    joint, other = f'<joint name="{rig.arm.joint_names[4]}"', tmp_path / "other.urdf"
     head, tail = rig.arm.urdf.split(joint)
     xyz = re.search(r'xyz="([^"]*)"', tail)[1]
     x, y, z = map(float, xyz.split())
-    longer = tail.replace(xyz, f"{x} {y + 0.025} {z}", 1)
-    (tmp_path / "other.urdf").write_text(head + joint + longer)
-    found = rig.solve(arm=tmp_path / "other.urdf")
+    other.write_text(head + joint + tail.replace(xyz, f"{x} {y + 0.025} {z}", 1))
+    found = rig.solve(arm=other)
     assert any("drawing of another robot" in note for note in found.notes)
     assert (rig.miss(found)[1] < 1.5).all()
     assert max(found.hand["position_95"]) > 5e-3  # along the last axis nothing tells
@@ -216,7 +215,7 @@ def test_the_command_says_where_the_camera_is_and_its_model_watches_it(folder, r
     assert [each["child_frame_id"] for each in told] == ["camera_frame", "board_frame"]
     # the model alone tells the same
     files = ["--transform", folder / "again.json", "--camera", folder / "camera.yaml"]
-    assert run("export", model, *files).code == 0
+    run.done("export", model, *files)
     for one, other in zip(told, json.loads((folder / "again.json").read_text()), strict=True):
         assert one["header"] == other["header"]
         places = [[*each["transform"]["translation"].values()] for each in (one, other)]

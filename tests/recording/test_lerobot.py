@@ -100,6 +100,11 @@ def recorded(joints):
     return np.repeat(joints, REST, axis=0)
 
 
+def poses_of(pictures):
+    """The pose that each picture's grey tells."""
+    return np.rint(np.array([picture.mean() for picture in pictures]) / 10).astype(int) - 1
+
+
 @pytest.mark.parametrize("version", ["v2.1", "v3.0"])
 def test_each_frame_has_the_joints_of_its_moment(tmp_path, joints, version):
     """AV1, which OpenCV's wheels do not decode."""
@@ -109,8 +114,7 @@ def test_each_frame_has_the_joints_of_its_moment(tmp_path, joints, version):
     table = tables["degrees"]
     assert table.names == JOINTS
     assert len(pictures) == POSES
-    levels = np.array([picture.mean() for picture in pictures])
-    pose = np.rint(levels / 10).astype(int) - 1
+    pose = poses_of(pictures)
     assert sorted(pose) == list(range(POSES))
     assert np.allclose(table.q, joints[pose], atol=1e-6)
 
@@ -122,8 +126,7 @@ def test_shares_of_ranges_need_the_motors_calibration(tmp_path, joints):
     (tmp_path / "calibration.json").write_text(json.dumps(MOTORS))
     tables, pictures, _ = read_dataset(tmp_path, motors=Motors.read(tmp_path / "calibration.json"))
     (table,) = tables.values()
-    pose = np.rint(np.array([picture.mean() for picture in pictures]) / 10).astype(int) - 1
-    assert np.allclose(table.q, joints[pose], atol=1e-6)
+    assert np.allclose(table.q, joints[poses_of(pictures)], atol=1e-6)
 
 
 def test_rows_without_joints_are_left_out_and_odd_layouts_refused(tmp_path, joints):
@@ -131,8 +134,7 @@ def test_rows_without_joints_are_left_out_and_odd_layouts_refused(tmp_path, join
     state[4::REST] = np.nan
     write_dataset(tmp_path, "v3.0", state, codec="mpeg4")
     tables, pictures, _ = read_dataset(tmp_path)
-    pose = np.rint(np.array([picture.mean() for picture in pictures]) / 10).astype(int) - 1
-    assert np.allclose(tables["degrees"].q, joints[pose], atol=1e-6)
+    assert np.allclose(tables["degrees"].q, joints[poses_of(pictures)], atol=1e-6)
     table = tmp_path / "data/chunk-000/file-000.parquet"
     polars.read_parquet(table).drop("timestamp").write_parquet(table)
     refused(LogError, "not a LeRobotDataset's.*timestamp", read_dataset, tmp_path)

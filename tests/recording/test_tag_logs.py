@@ -43,9 +43,8 @@ def truth_on_board(scene, q):
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory):
     """Sixteen pictures, named so that their order is not that of the alphabet."""
-    folder = tmp_path_factory.mktemp("shot")
+    folder, scene = tmp_path_factory.mktemp("shot"), desk()
     rng = np.random.default_rng(0)
-    scene = desk()
     (folder / "p").mkdir()
     q = []
     while len(q) < 16:
@@ -231,59 +230,43 @@ def test_a_video_becomes_rests(film):
 
 
 def test_videos_that_make_no_log(film, tmp_path):
-    run, joints = film.folder / "run.mp4", film.joints
-    refused(
-        CalibError, "tag 9 is in none of 160 frames: .* show 7", log_video, run, joints, Setting(9)
-    )
-    refused(CalibError, "clocks are apart", log_video, run, joints, Setting(7), time_offset=500.0)
-    refused(CalibError, "never rests", log_video, run, joints, Setting(7), time_offset=51.3)
-    (tmp_path / "text.mp4").write_text("no video\n" * 200)
-    refused(CalibError, "cannot be read", log_video, tmp_path / "text.mp4", joints, Setting(7))
-    refused(CalibError, "cannot be read", log_video, tmp_path / "none.mp4", joints, Setting(7))
-    other = Setting(7, lens=LENS)
-    refused(CalibError, "lens was calibrated with 640x480", log_video, run, joints, other)
+    run, joints, plain = film.folder / "run.mp4", film.joints, Setting(7)
+    text, twice, rows = (tmp_path / name for name in ("text.mp4", "twins.mp4", "p.csv"))
+    text.write_text("no video\n" * 200)
     twins = Desk(film.scene.camera, film.scene.lengths, still=(tag(7, 0.05, (0.1, 0.1, 0, 1)),))
     frames = [twins.picture(q, np.random.default_rng(0)) for q in joints.q[:600:50]]
-    twice = tmp_path / "twins.mp4"
     write_video(str(twice), frames, 20.0)
-    words = r"twice in \d+ of 12 frames \(twins.mp4 at"
-    refused(CalibError, words, log_video, twice, joints, Setting(7))
-    (tmp_path / "p.csv").write_text("a,b\n0,1\n1,2\n")
-    refused(
-        CalibError, "a column 'time'", log_video, run, read_joints(tmp_path / "p.csv"), Setting(7)
-    )
-    refused(OptionError, "still", log_video, run, joints, Setting(7), still=-1.0)
+    rows.write_text("a,b\n0,1\n1,2\n")
+    for words, values, options in (
+        ("tag 9 is in none of 160 frames: .* show 7", (run, joints, Setting(9)), {}),
+        ("clocks are apart", (run, joints, plain), {"time_offset": 500.0}),
+        ("never rests", (run, joints, plain), {"time_offset": 51.3}),
+        ("cannot be read", (text, joints, plain), {}),
+        ("cannot be read", (tmp_path / "none.mp4", joints, plain), {}),
+        ("lens was calibrated with 640x480", (run, joints, Setting(7, lens=LENS)), {}),
+        (r"twice in \d+ of 12 frames \(twins.mp4 at", (twice, joints, plain), {}),
+        ("a column 'time'", (run, read_joints(rows), plain), {}),
+    ):
+        refused(CalibError, words, log_video, *values, **options)
+    refused(OptionError, "still", log_video, run, joints, plain, still=-1.0)
 
 
 def test_the_commands(run, shot, film, tmp_path):
     done = run.done("tag", 7, "-o", tmp_path / "tag.svg", "--size", "30mm")
     assert "30 mm" in done.out
-    run.done("tag", "--board", "5x4:40mm:31mm:5x5_100", "-o", tmp_path / "board.svg")
+    printed = ("--board", "5x4:40mm:31mm:5x5_100")
+    run.done("tag", *printed, "-o", tmp_path / "board.svg")
     joints = ("--joints-file", shot.folder / "joints.csv", "--tag", 7)
     names = [str(shot.pictures / f"img_{k}.png") for k in range(16)]  # or one by one
-    done = run.done(
-        "log", *names, *joints, "-o", tmp_path / "l.csv", "--picture", tmp_path / "s.png"
-    )
-    assert "16 rows" in done.out
+    seen = ("--picture", tmp_path / "s.png")
+    assert "16 rows" in run.done("log", *names, *joints, *seen, "-o", tmp_path / "l.csv").out
     assert run("log", "a.mcap", "b.mcap", "-o", tmp_path / "no.csv").code == 2
     assert cv2.imread(str(tmp_path / "s.png")).shape == (480, 640, 3)
     assert calib.read_log(tmp_path / "l.csv", joints=["a", "b", "c"]).unit == "px"
-    run.done(
-        "log",
-        shot.pictures,
-        *joints,
-        "-o",
-        tmp_path / "m.csv",
-        "--board",
-        "5x4:40mm:31mm:5x5_100",
-        "--lens",
-        shot.folder / "lens.json",
-        "--tag-height",
-        "25mm",
-    )
+    metric = (*printed, "--lens", shot.folder / "lens.json", "--tag-height", "25mm")
+    run.done("log", shot.pictures, *joints, *metric, "-o", tmp_path / "m.csv")
     log = calib.read_log(tmp_path / "m.csv", joints=["a", "b", "c"])
     assert log.unit == "m"
     assert np.linalg.norm(log.x - truth_on_board(shot.scene, shot.q), axis=1).max() < 3e-3
     run.refused(2, "--joints-file", "log", shot.pictures, "--tag", 7, "-o", tmp_path / "n.csv")
-    done = run("log", shot.pictures, *joints, "--still", "1", "-o", tmp_path / "n.csv")
-    assert done.code == 2
+    assert run("log", shot.pictures, *joints, "--still", "1", "-o", tmp_path / "n.csv").code == 2

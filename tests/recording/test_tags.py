@@ -92,8 +92,7 @@ def test_a_lens_is_calibrated_from_pictures_of_a_board():
     rng = np.random.default_rng(6)
     desk = Desk(Camera(size=(640, 360), focal=550.0))
     pictures, _ = board_shots(desk, board(7, 5, 0.024, 0.018, (0, 0, 0, 0)), 8, rng)
-    finder = BOARD
-    lens = calibrate_lens([finder.find(p) for p in pictures], BOARD, desk.camera.size)
+    lens = calibrate_lens([BOARD.find(p) for p in pictures], BOARD, desk.camera.size)
     assert lens.rms < 0.09
     assert abs(lens.focal[0] / desk.camera.focal - 1) < 0.005
     truth = true_lens(desk.camera)
@@ -122,7 +121,7 @@ def rasterised(svg, per_mm):
 
 
 def test_a_printed_tag_has_its_true_size_and_is_found(run, tmp_path):
-    assert run("tag", 7, "--size", "40mm", "-o", tmp_path / "tag.svg").code == 0
+    run.done("tag", 7, "--size", "40mm", "-o", tmp_path / "tag.svg")
     svg = (tmp_path / "tag.svg").read_text()
     assert re.search(r'width="116mm" height="68mm"', svg)
     found = TagFinder().find(rasterised(svg, 5))
@@ -132,13 +131,12 @@ def test_a_printed_tag_has_its_true_size_and_is_found(run, tmp_path):
 
 def test_opencv_is_asked_for_in_one_line_and_never_imported_early():
     code = (
-        "import sys; sys.modules['cv2'] = None\n"
-        "import calib, calib_cli, calib.recording.setting\n"
+        "import sys, calib, calib_cli, calib.recording.setting\n"
         "from calib.recording.tags import TagFinder\n"
+        "print('cv2' in sys.modules)\n"
+        "sys.modules['cv2'] = None\n"
         "try:\n    TagFinder()\nexcept calib.CalibError as error:\n    print(error)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("False\n")
     assert "or in a checkout pip install '.[camera]'" in done.stdout
-    code = "import sys, calib_cli, calib.recording.setting; print('cv2' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "False\n"

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drifting import arm, log, model
-from models import of_the_drawing, six, wide
+from models import bare, of_the_drawing, six, wide
 from refusals import refused
 
 import calib
@@ -170,8 +170,7 @@ def test_beside_a_wrist_singularity_no_tool_is_tilted_without_a_word():
 def test_a_correction_meets_a_nearly_singular_wrist_and_no_stop():
     arm = calib.load_arm("six_axis")
     changes = ("shoulder_lift.offset=0.01", "elbow.length=+1%")
-    babbled = calib.babble(arm, 150, seed=1, noise=1e-4, changes=changes)
-    model = calib.train(replace(babbled, simulation=None), view="base", size=3)
+    model = calib.train(bare(arm, 150, 1, *changes, noise=1e-4), view="base", size=3)
     q = calib.babble(arm, 600, seed=7).q
     corrected = correct(model, q)
     lower, upper = np.transpose(arm.limits)
@@ -179,6 +178,6 @@ def test_a_correction_meets_a_nearly_singular_wrist_and_no_stop():
     assert ((corrected.nearest >= lower - 1e-9) & (corrected.nearest <= upper + 1e-9)).all()
     wrist = [28, 45, 561]  # whose joints change by 0.02 to 0.06 rad
     assert corrected.reachable[wrist].all()
-    reached = babbled.simulation.exact(corrected.q[wrist])
+    reached = calib.Simulation(arm, changes=changes).exact(corrected.q[wrist])
     assert np.linalg.norm(reached - arm.forward(q[wrist]), axis=1).max() < 2e-4
     assert corrected.angle[wrist].max() < 1e-6
