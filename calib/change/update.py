@@ -38,11 +38,11 @@ class UpdateSettings:
     # most rows that are fitted as training fits them: of 10,719 of series A all are as good within
     # .2 %
     rows_of_training: int = 2000
-    # sizes of what an unchanged arm's log has of its own, times the usual one: with the first alone
-    # 40 rows of another mounting made errors elsewhere 1.25 times as large
-    own_residuals: tuple[float, ...] = (1.0, 4.0)
-    # score from which a change is beyond doubt: then the usual residual alone, with which windows
-    # of 30 and more rows of series C left errors half as large as with 4 times as much
+    # size of what a log may have of its own, times the usual one: with that alone 40 rows of
+    # another mounting made errors elsewhere 1.25 times as large
+    own_residual: float = 4.0
+    # score from which a change is beyond doubt: then a belief moves as the usual size says, with
+    # which windows of 30 and more rows of series C left errors half as large; its bound does not
     clearly: float = 2.0
     # largest share of the held-out error that a change may leave
     changed: float = 0.95
@@ -128,11 +128,15 @@ def _update_by_posterior(
     """The posterior of the parameters under an explanation, with a bound that the rows confirm."""
     rows = spread_rows(len(evidence.rows), UPDATING.rows)
     observations = evidence.observations.some(UPDATING.rows)
+    usual = Posterior(explanation, observations, 1.0)
+    likeliest = usual
+    if not evidence.is_attributed:
+        larger = Posterior(explanation, observations, UPDATING.own_residual)
+        likeliest = max(usual, larger, key=attrgetter("evidence"))
+    # how unsure the belief is the evidence says, how far it moves beside a clear change does not
     is_clear = evidence.is_attributed or evidence.score > UPDATING.clearly
-    sizes = (1.0,) if is_clear else UPDATING.own_residuals
-    posteriors = [Posterior(explanation, observations, size) for size in sizes]
-    posterior = max(posteriors, key=attrgetter("evidence"))
-    body = posterior.body
+    posterior = usual if is_clear else likeliest
+    body = replace(likeliest.body, beta=posterior.body.beta)
     # of play that was taken up no model knows
     logged = evidence.rows.q[rows]
     residual = posterior.cross_residual()

@@ -244,3 +244,41 @@ def test_local_models_follow_the_arm():
     assert found.improved
     before = np.nanmean(miss(learned, q, real(q)))
     assert np.nanmean(miss(found.model, q, real(q + offset))) < 1.1 * before
+
+
+def test_a_path_of_a_changed_world_leaves_the_bound_wide():
+    """Of a change that no cause explains a path tells little of the rest: it covered 75 %."""
+    three = calib.load_arm("three_link")
+    rng = np.random.default_rng(1)
+    waves, more = rng.normal(0.0, 3e-4, (2, 3))
+    mount = np.random.default_rng(51)
+    angle = mount.normal(0.0, 1e-3)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    shift = mount.normal(0.0, 3e-4, 2)
+
+    def seen(q, amplitude):
+        return three.forward(q + amplitude * np.sin(7 * q + np.arange(3)))
+
+    def elsewhere(q):
+        x = seen(q, waves + more) @ turn.T + shift
+        return x + 3e-4 * np.sin(9 * x[:, ::-1] + 1)
+
+    def within(n, low, high, rng):
+        span = three.upper - three.lower
+        return three.lower + span * rng.uniform(low, high, (n, 3))
+
+    def rows(q, x, rng):
+        x = x + rng.normal(0.0, 1e-4, x.shape)
+        return replace(calib.babble(three, len(q)), q=q, x=x, simulation=None, arm=None)
+
+    q = within(600, 0.0, 1.0, rng)
+    old = calib.train(rows(q, seen(q, waves), rng), size=6)
+    rng = np.random.default_rng(1150)
+    first, last = within(2, 0.1, 0.9, rng)
+    t = np.linspace(0.0, 1.0, 150)[:, None]
+    path = first + (last - first) * t + 0.05 * np.sin(6 * t + np.arange(3))
+    adapted = calib.adapt(old, rows(path, elsewhere(path), rng))
+    assert adapted.improved
+    probes = within(800, 0.0, 1.0, np.random.default_rng(99))
+    missed = miss(adapted.model, probes, elsewhere(probes))
+    assert np.mean(missed <= adapted.model.expected_error(probes)) > 0.85
