@@ -46,11 +46,10 @@ class CalibError(Exception):
         self.hint = None if hint is None else one_line(hint)
         self.parameter = parameter
         self.value = value
-        super().__init__(
-            self.message
-            if self.hint is None
-            else f"{self.message}; {self.hint}"
-        )
+        text = self.message
+        if self.hint is not None:
+            text = f"{self.message}; {self.hint}"
+        super().__init__(text)
 
     def within(self: _E, label: str) -> _E:
         """Return the same error with the place of what is wrong, such as a file, before it."""

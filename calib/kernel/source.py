@@ -62,13 +62,12 @@ def table(name: str, values: NDArray[np.generic], single: bool) -> str:
         values = np.zeros(
             [max(size, 1) for size in values.shape], dtype=values.dtype
         )
-    whole = values.dtype.kind == "i"
-    text = (
-        str(values.tolist()).translate(_BRACES)
-        if whole
-        else braces(values, single)
-    )
-    kind = "int" if whole else "calib_real"
+    if values.dtype.kind == "i":
+        kind = "int"
+        text = str(values.tolist()).translate(_BRACES)
+    else:
+        kind = "calib_real"
+        text = braces(values, single)
     return f"static const {kind} {name}{''.join(f'[{n}]' for n in values.shape)} = {text};\n"
 
 

@@ -51,11 +51,9 @@ class Model(Compilable):
 
         def __getattr__(self, name: str) -> NoReturn:
             """Name the function where a method is asked for that is none."""
-            hint = (
-                f": call `calib.{name}(model, ...)`"
-                if name in FUNCTIONS.split()
-                else ""
-            )
+            hint = ""
+            if name in FUNCTIONS.split():
+                hint = f": call `calib.{name}(model, ...)`"
             raise AttributeError(f"a model has no attribute {name!r}{hint}")
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -308,11 +306,9 @@ class Model(Compilable):
             return self._single(INVERSE, near, position)
         axis = free_axis(free)
         no_starts = (-1 if axis is None else axis, 0, 0)
-        unsure = (
-            (Flag.NONE,)
-            if self.strict
-            else (Flag.NONE, Flag.UNSURE, Flag.UNREACHABLE)
-        )
+        unsure = [Flag.NONE]
+        if not self.strict:
+            unsure += [Flag.UNSURE, Flag.UNREACHABLE]
         question = (near, position, quaternion, no_starts)
         return self._single(POSES, *question, unsure=unsure)
 

@@ -278,11 +278,9 @@ class Parts:
     @property
     def default_readout(self) -> str:
         """``local``, the body and its local models; ``linear`` where maps and links stand alone."""
-        return (
-            "linear"
-            if isinstance(self.predictor.smooth, LinearModels)
-            else "local"
-        )
+        if isinstance(self.predictor.smooth, LinearModels):
+            return "linear"
+        return "local"
 
     @property
     def readouts(self) -> tuple[str, ...]:

@@ -127,11 +127,9 @@ def parse_changes(
     """Read several changes; the same thing changed twice is refused. See `parse_change`."""
     parsed: dict[tuple[str, str], Change] = {}
     for item in (changes,) if isinstance(changes, str) else changes:
-        change = (
-            item
-            if isinstance(item, Change)
-            else parse_change(item, degrees=degrees)
-        )
+        change = item
+        if not isinstance(change, Change):
+            change = parse_change(change, degrees=degrees)
         before = parsed.setdefault((change.part, change.what), change)
         if before is not change:
             raise OptionError(

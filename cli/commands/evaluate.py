@@ -61,14 +61,12 @@ def evaluate(
         "learned": result.learned,
         "bound_holds": result.bound_holds,
     }
-    warnings = (
-        standing.bound_warnings(loaded.about)
-        if log is None
-        else _warnings_of_log(result)
-    )
-    limit = (
-        [] if warnings else [standing.limiting_factor(loaded, result.errors)]
-    )
+    warnings = standing.bound_warnings(loaded.about)
+    if log is not None:
+        warnings = _warnings_of_log(result)
+    limit = []
+    if not warnings:
+        limit = [standing.limiting_factor(loaded, result.errors)]
     if result.touch:
         document["touch"] = result.touch
         lines = [*warnings, f"{model}: {_scatter(result)}", *limit]

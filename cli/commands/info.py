@@ -21,11 +21,9 @@ def info(model: opt.ModelFile, degrees: opt.Degrees = False) -> Outcome:
     names = about.joint_names
     units = about.units_of_joints
     # play is stored as the distance from the middle
-    play = (
-        None
-        if loaded.approach is None
-        else (2.0 * loaded.approach.play).tolist()
-    )
+    play = None
+    if loaded.approach is not None:
+        play = (2.0 * loaded.approach.play).tolist()
     limits = zip(about.lower, about.upper, strict=True)
     # a model knows no seconds: its bytes must not depend on the machine's pace
     document = summary(loaded, model, about.errors, {}) | {
