@@ -172,6 +172,13 @@ class Comparison:
         """Whether causes are worth a search."""
         return self.test_score > 1.0 or self.bound.fails
 
+    @property
+    def is_one_place(self) -> bool:
+        """Whether the tip moves by less than the noise: any cause may explain such rows."""
+        predicted = self.rows.predicted
+        moved = median_length(predicted - np.median(predicted, axis=0))
+        return moved < self.tests.noise
+
     def is_within_bound(self, distance: float) -> bool:
         """Whether rows are as near as told that are typically so far off [unit].
 
@@ -187,6 +194,7 @@ class Evidence(Comparison):
     """What a log says of a belief."""
 
     explanations: tuple[Explanation, ...]  # the best first
+    unnamed: float  # evidence of a smooth change that no cause names [nats]
     # typical distance of the rows from the best explanation, over that from their middle
     misfit: float
     # whether that comes near the rows: to a part of their spread, or the bound
@@ -220,11 +228,15 @@ class Evidence(Comparison):
 
 
 def weigh(
-    comparison: Comparison, explanations: tuple[Explanation, ...]
+    comparison: Comparison,
+    explanations: tuple[Explanation, ...],
+    unnamed: float,
 ) -> Evidence:
     """Weigh the tests and the bound of a log with its explanations, the best first.
 
     gain = log p(y | best change) - log p(y | no change)
+
+    unnamed : evidence of a smooth change that no cause names [nats]
 
     A log that nothing explains has the score 1 + misfit, one that a change explains better than
     none 1 + share of the rows beyond a bound that fails.
@@ -241,11 +253,12 @@ def weigh(
     is_explained = misfit < EVIDENCE.unexplained
     is_explained = is_explained or comparison.is_within_bound(distance)
 
-    # is it better than no change?
+    # is it better than no change, and not clearly worse than one without a name?
     no_change = [e.evidence for e in explanations if e.is_no_change]
     gain = best.evidence - max(no_change, default=-np.inf)
-    is_better = reference.has_discrete_cause or gain > MARGIN
-    is_better = is_better and is_explained
+    is_better = gain > MARGIN and best.evidence > unnamed - MARGIN
+    is_better = is_better or reference.has_discrete_cause
+    is_better = is_better and is_explained and not comparison.is_one_place
 
     # did anything change?
     score = comparison.test_score
@@ -270,6 +283,7 @@ def weigh(
         tests=comparison.tests,
         bound=bound,
         explanations=explanations,
+        unnamed=unnamed,
         misfit=misfit,
         is_explained=is_explained,
         score=score,
@@ -290,7 +304,7 @@ def with_orientations(
     if evidence.score <= 1.0 or evidence.tool.score <= 1.0:
         return evidence
     if not evidence.is_attributed:
-        return weigh(evidence, _by_orientations(evidence))
+        return weigh(evidence, _by_orientations(evidence), evidence.unnamed)
     cause = evidence.cause
     if cause not in (None, "joints") or TOOL in evidence.best.groups:
         return evidence
@@ -301,7 +315,7 @@ def with_orientations(
         calm=False,
         certain_groups=(TOOL,),
     )
-    return weigh(evidence, explanations)
+    return weigh(evidence, explanations, evidence.unnamed)
 
 
 def _by_orientations(evidence: Evidence) -> tuple[Explanation, ...]:

@@ -32,7 +32,7 @@ from ..model.model import Model
 from ..samples.samples import Samples
 from .causes import as_built, as_drawn
 from .evidence import Comparison, weigh, with_orientations
-from .explain import explain
+from .explain import evidence_of_unnamed, explain
 from .frame import Reference, reference_of
 from .noise import find_play, noise_of, noise_with_joint
 from .rows import LogRows, Observations, rows_of, sound_observations
@@ -149,7 +149,8 @@ def _verdict_on_body(
         correlation_time=correlation_time,
         calm=not comparison.fired,
     )
-    evidence = weigh(comparison, explanations)
+    unnamed = evidence_of_unnamed(systems[-1], correlation_time)
+    evidence = weigh(comparison, explanations, unnamed)
     evidence = with_orientations(evidence, systems, correlation_time)
 
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
