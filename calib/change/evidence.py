@@ -5,6 +5,7 @@ Orientations say how the tool is turned beside them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -140,8 +141,8 @@ def _fit_to_poses(
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
-    """A log beside a belief, before a cause is looked for."""
+class Evidence:
+    """What a log says of a belief; what follows from explanations is there after `weigh`."""
 
     rows: LogRows
     # {"sensor", "joints", "offsets"} or None, what is known about the change
@@ -151,6 +152,17 @@ class Comparison:
     observations: Observations
     tests: GroupTests
     bound: BoundTest
+    unnamed: float  # evidence of a smooth change that no cause names [nats]
+    explanations: tuple[Explanation, ...] = ()  # the best first
+    # typical distance of the rows from the best explanation, over that from their middle
+    misfit: float = math.inf
+    # whether that comes near the rows: to a part of their spread, or the bound
+    is_explained: bool = False
+    score: float = 0.0  # above 1 the arm or its sensor changed
+    # whether it changed, and a change explains the rows clearly better than none
+    is_attributed: bool = False
+    # beside the best explanation of the positions, as far as sure
+    tool: ToolTurn = ToolTurn()
 
     @property
     def unit(self) -> str:
@@ -188,23 +200,6 @@ class Comparison:
         few = self.rows.wrong <= EVIDENCE.few_wrong * count
         return few and distance < self.bound.usual < np.inf
 
-
-@dataclass(frozen=True, eq=False)
-class Evidence(Comparison):
-    """What a log says of a belief."""
-
-    explanations: tuple[Explanation, ...]  # the best first
-    unnamed: float  # evidence of a smooth change that no cause names [nats]
-    # typical distance of the rows from the best explanation, over that from their middle
-    misfit: float
-    # whether that comes near the rows: to a part of their spread, or the bound
-    is_explained: bool
-    score: float  # above 1 the arm or its sensor changed
-    # whether it changed, and a change explains the rows clearly better than none
-    is_attributed: bool
-    # beside the best explanation of the positions, as far as sure
-    tool: ToolTurn
-
     @property
     def best(self) -> Explanation:
         """The explanation of the greatest evidence."""
@@ -228,22 +223,18 @@ class Evidence(Comparison):
 
 
 def weigh(
-    comparison: Comparison,
-    explanations: tuple[Explanation, ...],
-    unnamed: float,
+    evidence: Evidence, explanations: tuple[Explanation, ...]
 ) -> Evidence:
     """Weigh the tests and the bound of a log with its explanations, the best first.
 
     gain = log p(y | best change) - log p(y | no change)
 
-    unnamed : evidence of a smooth change that no cause names [nats]
-
     A log that nothing explains has the score 1 + misfit, one that a change explains better than
     none 1 + share of the rows beyond a bound that fails.
     """
-    rows = comparison.rows
-    reference = comparison.reference
-    bound = comparison.bound
+    rows = evidence.rows
+    reference = evidence.reference
+    bound = evidence.bound
     best = explanations[0]
 
     # how near does the best explanation come?
@@ -251,20 +242,20 @@ def weigh(
     spread = median_length(rows.x - np.median(rows.x, axis=0))
     misfit = distance / max(spread, 1e-300)
     is_explained = misfit < EVIDENCE.unexplained
-    is_explained = is_explained or comparison.is_within_bound(distance)
+    is_explained = is_explained or evidence.is_within_bound(distance)
 
     # is it better than no change, and not clearly worse than one without a name?
     no_change = [e.evidence for e in explanations if e.is_no_change]
     gain = best.evidence - max(no_change, default=-np.inf)
-    is_better = gain > MARGIN and best.evidence > unnamed - MARGIN
+    is_better = gain > MARGIN and best.evidence > evidence.unnamed - MARGIN
     is_better = is_better or reference.has_discrete_cause
-    is_better = is_better and is_explained and not comparison.is_one_place
+    is_better = is_better and is_explained and not evidence.is_one_place
 
     # did anything change?
-    score = comparison.test_score
-    if comparison.fired and not is_explained:
+    score = evidence.test_score
+    if evidence.fired and not is_explained:
         score = max(score, 1.0 + misfit)
-    if is_better and bound.fails and comparison.tests.noisy is None:
+    if is_better and bound.fails and evidence.tests.noisy is None:
         score = max(score, 1.0 + bound.beyond)
     is_attributed = is_better and score > 1.0
 
@@ -274,16 +265,9 @@ def weigh(
         tool = tool_turn(rows, structure, best.beta, best.deviation)
     else:
         tool = tool_turn(rows, structure, rows.body.beta)
-    return Evidence(
-        rows=rows,
-        cause=comparison.cause,
-        prior=comparison.prior,
-        reference=reference,
-        observations=comparison.observations,
-        tests=comparison.tests,
-        bound=bound,
+    return replace(
+        evidence,
         explanations=explanations,
-        unnamed=unnamed,
         misfit=misfit,
         is_explained=is_explained,
         score=score,
@@ -304,7 +288,7 @@ def with_orientations(
     if evidence.score <= 1.0 or evidence.tool.score <= 1.0:
         return evidence
     if not evidence.is_attributed:
-        return weigh(evidence, _by_orientations(evidence), evidence.unnamed)
+        return weigh(evidence, _by_orientations(evidence))
     cause = evidence.cause
     if cause not in (None, "joints") or TOOL in evidence.best.groups:
         return evidence
@@ -315,7 +299,7 @@ def with_orientations(
         calm=False,
         certain_groups=(TOOL,),
     )
-    return weigh(evidence, explanations, evidence.unnamed)
+    return weigh(evidence, explanations)
 
 
 def _by_orientations(evidence: Evidence) -> tuple[Explanation, ...]:

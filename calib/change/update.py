@@ -140,7 +140,7 @@ def _update_by_posterior(
     logged = evidence.rows.q[rows]
     residual = posterior.cross_residual()
     residual += body.predict(observations.q) - body.predict(logged)
-    if evidence.score > 1.0:
+    if evidence.score > 1.0 and not evidence.is_one_place:
         body = _as_uncertain(body, explanation, evidence)
     body = _with_sound_bound(body, logged, row_lengths(residual))
     return _update(evidence, explanation, body, rows, residual)
