@@ -186,10 +186,10 @@ class Evidence:
 
     @property
     def is_one_place(self) -> bool:
-        """Whether the tip moves by less than the noise: any cause may explain such rows."""
+        """Whether the tip moves by less than the best explanation leaves: any may be as good."""
         predicted = self.rows.predicted
         moved = median_length(predicted - np.median(predicted, axis=0))
-        return moved < self.tests.noise
+        return moved < median_length(self.best.residual)
 
     def is_within_bound(self, distance: float) -> bool:
         """Whether rows are as near as told that are typically so far off [unit].
@@ -232,10 +232,11 @@ def weigh(
     A log that nothing explains has the score 1 + misfit, one that a change explains better than
     none 1 + share of the rows beyond a bound that fails.
     """
+    evidence = replace(evidence, explanations=explanations)
     rows = evidence.rows
     reference = evidence.reference
     bound = evidence.bound
-    best = explanations[0]
+    best = evidence.best
 
     # how near does the best explanation come?
     distance = median_length(best.residual)
@@ -267,7 +268,6 @@ def weigh(
         tool = tool_turn(rows, structure, rows.body.beta)
     return replace(
         evidence,
-        explanations=explanations,
         misfit=misfit,
         is_explained=is_explained,
         score=score,
