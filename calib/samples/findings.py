@@ -25,16 +25,15 @@ class Finding:
     mistake: bool = True
 
 
-def refuse_mistakes(
-    findings: Sequence[Finding], label: str = "the log"
-) -> list[str]:
+def refuse_mistakes(findings: Sequence[Finding], label: str = "") -> list[str]:
     """Refuse a log for the first finding that is a mistake; return the others as notes.
 
+    label : what the log is called, "" where that is known
     Raises LogError.
     """
     notes = []
     for finding in findings:
-        words = f"{label}: {finding.words}"
+        words = f"{label}: {finding.words}" if label else finding.words
         hint = finding.hint
         if finding.mistake:
             raise LogError(

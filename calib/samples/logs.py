@@ -31,7 +31,13 @@ from .roles import Roles, find_roles, log_columns, quaternions
 from .samples import Readings, Samples
 from .settings import READING
 from .sockets import Touches
-from .tables import Document, Source, open_source, write_table
+from .tables import (
+    Document,
+    Source,
+    names_of_sensors,
+    open_source,
+    write_table,
+)
 
 
 def read_log(
@@ -84,6 +90,12 @@ def read_log(
     """
     source = open_source(path)
     label = source.label
+    sensors = names_of_sensors(source)
+    if len(sensors) > 1:
+        raise LogError(
+            f"{label} has rows of several sensors, {listing(sensors)}: expected a log of one",
+            hint="write the rows of each sensor to a file of its own",
+        )
     ranges = ranges or {}
     roles = find_roles(source, arm, joints, columns or {})
     unit = _unit(source, roles, unit)
