@@ -168,7 +168,7 @@ def _arm_of_log(
         others,
         columns=columns,
         degrees=selection.degrees,
-        prismatic=[name for name in others if not revolute.get(name, True)],
+        prismatic=[name for name in others if not revolute[name]],
     )
     say(notes)
     return selection.load(robot, locked, header) if locked else arm
