@@ -47,8 +47,7 @@ def warm(model: calib.Model) -> calib.Model:
 @cache
 def papers(noise: float = 0.0):
     """Return the model of the paper's best table: two_link, 70x70, 20,000 samples, seed 0."""
-    samples = calib.babble(calib.load_arm("two_link"), 20_000, seed=0, noise=noise)
-    return calib.train(samples, size=70, seed=0)
+    return calib.train(babbled(n=20_000, seed=0, noise=noise), size=70, seed=0)
 
 
 @cache
@@ -70,9 +69,8 @@ def turning():
 @cache
 def wide():
     """Return `two_link` with a shoulder that turns from -6.2 to 6.2 rad."""
-    text = calib.load_arm("two_link").urdf
     limit = '<limit lower="0.0" upper="1.5707963267948966"'
-    return arm_from_urdf(text.replace(limit, '<limit lower="-6.2" upper="6.2"'))
+    return arm_from_urdf(arm().urdf.replace(limit, '<limit lower="-6.2" upper="6.2"'))
 
 
 def log_of(arm, q: np.ndarray, x: np.ndarray, **facts) -> calib.Samples:
@@ -83,9 +81,8 @@ def log_of(arm, q: np.ndarray, x: np.ndarray, **facts) -> calib.Samples:
 
 def log(n: int, noise: float = 0.0, seed: int = 0) -> calib.Samples:
     """Return a log of two_link, without what only a simulation knows."""
-    arm = calib.load_arm("two_link")
-    s = calib.babble(arm, n, seed=seed, noise=noise)
-    return log_of(arm, s.q, s.x)
+    s = babbled(n=n, seed=seed, noise=noise)
+    return log_of(arm(), s.q, s.x)
 
 
 def bare(robot, n: int, seed: int, *changes: str, noise: float = 2e-4) -> calib.Samples:
@@ -114,10 +111,30 @@ def of_a_third(n: int, waves: float, seed: int = 0):
     return rows, exact, calib.babble(arm.with_range(third), 400, seed=9).q
 
 
-def babbled(*changes: str, n: int = 60, noise: float = 0.0, seed: int = 1) -> calib.Samples:
+@cache
+def arm() -> calib.PlanarArm:
+    return calib.load_arm("two_link")
+
+
+def babbled(*changes: str, n: int = 200, noise: float = 1e-3, seed: int = 1) -> calib.Samples:
     """Babbling of `two_link` after changes such as `elbow.length=+20%`."""
-    arm = calib.load_arm("two_link")
-    return calib.babble(arm, n, seed=seed, noise=noise, changes=list(changes))
+    return calib.babble(arm(), n, seed=seed, noise=noise, changes=list(changes))
+
+
+def model(noise: float = 0.0) -> calib.Model:
+    """Return a model of `two_link` by many rows."""
+    return trained(n=4000, size=30, noise=noise)
+
+
+def distances(model: calib.Model, q: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Return how far (n,) [m] a model's answers are from the truth, NaN where there is none."""
+    return np.linalg.norm(model.forward(q) - truth, axis=1)
+
+
+def error(adapted: calib.Model, samples: calib.Samples) -> float:
+    """Return the mean distance [m] to the true position all over the workspace."""
+    q = draw(adapted, 1000, seed=7)
+    return float(distances(adapted, q, samples.simulation.exact(q)).mean())
 
 
 def no_arm(n: int) -> calib.Samples:
@@ -156,10 +173,10 @@ def draw(model: calib.Model, n: int, seed: int = 0, margin: float = 0.0) -> np.n
     return model.about.lower + u * (model.about.upper - model.about.lower)
 
 
-def built(view: str = "rigid", *, curves: bool = False):
+def built(*, curves: bool = False):
     """Return `spatial_three`, its structure, parameters as if built, and what drew them."""
     arm = calib.load_arm("spatial_three")
-    structure = structure_of(arm, view)
+    structure = structure_of(arm, "rigid")
     rng, groups = np.random.default_rng(0), structure.groups
     beta = structure.neutral()
     beta[groups["view.rotation"]] = rng.normal(0, 1, 3)

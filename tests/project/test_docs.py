@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import versions
 from pages import PAGES, ROOT, SHARED, anchors, blocks, links, run_page
+from reference import ROBOTS
 
 import calib
 from calib.samples.tables import write_table
@@ -72,19 +73,16 @@ def pictures():
     return columns | {"u": pixels[:, 0], "v": pixels[:, 1]}
 
 
-def real_urdf() -> Path | None:
-    """Path of the UR10's URDF of the package example-robot-data."""
-    pinocchio = pytest.importorskip("pinocchio")
-    robots = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
-    return next(robots.rglob("ur10_robot.urdf"), None) if robots.is_dir() else None
+REAL_URDF = next(ROBOTS.rglob("ur10_robot.urdf"), None)
+"""The UR10 of the package example-robot-data, where it is installed."""
 
 
 def needed(text: str) -> None:
     """Put the files in place that not every computer can make."""
     if "ur10.urdf" in text:
-        if real_urdf() is None:
+        if REAL_URDF is None:
             pytest.skip("example-robot-data is not installed")
-        shutil.copy(real_urdf(), "ur10.urdf")
+        shutil.copy(REAL_URDF, "ur10.urdf")
     if "run.mcap" in text:
         pytest.importorskip("rosbags")
         from test_rosbags import write
@@ -105,9 +103,9 @@ def test_the_readmes_commands_run_in_order_and_its_code_does_what_it_says(tmp_pa
             Path(words[-1]).write_text(words[1].replace("\\n", "\n"))
             continue
         if "ur10.urdf" in words:
-            if real_urdf() is None:
+            if REAL_URDF is None:
                 continue
-            shutil.copy(real_urdf(), "ur10.urdf")
+            shutil.copy(REAL_URDF, "ur10.urdf")
         shown = ["--html", "page.html"] if words[1] == "preview" else []  # no server, no browser
         done = SHARED.run([*words[1:], *shown], tmp_path)
         expected = 3 if words[1] == "check" else 0  # the README says so: it has drifted

@@ -1,19 +1,17 @@
 """The corrected arm in the files and figures of others: LeRobot, MuJoCo, UR, ISO 9283."""
 
 import json
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-import pinocchio
 import pytest
+from reference import ROBOTS, needs_robots
 from scipy.spatial.transform import Rotation
 
 import calib
 
 DEGREES = {"shoulder_pan": 4.0, "elbow": -2.5}
 MOTOR = {"drive_mode": 0, "homing_offset": 100, "range_min": 800, "range_max": 3200}
-ROBOTS = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
 # ur_description/config/ur10/default_kinematics.yaml, in its order: x, y, z [m], roll, pitch, yaw
 UR10 = {
     "shoulder": (0.0, 0.0, 0.1273, 0.0, 0.0, 0.0),
@@ -128,7 +126,7 @@ def test_entries_of_universal_robots_move_as_the_corrected_arm_does(corrected):
     assert np.allclose(tools[0][:3, :3], np.round(tools[0][:3, :3]), atol=1e-6)
 
 
-@pytest.mark.skipif(not ROBOTS.is_dir(), reason="example-robot-data is not installed")
+@needs_robots
 def test_a_drawing_with_other_axes_becomes_the_description_s_own_entries(run, tmp_path):
     """The joints of this URDF turn about y: its origins, copied, put the arm metres away."""
     exported(run, tmp_path, ROBOTS / "ur_description/urdf/ur10_robot.urdf")

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from chains import FOLLOWED, MIXED
-from drifting import arm, log, model
-from models import bare, in_pixels, in_space, log_of
+from models import arm, babbled, bare, in_pixels, in_space, log_of, model
 from reference import pinocchio_pose, random_joints
 from scipy.spatial.transform import Rotation
 
@@ -40,7 +39,7 @@ def written(run, tmp_path):
     ],
 )
 def test_kinematics_of_the_changed_planar_arm(written, changes):
-    samples = log(*changes, n=100, noise=0.0)
+    samples = babbled(*changes, n=100, noise=0.0)
     done, path = written(calib.adapt(model(), samples, cause="joints").model)
     assert done.code == 0, done.err
     q = random_joints(arm(), 200)
