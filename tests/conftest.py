@@ -87,26 +87,10 @@ def run() -> Program:
 
 
 @pytest.fixture(scope="session")
-def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of small models: two_link.calib, polar.calib, two_link_full.calib."""
-    folder = tmp_path_factory.mktemp("models")
-    for robot in ("two_link", "polar", "two_link_full"):
-        path = folder / f"{robot}.calib"
-        run_in_process.done("train", robot, "--size", "10", "-n", "500", "-o", path)
-    return folder
-
-
-@pytest.fixture(scope="session")
-def model(models: Path) -> Path:
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small model of two_link."""
-    return models / "two_link.calib"
-
-
-@pytest.fixture(scope="session")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A log of 400 simulated rows of two_link."""
-    path = tmp_path_factory.mktemp("logs") / "measured.csv"
-    run_in_process.done("babble", "two_link", "-n", "400", "-o", path)
+    path = tmp_path_factory.mktemp("models") / "two_link.calib"
+    run_in_process.done("train", "two_link", "--size", "10", "-n", "500", "-o", path)
     return path
 
 

@@ -67,6 +67,17 @@ def turning():
 
 
 @cache
+def tilted_camera():
+    """Return a planar arm before a tilted camera with a lens, whose pixels are not exact."""
+    rng = np.random.default_rng(0)
+    q = rng.uniform(arm().lower, arm().upper, (300, 2))
+    x = two_link(q)
+    seen = 640 + 900 * x / (1.2 + 0.2 * x[:, :1])
+    seen += 1e-7 * (seen - 640) * ((seen - 640) ** 2).sum(axis=1, keepdims=True)
+    return calib.train(log_of(arm(), q, seen + rng.normal(size=q.shape), unit="px"), size=6)
+
+
+@cache
 def wide():
     """Return `two_link` with a shoulder that turns from -6.2 to 6.2 rad."""
     limit = '<limit lower="0.0" upper="1.5707963267948966"'

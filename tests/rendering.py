@@ -129,8 +129,7 @@ class Desk:
     """All that a picture shows, and what spoils it.
 
     `lengths` [m] of the links from the base at the origin; `height` of the arm's plane, the tag
-    lies on it. `tip_tag` is the pattern on the tip, `tip_size` the side of its black square,
-    `tip_tilt` a rotation vector by which the tag leans.
+    lies on it. On the tip is tag 7 of 40 mm; `tip_tilt` is a rotation vector by which it leans.
     """
 
     camera: Camera = field(default_factory=Camera)
@@ -138,13 +137,10 @@ class Desk:
     offsets: tuple[float, ...] = (0.0, 0.0, 0.0)
     height: float = 0.0
     width: float = 0.028
-    tip_tag: int = 7
-    tip_size: float = 0.04
     tip_tilt: tuple[float, float, float] = (0.0, 0.0, 0.0)
     still: tuple[Sticker, ...] = ()
     blur: float = 0.7
     noise: float = 2.0
-    quality: int | None = 92
     shadow: float = 0.35
     seed: int = 0
 
@@ -173,10 +169,8 @@ class Desk:
         grey = cv2.GaussianBlur(grey, (0, 0), self.blur) if self.blur else grey
         grey = grey + rng.normal(0.0, 1.0, grey.shape).astype(np.float32) * self.noise
         picture = np.clip(np.round(grey), 0, 255).astype(np.uint8)
-        if self.quality is not None:
-            packed = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, self.quality])[1]
-            picture = cv2.imdecode(packed, cv2.IMREAD_GRAYSCALE)
-        return picture
+        packed = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
+        return cv2.imdecode(packed, cv2.IMREAD_GRAYSCALE)
 
     @cached_property
     def _light(self) -> NDArray[np.float32]:
@@ -240,7 +234,7 @@ class Desk:
             self._capsule(scene, a, a, 0.4 * self.width, self.height, 200)
         angle = float(np.sum(q)) + float(np.sum(self.offsets[: len(self.lengths)]))
         place = (*places[-1], self.height, angle)
-        tip = tag(self.tip_tag, self.tip_size, place, tilt=self.tip_tilt)
+        tip = tag(7, 0.04, place, tilt=self.tip_tilt)
         self._paint_sticker(scene, tip)
 
     def _capsule(

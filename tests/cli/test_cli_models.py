@@ -1,9 +1,11 @@
-"""`train`, `info`, `babble`: what options do; what labs ask next: noise, ISO 9283, plans."""
+"""`train`, `info`, `babble`: options, what is remembered; what labs ask: noise, ISO 9283, plans."""
 
 import math
 
 import numpy as np
 import pytest
+from models import babbled
+from reference import table
 from scipy.stats import chi2
 
 import calib
@@ -41,8 +43,9 @@ def test_degrees_apply_to_ranges_locks_and_changes(run):
     assert calib.load("three_link.calib").about.locked["wrist"] == pytest.approx(math.radians(30))
 
 
-def test_the_view_is_what_was_asked_for_and_what_was_found(run, log):
-    data = f"--data {log} --size 6 --json"
+def test_the_view_is_what_was_asked_for_and_what_was_found(run):
+    run.done("babble two_link -n 400 -o log.csv")
+    data = "--data log.csv --size 6 --json"
     train = f"train --joints shoulder,elbow {data}"
     rigid = run(train).document["view"]
     assert (rigid["kind"], rigid["mirror"]) == ("rigid", False)
@@ -55,6 +58,52 @@ def test_the_view_is_what_was_asked_for_and_what_was_found(run, log):
     base = run(f"train two_link {data} --view base").document["view"]
     assert base == {"kind": "base", "mirror": False}
     assert run(f"{train} --body none").document["view"] == {"kind": None}
+
+
+def test_later_commands_need_no_option(run):
+    """Of a log in degrees whose columns have other names."""
+    s = babbled(n=200, seed=3, noise=1e-4)
+    table("camera.csv", ["j1", "j2", "cam_u", "cam_v"], np.column_stack([np.degrees(s.q), s.x]))
+    columns = "shoulder=j1,elbow=j2,x=cam_u,y=cam_v"
+    line = ["train", "--data", "camera.csv", "--joints", "shoulder,elbow", "--columns", columns]
+    run.done(*line, "--degrees", "--size", "6")
+    model = calib.load("camera.calib")
+    assert model.about.degrees
+    assert model.about.columns["x"] == "cam_u"
+    for line in (
+        "check camera.calib --data camera.csv",
+        "evaluate camera.calib --data camera.csv",
+        "report camera.calib --data camera.csv -o r.html",
+        "preview camera.calib --data camera.csv --html p.html",
+        "plan camera.calib -n 3 -o poses.csv",
+    ):
+        run.done(line)
+    assert run("evaluate camera.calib --data camera.csv --radians").code == 1
+    for words in ("forward camera.calib 30 60", "inverse camera.calib 0.3 0.3 --near 30,60"):
+        assert "is outside of the learned range" in run(f"query {words}").err
+        run.done(f"query {words} --degrees")
+    # other names, and rad: what the log has goes first
+    calib.write_log(babbled(n=60, seed=4, noise=1e-4), "plain.csv")
+    run.done("evaluate camera.calib --data plain.csv --radians")
+
+
+def test_a_file_is_named_after_its_robot_and_another_robots_name_needs_force(run, tmp_path):
+    small = "-n 300 --size 5"
+    (tmp_path / "my arm.urdf").write_text(calib.load_arm("two_link").urdf)  # it says two_link
+    done = run("train", "my arm.urdf", *small.split(), "--json")
+    assert done.document["model"] == "my_arm.calib"
+    run.done("train", "my arm.urdf", *small.split(), "--seed", "1")
+    run(f"train polar {small} -o two_link.calib")
+    before = (tmp_path / "two_link.calib").read_bytes()
+    done = run(f"train two_link {small} --json")
+    assert done.code == 1
+    assert done.document["error"]["parameter"] == "--force"
+    assert (tmp_path / "two_link.calib").read_bytes() == before
+    run.done(f"train two_link {small} --force")
+    run.done(f"train two_link {small}")
+    (tmp_path / "polar.calib").write_text("notes of mine")
+    assert run(f"train polar {small}").code == 1
+    run.done(f"train polar {small} -o polar.calib")
 
 
 SENSOR, RETURN, OFFSET = 1e-5, 4e-5, 0.004  # [m], [m], [rad] of the elbow

@@ -146,8 +146,9 @@ def test_what_is_wrong_with_a_file_is_told(files, load):
     assert "checksum" in load(with_description(json.dumps({**described(data), "sha256": "0"})))
     for text in ("", "{", "[]", "1", "null", '"calib"', "[" * 100_000):
         assert isinstance(load(with_description(text)), str)
-    for version in (0, -1, "1", None, 1.5):
-        assert isinstance(load(with_description(json.dumps({**newer, "format": version}))), str)
+    for version in (1, 2, 0, -1, "1", None, 1.5):
+        older = with_description(json.dumps({**newer, "format": version}))
+        assert "train the model again" in load(older)
 
 
 def put(name, index, value):

@@ -147,6 +147,10 @@ def test_rows_wrong_by_centimetres_are_found_and_no_others(n, share):
     assert all(str(row) in notes[0] for row in first)
 
 
+def test_where_more_than_a_quarter_of_the_rows_are_wrong_all_are_believed():
+    assert screen(spoiled(bare("two_link", 300, 1, noise=1e-3), 0.3)[0]) == (0, [])
+
+
 def test_a_patch_that_bends_away_or_a_row_far_from_all_others_is_no_outlier():
     """No smooth function of few terms follows a bump, but neighbours share it."""
     log = bare("two_link", 3000, 1, noise=1e-3)

@@ -35,7 +35,7 @@ def test_a_written_plan_is_no_log_by_mistake(arm, tmp_path):
     path = tmp_path / "poses.csv"
     plan = calib.plan(arm, 12)
     plan.write(path)
-    refused(calib.LogError, "x", calib.read_log, path, arm)
+    refused(calib.LogError, "has no positions", calib.read_log, path, arm)
     log = calib.read_log(path, arm, columns={"x": "expected_x", "y": "expected_y"})
     np.testing.assert_array_equal(log.q, plan.q)
     np.testing.assert_array_equal(log.x, plan.x)
