@@ -106,6 +106,7 @@ def test_a_model_of_pictures_knows_camera_and_board(run, tmp_path, in_hand):
 def test_what_cannot_be_aimed_at_is_told(run, tmp_path):
     refused(OptionError, "no posture", calib.plan, SIX, touch=(4, 0, 0))
     refused(OptionError, "start", calib.plan, SIX, handeye=SPEC)
+    refused(OptionError, "one of", calib.plan, SIX, handeye=SPEC, touch=(0.4, 0, 0.3))
     refused(OptionError, "in space", calib.plan, calib.load_arm("two_link"), touch=(0.3, 0.1, 0))
     path = tmp_path / "poses.csv"
     assert run(f"plan six_axis --board {SPEC} -o {path}").code == 2
