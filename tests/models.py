@@ -156,10 +156,12 @@ def no_arm(n: int) -> calib.Samples:
     return replace(rows, x=x, arm=None)
 
 
-def two_link(q: np.ndarray) -> np.ndarray:
-    """Tip of the 2R arm by the textbook: (..., 2) -> (..., 2)."""
+def two_link(q: np.ndarray, l1: float = L1, l2: float = L2, tip=(0.0, 0.0)) -> np.ndarray:
+    """Tip of the 2R arm by the textbook, moved in the last link's frame: (..., 2) -> (..., 2)."""
     a, b = q[..., 0], q[..., 0] + q[..., 1]
-    return np.stack([L1 * np.cos(a) + L2 * np.cos(b), L1 * np.sin(a) + L2 * np.sin(b)], axis=-1)
+    x = l1 * np.cos(a) + (l2 + tip[0]) * np.cos(b) - tip[1] * np.sin(b)
+    y = l1 * np.sin(a) + (l2 + tip[0]) * np.sin(b) + tip[1] * np.cos(b)
+    return np.stack([x, y], axis=-1)
 
 
 def two_link_inverse(x: np.ndarray, sign: float) -> np.ndarray:

@@ -33,6 +33,7 @@ class Camera:
     target: tuple[float, float, float] = (0.2, 0.08, 0.0)
     roll: float = 0.02
     shift: tuple[float, float] = (4.0, -7.0)
+    turned: Array | None = None  # its rotation, in place of target and roll
 
     @property
     def centre(self) -> Array:
@@ -46,6 +47,8 @@ class Camera:
     @cached_property
     def rotation(self) -> Array:
         """World to camera: x right, y down, z ahead."""
+        if self.turned is not None:
+            return self.turned
         ahead = np.subtract(self.target, self.position)
         ahead = ahead / np.linalg.norm(ahead)
         right = np.cross(ahead, [0.0, 0.0, 1.0] if abs(ahead[2]) < 0.999 else [0.0, 1.0, 0.0])
@@ -158,6 +161,16 @@ class Desk:
         """Return where the tag's centre appears, (n, 2) [px]."""
         tip = self.tip(q)
         return self.camera.project(np.c_[tip, np.full(len(tip), self.height)])
+
+    def postures(self, n: int, rng: np.random.Generator, margin: float = 40.0) -> Array:
+        """Draw postures (n, 3) whose tag is within the picture, so far from its border [px]."""
+        seen: list[Array] = []
+        while len(seen) < n:
+            q = rng.uniform([-0.2, 0.0, -1.2], [1.3, 1.4, 1.2])
+            (pixel,) = self.tip_pixels(q)
+            if (pixel > margin).all() and (pixel < np.array(self.camera.size) - margin).all():
+                seen.append(q)
+        return np.array(seen)
 
     def picture(self, q: ArrayLike, rng: np.random.Generator, *, arm: bool = True) -> Image:
         """Render one posture as a grey picture (height, width)."""

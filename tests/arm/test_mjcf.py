@@ -10,30 +10,9 @@ import calib
 from calib.arm.loading import arm_from_urdf
 from calib.arm.rotations import matrix_of
 
-EVERY_FORM = (Path(__file__).parents[1] / "data/every_form.xml").read_text()
-
-_LINKS = (
-    ("shoulder_pan", "0 0 0.163", "1 0 0 0", "0 0 1"),
-    ("shoulder_lift", "0 0.138 0", "1 0 1 0", "0 1 0"),
-    ("elbow", "0 -0.131 0.425", "1 0 0 0", "0 1 0"),
-    ("wrist_1", "0 0 0.392", "1 0 1 0", "0 1 0"),
-    ("wrist_2", "0 0.127 0", "1 0 0 0", "0 0 1"),
-    ("wrist_3", "0 0 0.1", "1 0 0 0", "0 1 0"),
-)
-UR5E = (
-    '<mujoco model="ur5e"><compiler angle="radian"/>'
-    '<default><default class="ur"><joint range="-6.28319 6.28319"/></default></default>'
-    '<worldbody><body name="base" quat="0 0 0 -1" childclass="ur">'
-    + "".join(
-        f'<body name="{name}_link" pos="{pos}" quat="{quat}">'
-        '<inertial pos="0 0 0" mass="2" diaginertia=".01 .01 .01"/>'
-        f'<joint name="{name}_joint" axis="{axis}"/>'
-        for name, pos, quat, axis in _LINKS
-    )
-    + '<site name="attachment_site" pos="0 0.1 0" quat="-1 1 0 0"/>'
-    + "</body>" * 6
-    + "</body></worldbody></mujoco>\n"
-)
+DATA = Path(__file__).parents[1] / "data"
+EVERY_FORM = (DATA / "every_form.xml").read_text()
+UR5E = (DATA / "ur5e.xml").read_text()
 
 
 @pytest.mark.parametrize("text", [EVERY_FORM, UR5E], ids=["every form", "ur5e"])

@@ -60,14 +60,6 @@ def test_a_round_trip_gives_the_same_answers_and_the_same_bytes(kind, tmp_path):
         assert again.body.parameters() == model.body.parameters()
         np.testing.assert_allclose(again.body.bound(q), model.body.bound(q), rtol=1e-12)
     assert path.stat().st_size < 1_000_000
-    assert (again.rows is None) == (model.rows is None)
-    if model.rows is not None:
-        assert again.rows.q.tobytes() == model.rows.q.tobytes()
-        assert again.rows.x.tobytes() == model.rows.x.tobytes()
-    assert again.motor.lattice.size == model.motor.lattice.size
-    assert again.motor.edges.tobytes() == model.motor.edges.tobytes()
-    assert (again.links != model.links).nnz == 0
-    assert again.history == model.history
 
 
 @pytest.mark.parametrize("kind", MODELS)

@@ -1,6 +1,7 @@
 """Hand-eye from a controller's flange poses: conventions, boards, cameras, what is not known."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -273,27 +274,16 @@ def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):
     run.refused(1, "right", "handeye", tmp_path / "rig", *words[:-1], "left=base,right=other")
 
 
-LENSES = {
-    "opencv.yml": "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\ncameraMatrix: "
-    "!!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 500., 0., 320., 0.,\n"
-    "       501., 240., 0., 0., 1. ]\ndistCoeffs: !!opencv-matrix\n   rows: 1\n   cols: 4\n"
-    "   dt: d\n   data: [ -1.0e-01, 2e-2, 0., 0. ]\n",
-    "ros.yaml": "image_width: 640\nimage_height: 480\ncamera_matrix:\n  rows: 3\n  cols: 3\n"
-    "  data: [500, 0, 320, 0, 501, 240, 0, 0, 1]\ndistortion_coefficients:\n  data:\n  - -0.1\n"
-    "  - 0.02\n  - 0\n  - 0\n  - 0\n",
-    "lens.json": '{"K": [[500, 0, 320], [0, 501, 240], [0, 0, 1]], "D": [[-0.1, 0.02, 0, 0]], '
-    '"width": 640, "height": 480}',
-}
+LENSES = Path(__file__).parents[1] / "data/lenses"
 
 
-@pytest.mark.parametrize("name", list(LENSES))
+@pytest.mark.parametrize("name", ["opencv.yml", "ros.yaml", "lens.json"])
 def test_lenses_of_others_are_read(tmp_path, name):
-    path = tmp_path / name
-    path.write_text(LENSES[name])
-    lens, _ = load_lens(path)
+    lens, _ = load_lens(LENSES / name)
     assert lens.parameters.tolist() == [500.0, 501.0, 320.0, 240.0, -0.1, 0.02, 0.0, 0.0, 0.0]
     assert lens.size == (640, 480)
-    path.write_text(LENSES[name].replace("501", "nan" if "json" not in name else "NaN"))
+    path, nan = tmp_path / name, "nan" if "json" not in name else "NaN"
+    path.write_text((LENSES / name).read_text().replace("501", nan))
     refused(LogError, "finite", load_lens, path)
 
 

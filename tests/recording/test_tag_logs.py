@@ -49,16 +49,12 @@ def shot(tmp_path_factory):
     folder, scene = tmp_path_factory.mktemp("shot"), desk()
     rng = np.random.default_rng(0)
     (folder / "p").mkdir()
-    q = []
-    while len(q) < 16:
-        row = rng.uniform([0.0, 0.0, -1.2], [1.3, 1.4, 1.2])
-        p = scene.tip_pixels(row)[0]
-        if 30 < p[0] < 610 and 30 < p[1] < 450:
-            cv2.imwrite(str(folder / "p" / f"img_{len(q)}.png"), scene.picture(row, rng))
-            q.append(row)
+    q = scene.postures(16, rng, margin=30)
+    for k, row in enumerate(q):
+        cv2.imwrite(str(folder / "p" / f"img_{k}.png"), scene.picture(row, rng))
     np.savetxt(folder / "joints.csv", q, delimiter=",", header="a,b,c", comments="")
     LENS.save(folder / "lens.json")
-    return SimpleNamespace(folder=folder, scene=scene, q=np.array(q), pictures=folder / "p")
+    return SimpleNamespace(folder=folder, scene=scene, q=q, pictures=folder / "p")
 
 
 @pytest.fixture

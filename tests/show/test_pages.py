@@ -77,19 +77,12 @@ def finished(words: list[str]) -> subprocess.CompletedProcess[str]:
     return subprocess.run(words, capture_output=True, text=True, check=False, timeout=180)
 
 
-MEASURE = (Path(__file__).parents[1] / "data/measure.js").read_text()
+DATA = Path(__file__).parents[1] / "data"
+MEASURE = (DATA / "measure.js").read_text()
 """What of a page's words overlaps, how far it scrolls sideways, where parts end [px]."""
 
-START = """<script>onload = () => {
-  document.querySelectorAll("#calib-layers input").forEach((box) => box.checked || box.click());
-  setTimeout(() => { %s }, 1500);
-};</script></body>"""
-
-OUTER = """<script>onmessage = (event) => {
-  const line = document.createElement("pre");
-  line.textContent = event.data;
-  document.body.append(line);
-}</script><body>%s</body>"""
+START = (DATA / "start.html").read_text()
+OUTER = (DATA / "outer.html").read_text()
 
 
 def measured_pages(

@@ -170,6 +170,11 @@ def test_a_drawing_that_is_trusted_leaves_zeros_and_frame(name):
         ({"seed": -1}, "seed is -1, expected a whole number"),
         ({"map": "vsom"}, "map 'vsom': expected one of som, vdsom"),
         ({"rule": "magic"}, "rule 'magic': expected one of batch, online"),
+        ({"epochs": 0}, "epochs 0: at least 1"),
+        *(
+            ({"sigma": sigma}, "sigma .*: give .START, END. in nodes with START")
+            for sigma in [(1.0, 2.0), (np.nan, 1.0), (2, -1), (5,), 3.0, ("wide", 1)]
+        ),
         ({"body": "some"}, "body 'some': expected one of auto, none"),
         ({"view": "sideways"}, "view 'sideways': expected one of auto, base, rigid"),
         ({"view": "base"}, "view 'base' needs a measured log and the planar robot"),
