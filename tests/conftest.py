@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import sys
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
@@ -9,7 +10,6 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
-from threadpoolctl import threadpool_limits
 
 import calib
 
@@ -18,6 +18,8 @@ settings.register_profile(
     "calib", deadline=None, derandomize=True, suppress_health_check=HealthCheck
 )
 settings.load_profile("calib")
+# of small matrices several threads would wait for each other
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 @dataclass(frozen=True)
@@ -66,13 +68,6 @@ class Program:
 
 
 run_in_process = Program()
-
-
-@pytest.fixture
-def one_blas_thread():
-    """Small matrices in one thread: several would wait for each other."""
-    with threadpool_limits(1, user_api="blas"):
-        yield
 
 
 @pytest.fixture(scope="session")

@@ -170,10 +170,7 @@ def anchors(text: str) -> set[str]:
     for heading in re.findall(r"^#{1,6} (.+)$", outside, re.MULTILINE):
         plain = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).replace("`", "")
         anchor = re.sub(r"[^\w\- ]", "", plain.strip().lower()).replace(" ", "-")
-        count = 0
-        while (name := f"{anchor}-{count}" if count else anchor) in found:
-            count += 1
-        found.add(name)
+        found.add(anchor)
     return found
 
 

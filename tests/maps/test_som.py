@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refused
-from small_maps import UNIT_BOX, network, points
+from small_maps import UNIT_BOX, box, network, points
 
 from calib import SOM, LogError
 from calib.common.rows import group_means, group_sums
@@ -83,13 +83,8 @@ def test_samples_that_are_none_are_refused_in_one_line(x, message):
     refused(LogError, message, SOM((3, 3), rule="online").fit_pair, x, x)
 
 
-def box(lower, upper, revolute=None):
-    lower, upper = np.array(lower, dtype=float), np.array(upper, dtype=float)
-    return Scale.of_range(lower, upper, tuple(revolute or [True] * len(lower)))
-
-
 def test_the_winner_is_found_across_the_seam_of_a_whole_turn():
-    ring = network([[0.05], [0.5], [0.95]], (3,), box([-np.pi], [np.pi]))
+    ring = network([[0.05], [0.5], [0.95]], (3,), box(True))
     distance, index = ring.nearest(np.array([[0.99], [0.01], [1.02], [-0.03], [0.4]]))
     assert index[:, 0].tolist() == [2, 0, 0, 2, 1]
     np.testing.assert_allclose(distance[:, 0], [0.04, 0.04, 0.03, 0.02, 0.1], atol=1e-12)
@@ -98,7 +93,7 @@ def test_the_winner_is_found_across_the_seam_of_a_whole_turn():
 @pytest.mark.parametrize("turning", [[False, False], [True, False]])
 def test_a_few_places_are_answered_without_scipy_as_by_its_tree(turning, monkeypatch):
     rng = np.random.default_rng(3)
-    scale = box([-np.pi, -1.0], [np.pi, 1.0], turning)
+    scale = box(*turning)
     points, places = rng.random((60, 2)), rng.uniform(-0.2, 1.2, (40, 2))
     import scipy.spatial  # noqa: F401
 
@@ -110,7 +105,8 @@ def test_a_few_places_are_answered_without_scipy_as_by_its_tree(turning, monkeyp
 
 
 def test_quantization_error_is_the_mean_distance_in_own_units():
-    square = network([[0, 0], [0, 1], [1, 0], [1, 1]], (2, 2), box([0, -5], [2, 5]))
+    scale = Scale.of_range(np.array([0.0, -5.0]), np.array([2.0, 5.0]), (False, False))
+    square = network([[0, 0], [0, 1], [1, 0], [1, 1]], (2, 2), scale)
     # a fifth of the width beside the first node; a tenth of the height below the last
     x = [[0.4, -5.0], [2.0, 4.0]]
     assert square.quantization_error(x) == pytest.approx((0.4 + 1.0) / 2)

@@ -69,17 +69,11 @@ class Pandas(dict):
         return list(self)
 
 
-def record(q):
-    table = np.zeros(len(q), dtype=[("elbow", float), ("time", float), ("shoulder", float)])
-    table["shoulder"], table["elbow"] = q.T
-    return table
-
-
 SWAPPED = {
     "dict": lambda q: {"elbow": q[:, 1], "shoulder": q[:, 0]},
     "polars": lambda q: pl.DataFrame({"elbow": q[:, 1], "t": q[:, 0], "shoulder": q[:, 0]}),
     "pandas": lambda q: Pandas(elbow=q[:, 1], shoulder=q[:, 0]),
-    "record": record,
+    "record": lambda q: np.rec.fromarrays([q[:, 1], q[:, 0]], names="elbow,shoulder"),
 }
 
 

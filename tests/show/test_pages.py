@@ -7,7 +7,6 @@ import os
 import re
 import shutil
 import subprocess
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -21,21 +20,11 @@ import calib
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 NOISE = ("GL Driver Message",)  # Chromium's remarks on its own software rendering
-
-
 OPTIONS = """--headless --disable-gpu --disable-quic --no-first-run --disable-extensions
     --disable-background-networking --disable-component-update --disable-sync --hide-scrollbars
     --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --enable-logging=stderr
     --force-prefers-reduced-motion --force-device-scale-factor=1
     --proxy-server=http://127.0.0.1:9 --proxy-bypass-list=127.0.0.1"""
-
-
-@dataclass(frozen=True)
-class Sight:
-    """What a page looked like: its pixels (height, width, 3), console and document."""
-
-    pixels: np.ndarray
-    console: list[str]
 
 
 def chromium() -> str:
@@ -59,8 +48,8 @@ def command(folder: Path, size: tuple[int, int]) -> list[str]:
     return [chromium(), *options]
 
 
-def look(page: Path, folder: Path, size: tuple[int, int]) -> Sight:
-    """Open a page, wait until it has drawn, and return what is seen."""
+def look(page: Path, folder: Path, size: tuple[int, int]) -> tuple[np.ndarray, list[str]]:
+    """Open a page, wait until it has drawn; pixels (height, width, 3) and console."""
     from PIL import Image
 
     picture = folder / "seen.png"
@@ -70,7 +59,7 @@ def look(page: Path, folder: Path, size: tuple[int, int]) -> Sight:
     pixels = np.asarray(Image.open(io.BytesIO(picture.read_bytes())).convert("RGB"))
     lines = re.findall(r":CONSOLE(?::\d+|\(\d+\))?\]\s*(.*)", done.stderr)
     console = [line for line in lines if not any(word in line for word in NOISE)]
-    return Sight(pixels.astype(int), console)
+    return pixels.astype(int), console
 
 
 def finished(words: list[str]) -> subprocess.CompletedProcess[str]:
@@ -118,7 +107,6 @@ def measured_pages(
 SIZE = (900, 700)
 PANEL = 280  # pixels that the page's panel covers
 NARROW = (390, 844)
-
 
 full = partial(trained, "two_link_full", n=3000, size=24, noise=1e-3)
 
@@ -178,14 +166,15 @@ def near(pixels: np.ndarray, places: np.ndarray, wanted: np.ndarray) -> np.ndarr
 def test_nodes_have_their_colours_where_they_are(tmp_path: Path):
     page = tmp_path / "page.html"
     calib.preview(full(), page)
-    sight, data = look(page, tmp_path, size=SIZE), data_of(page.read_text(encoding="utf-8"))
-    assert sight.console == []
+    pixels, console = look(page, tmp_path, size=SIZE)
+    assert console == []
+    data = data_of(page.read_text(encoding="utf-8"))
     for name in ("Sensory map", "Motor map"):
         nodes = objects(data)[f"{name}/nodes"]
         wanted = nodes["tints"].astype(int)
         places = project(data["camera"], nodes["points"], *SIZE, PANEL)
-        hit = near(sight.pixels, places, wanted).mean()
+        hit = near(pixels, places, wanted).mean()
         # the arm, links and paths hide some of them
         assert hit > 0.75
         shuffled = np.random.default_rng(0).permutation(wanted)
-        assert hit > near(sight.pixels, places, shuffled).mean() + 0.1
+        assert hit > near(pixels, places, shuffled).mean() + 0.1

@@ -16,7 +16,6 @@ import calib
 
 WHY = ["where", "coverage", "joints", "arrows"]
 
-
 simulated = partial(trained, "two_link", n=3000, size=20)
 
 

@@ -16,8 +16,6 @@ from calib.maps.lattice import Graph, Lattice
 from calib.maps.model_selection import blocks
 from calib.stream.follow import OnlineAdapter, matching_sigma
 
-pytestmark = pytest.mark.usefixtures("one_blas_thread")
-
 small = partial(trained, n=2500, size=10)
 
 

@@ -50,8 +50,6 @@ def test_a_plan_for_a_camera_keeps_the_tip_in_its_picture():
 
 
 START = (0.0, 0.7, 1.0, 0.0, 1.0, 0.0)
-
-
 SIX = calib.load_arm("six_axis")
 
 
