@@ -237,7 +237,7 @@ FAILS = "THE BOUND DOES NOT HOLD"
 @pytest.mark.parametrize(
     ("line", "code", "first"),
     [
-        ("train two_link -n 600 --size 2 --body none -o n.calib", 3, "TOO COARSE TO ANSWER"),
+        ("train two_link --data same.csv --size 2 --body none", 3, "TOO COARSE TO ANSWER"),
         ("info bad.calib", 3, FAILS),
         ("evaluate bad.calib", 3, FAILS),
         ("report bad.calib -o r.html", 3, FAILS),
