@@ -4,7 +4,6 @@ import pickle
 import shutil
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import models
 import numpy as np
@@ -18,7 +17,7 @@ from calib.model.header import Header
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
-ROBOTS = sorted(path.stem for path in (Path(__file__).parents[2] / "robots").glob("*.urdf"))
+ROBOTS = [entry.name for entry in calib.list_robots()]
 
 
 MODELS = {

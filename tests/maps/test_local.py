@@ -9,13 +9,7 @@ from small_maps import grid, points
 from calib import SOM, Association
 from calib.maps.blend import Blend
 from calib.maps.links import WIRINGS
-from calib.maps.local_models import (
-    correction,
-    correction_slope,
-    exponents,
-    fit,
-    model_weights,
-)
+from calib.maps.local_models import correction, correction_slope, exponents, fit, model_weights
 from calib.maps.model_selection import SELECTION, follows_the_motion, select
 from calib.maps.settings import ModelShape
 
