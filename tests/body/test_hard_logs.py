@@ -8,9 +8,6 @@ from models import log_of, trained
 
 import calib
 from calib.arm.rotations import exponential, matrix_of, quaternion_of
-from calib.body.body_fit import fit
-from calib.body.rows import Rows
-from calib.body.spatial import structure_of
 
 NOISE = 2e-5
 ARM = calib.load_arm("six_axis")
@@ -60,7 +57,7 @@ def test_few_rows_are_not_followed_into_their_noise():
     q = rng.uniform(ARM.lower, ARM.upper, (60, 6))
     waves = 3e-4 * np.sin(9 * q + np.arange(6))
     x = ARM.forward(q + waves) + NOISE * rng.normal(size=(60, 3))
-    body = fit(structure_of(ARM), [Rows(q, x)]).body
+    body = calib.train(log_of(ARM, q, x), size=3).body
     assert 0.8 * NOISE < body.noise[0] < 1.3 * NOISE
 
 
