@@ -72,7 +72,6 @@ CASES = [
     ("report good.calib -o page.pdf", 2, "page.pdf"),
     ("plan two_link", 2, "-o"),
     ("plan two_link -n 5000 -o p.csv", 2, "1000"),
-    ("plan two_link --margin -1 -o p.csv", 2, "zero"),
     ("plan two_link --margin 2 -o p.csv", 1, "room shoulder"),
     ("plan two_link --from 1 -o p.csv", 2, "2 values"),
     ("plan two_link --from 1,9 -o p.csv", 1, "--from: elbow 9"),

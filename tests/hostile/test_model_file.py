@@ -14,8 +14,7 @@ from safetensors.numpy import load as unpack
 from safetensors.numpy import save as pack
 
 import calib
-from hostile.guard import answer, inputs
-from hostile.strategies import NAMES, NUMBERS, damaged
+from hostile.guard import NAMES, NUMBERS, answer, damaged, inputs
 
 
 @pytest.fixture(scope="module")

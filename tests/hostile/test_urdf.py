@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from reference import pinocchio_pose, random_joints
 
 import calib
-from hostile.guard import answer, inputs, one_line
-from hostile.strategies import NAMES, NUMBERS, damaged
+from hostile.guard import NAMES, NUMBERS, answer, damaged, inputs, one_line
 
 FAR = 1e4
 """Placements beyond this [m] are compared in parts of their size."""

@@ -1,7 +1,4 @@
-"""Every branch, turn and connected family is found and none is invented; `near` decides.
-
-Out of reach it is the nearest attainable point; closed loops take a step.
-"""
+"""Every branch, turn and family is found, none invented; the nearest point out of reach; steps."""
 
 import re
 from dataclasses import replace

@@ -18,11 +18,6 @@ from calib import ModelError
 PAGE = (Path(__file__).parents[2] / "docs" / "format.md").read_text(encoding="utf-8")
 
 
-@pytest.fixture(scope="module")
-def data():
-    return bytes_of(trained("two_link", 300, 5))
-
-
 MODELS = {
     "simulated": lambda: trained("two_link"),
     "a log": measured,
@@ -135,9 +130,9 @@ def test_no_time_no_date_and_no_path_is_inside(tmp_path):
     assert text == again
 
 
-def test_what_is_no_model_and_what_is_no_maps_is_told_in_one_line(data, tmp_path):
+def test_what_is_no_model_and_what_is_no_maps_is_told_in_one_line(tmp_path):
     path, maps = tmp_path / "model.calib", tmp_path / "maps.calib"
-    path.write_bytes(data)
+    trained("two_link", 300, 5).save(path)
     trained("two_link", n=400, size=4).association.save(maps)
     damaged = bytearray(maps.read_bytes())
     damaged[-3] ^= 1

@@ -16,11 +16,6 @@ def model():
     return trained("two_link")
 
 
-@pytest.fixture(scope="module")
-def q(model):
-    return draw(model, 20, seed=1, margin=0.01)
-
-
 def test_a_single_vector_answers_as_its_row_where_local_models_speak_too():
     """Rows that are denser in a part of the box: some nodes speak only near themselves."""
     rows = log(1200)

@@ -57,7 +57,6 @@ def test_each_joint_came_from_the_side_of_its_last_motion_and_rows_at_one_pose_s
     assert rows.pose_index.tolist() == [0, 1, 2, 0, 0]
 
 
-NAMES = ("shoulder", "elbow")
 JOINTS = np.array([[0.3, 1.0], [0.5, 1.4], [0.9, 2.0]])
 
 
@@ -84,7 +83,9 @@ def test_named_columns_are_taken_by_name_wherever_joint_values_go(kind):
     np.testing.assert_array_equal(model.forward(swapped), model.forward(JOINTS))
     np.testing.assert_array_equal(model.expected_error(swapped), model.expected_error(JOINTS))
     np.testing.assert_array_equal(arm.forward(swapped), arm.forward(JOINTS))
-    s = calib.Samples(swapped, arm.forward(JOINTS), NAMES, arm.lower, arm.upper, arm.revolute)
+    s = calib.Samples(
+        swapped, arm.forward(JOINTS), arm.joint_names, arm.lower, arm.upper, arm.revolute
+    )
     np.testing.assert_array_equal(s.q, JOINTS)
 
 
