@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.scale import Z95
 from ..common.wording import number, with_interval
 from .parameters import Indices
 from .structure import Structure
@@ -31,7 +32,7 @@ def words_of(
     sd : (d,), zero where nothing was fitted
     lower, upper : (dof,) [rad or m], range in which loads bend the joints; by default a turn
     """
-    half = 1.96 * sd
+    half = Z95 * sd
     rng = np.random.default_rng(0)
     postures = rng.uniform(lower, upper, (POSTURES, structure.dof))
     return (

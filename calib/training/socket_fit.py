@@ -15,6 +15,7 @@ from ..body.spatial import SpatialStructure, structure_of
 from ..body.touch import DRAWN_SIZE, fit_touches, with_size
 from ..common.arrays import Array, Mask
 from ..common.rows import median_length, row_lengths
+from ..common.scale import Z95
 from ..errors import LogError
 from ..samples.samples import Samples
 from ..samples.sockets import Touches
@@ -76,7 +77,7 @@ class SizeCheck:
         points = " and ".join(map(touch.name, first.points))
         return (
             f"the size of the arm: {points} are said to be {1e3 * stated:.4g} mm apart, by the "
-            f"drawing's size they are {size:.4g} +- {1.96 * size * self.sd:.2g} mm: one of the two "
+            f"drawing's size they are {size:.4g} +- {Z95 * size * self.sd:.2g} mm: one of the two "
             f"is wrong by {100 * self.difference:.2g} %; the drawing's is taken, and {widened}"
         )
 
@@ -151,7 +152,7 @@ def _of_right_size(
     if size is None or not size.differs:
         return sockets, []
     if size.is_plausible:
-        drawn = _with_size_sd(drawn, size.difference / 1.96)
+        drawn = _with_size_sd(drawn, size.difference / Z95)
     return drawn, [size.words(touch)]
 
 
