@@ -24,13 +24,13 @@ def words_of(
     structure: Structure,
     beta: Array,
     sd: Array,
-    lower: Array | float = -np.pi,
-    upper: Array | float = np.pi,
+    lower: Array | float,
+    upper: Array | float,
 ) -> tuple[str, ...]:
     """Lines that say the parameters; intervals are 95 %.
 
     sd : (d,), zero where nothing was fitted
-    lower, upper : (dof,) [rad or m], range in which loads bend the joints; by default a turn
+    lower, upper : (dof,) [rad or m], range in which loads bend the joints
     """
     half = Z95 * sd
     rng = np.random.default_rng(0)

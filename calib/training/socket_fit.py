@@ -200,14 +200,17 @@ def _size_by_distances(touch: Touches, drawn: SocketFit) -> SizeCheck | None:
     points = np.array([fact.points for fact in touch.distances])
     stated = np.array([fact.value for fact in touch.distances], dtype=float)
     tolerance = np.array([fact.tolerance for fact in touch.distances])
-    fitted = row_lengths(
-        drawn.places[points[:, 0]] - drawn.places[points[:, 1]]
-    )
-    weight = np.nan_to_num(fitted / np.hypot(tolerance, drawn.scatter)) ** 2
-    if not weight.any():
+    first, second = drawn.places[points.T]
+    fitted = row_lengths(first - second)
+    sd = np.hypot(tolerance, drawn.scatter)
+    weight = np.nan_to_num(fitted / sd) ** 2
+    total = weight.sum()
+    if not total:
         return None
-    ratio = float(np.nansum(weight * stated / fitted) / weight.sum())
-    return SizeCheck(ratio, float(np.hypot(weight.sum() ** -0.5, DRAWN_SIZE)))
+    ratios = stated / fitted
+    ratio = np.nansum(weight * ratios) / total
+    sd_of_ratio = np.hypot(total**-0.5, DRAWN_SIZE)
+    return SizeCheck(float(ratio), float(sd_of_ratio))
 
 
 def _refuse_alike(samples: Samples, touch: Touches) -> None:
