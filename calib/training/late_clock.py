@@ -45,11 +45,9 @@ def _delay(
     beta = body.beta.copy()
     if fresh:
         beta[prior.sd == 0] = prior.mean[prior.sd == 0]
-    count = len(trajectory.time)
-    middle = count // 2
+    middle = len(samples) // 2
     half = LATE_CLOCK.rows // 2
-    first = max(0, middle - half)
-    rows = np.arange(first, min(middle + half, count))
+    rows = np.arange(len(samples))[max(0, middle - half) : middle + half]
     late = 0.0
     share = 0.0
     rms = np.inf
