@@ -10,8 +10,7 @@ import numpy as np
 
 from ..common.arrays import TRIANGLE, Array, Shape
 from ..common.rows import row_lengths
-from ..common.scale import Z95
-from .covariance import as_kept, radius_95, root_of, spread_of
+from .covariance import Z95, as_kept, radius_95, root_of, spread_of
 from .parameters import Gaussian, Indices
 from .sensor_pose import SensorPose
 from .settings import PRIOR_SHARE, SHARED

@@ -12,6 +12,7 @@ from ..common.arrays import Array
 from .normal import Factor
 
 NORMAL_95 = 1.6448536269514722  # one-sided quantile of 95 %
+Z95 = 1.96  # half of a 95 % interval, in standard deviations
 
 RADIUS_95 = 2.448
 """Radius that holds 95 % of a Gaussian in the plane of standard deviation 1."""

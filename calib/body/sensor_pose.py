@@ -16,8 +16,8 @@ import numpy as np
 from ..arm.rotations import exponential, logarithm, quaternion_of
 from ..common.arrays import Array
 from ..common.rows import row_lengths
-from ..common.scale import Z95
 from ..common.wording import with_interval
+from .covariance import Z95
 from .parameters import Gaussian, Indices
 from .sensors import PLACE
 from .spatial import SpatialStructure

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.scale import Z95
 from ..common.wording import number, with_interval
+from .covariance import Z95
 from .parameters import Indices
 from .structure import Structure
 

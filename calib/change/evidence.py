@@ -12,6 +12,7 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm, matrix_of
 from ..body.belief import Body, knows_orientation
+from ..body.covariance import Z95
 from ..body.fit import Fit
 from ..body.parameters import Prior
 from ..body.rows import Rows
@@ -19,7 +20,6 @@ from ..body.settings import FREE, STUDENT
 from ..body.structure import Structure
 from ..common.arrays import Array
 from ..common.rows import median_length, spread_rows
-from ..common.scale import Z95
 from ..common.wording import quantity
 from ..model.alignment import Alignment
 from ..samples.diagnosis import rows_behind

@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..body.covariance import Z95
 from ..body.parameters import Indices
 from ..body.settings import NATS
 from ..body.structure import Structure
 from ..common.arrays import Array
-from ..common.scale import Z95
 from ..common.wording import for_people, quantity, two_digits
 from .causes import (
     CREEP_WAVES,

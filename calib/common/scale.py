@@ -14,9 +14,6 @@ TURN = 2 * np.pi
 METRES = {"m": 1.0, "cm": 100.0, "mm": 1000.0, "um": 1e6, "in": 1 / 0.0254}
 """Units per metre of the units that are lengths."""
 
-Z95 = 1.96
-"""Half of a 95 % interval [sd]."""
-
 
 @dataclass(frozen=True)
 class Scale(ReadOnly):

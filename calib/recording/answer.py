@@ -17,9 +17,9 @@ from ..arm.rigid import (
     turn_of,
 )
 from ..arm.rotations import quaternion_of
+from ..body.covariance import Z95
 from ..body.sensor_pose import SensorPose, hand_pose
 from ..common.arrays import Array, Index, Mask
-from ..common.scale import Z95
 from ..samples.lens import Lens
 from ..samples.samples import Samples
 from .agreement import consensus, held_out_pixels

@@ -19,8 +19,8 @@ from ..arm.rigid import (
     turn_of,
 )
 from ..arm.rotations import exponential
+from ..body.covariance import Z95
 from ..common.arrays import Array, Index, Mask
-from ..common.scale import Z95
 from ..errors import OptionError
 from ..samples.lens import Lens
 from .bundle import POSE, SHAPE, Bundle, Motions, Unknowns

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arm.arm import SpatialArm
+from ..body.covariance import Z95
 from ..common.arrays import Mask
-from ..common.scale import Z95
 from ..common.wording import listing, two_digits
 from .bundle import POSE
 from .fit import CornerFit

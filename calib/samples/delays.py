@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Mask
 from ..common.rows import finite_rows, row_lengths
-from ..common.scale import Z95
 from ..errors import LogError
 from .diagnosis import is_path
 from .samples import Samples
@@ -41,7 +40,7 @@ class Delay:
         """One line for the user on a clear delay."""
         factor, unit = (1e3, "ms") if self.unit == "s" else (1.0, "rows")
         side = "late" if self.value > 0 else "early"
-        size = f"{factor * abs(self.value):.3g} +- {Z95 * factor * self.sd:.2g} {unit}"
+        size = f"{factor * abs(self.value):.3g} +- {1.96 * factor * self.sd:.2g} {unit}"
         return (
             f"the positions are {size} {side} against the joints: corrected; poses at rest do not "
             "depend on clocks"

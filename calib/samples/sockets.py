@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array, Index, Mask
 from ..common.rows import row_lengths
-from ..common.scale import METRES, Z95
+from ..common.scale import METRES
 from ..common.wording import listing
 from ..errors import OptionError
 from .motion import RowArrays
@@ -182,7 +182,7 @@ def _distance(text: str) -> tuple[list[str], float, float]:
             match.groups() if match else ()
         )
         distance = float(value) / METRES[unit]
-        sd = float(interval) / METRES[its_unit] / Z95 if interval else MACHINED
+        sd = float(interval) / METRES[its_unit] / 1.96 if interval else MACHINED
         if not (0 < distance < 1e3 and 0 < sd < 1e3):
             raise ValueError(distance)
     except ValueError:  # no match, or of 1.2.3

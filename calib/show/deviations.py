@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.belief import Body
+from ..body.covariance import Z95
 from ..body.curves import waves_of
 from ..body.structure import Structure
 from ..common.arrays import Array, Index
 from ..common.rows import solve_least_squares
-from ..common.scale import Z95
 from ..common.wording import quantity
 from ..errors import CalibError
 from ..model.model import Model

@@ -11,11 +11,11 @@ import numpy as np
 
 from ..arm.arm import SpatialArm
 from ..body.body_fit import BodyFit
+from ..body.covariance import Z95
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.touch import DRAWN_SIZE, fit_touches, with_size
 from ..common.arrays import Array, Mask
 from ..common.rows import median_length, row_lengths
-from ..common.scale import Z95
 from ..errors import LogError
 from ..samples.samples import Samples
 from ..samples.sockets import Touches

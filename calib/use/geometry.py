@@ -8,9 +8,9 @@ import numpy as np
 
 from ..arm.arm import Arm, PlanarArm
 from ..arm.description import parse_robot
+from ..body.covariance import Z95
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array, Index
-from ..common.scale import Z95
 from ..common.wording import by_name
 from ..model.alignment import Alignment
 

@@ -14,6 +14,7 @@ import numpy as np
 from ..arm.arm import PlanarArm, SpatialArm
 from ..arm.rotations import similarity
 from ..body.belief import Body, knows_orientation
+from ..body.covariance import Z95
 from ..body.fit import Fit
 from ..body.frame_starts import frame_of_drawing
 from ..body.normal import Factor
@@ -22,7 +23,7 @@ from ..body.rows import Rows
 from ..body.settings import FREE, PRIOR, PRIOR_SHARE, SHIFT, STUDENT
 from ..body.spatial import SpatialStructure, structure_of
 from ..common.arrays import Array
-from ..common.scale import METRES, Z95
+from ..common.scale import METRES
 from ..errors import CalibError, OptionError
 from ..model.alignment import Alignment
 from ..model.model import Model
