@@ -201,6 +201,10 @@ class FlangeTable:
     pictures: Sequence[str] | None  # names of the rows' pictures
     named: str = ""  # the rotation that the columns' names say
     dropped: int = 0  # rows with a missing value
+    # what the user states of the poses; by default all readings are tried
+    unit: str | None = None
+    rotation: str | None = None
+    degrees: bool | None = None
 
     @property
     def joints(self) -> JointTable:
