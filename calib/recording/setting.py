@@ -158,13 +158,11 @@ def find_sightings(
         tags are there should this one not be
     Raises LogError if the tag is there twice in more than a tenth, or nowhere.
     """
-    names: dict[int, str] = {}
-    sharp: dict[int, Tag] = {}
+    sharp: list[tuple[int, str, Tag]] = []
     marks: dict[int, Marks] = {}
     sample: list[Picture] = []
     reasons: Counter[str] = Counter()
     twice: list[str] = []
-    size = (0, 0)
     count = 0
     for number, name, grey in shots:
         count += 1
@@ -181,8 +179,7 @@ def find_sightings(
         if reason:
             reasons[reason] += 1
         else:
-            names[number] = name
-            sharp[number] = tips[0]
+            sharp.append((number, name, tips[0]))
         if len(tips) > 1:
             twice.append(name)
     if len(twice) > _MOST_TWICE * count:
@@ -192,16 +189,17 @@ def find_sightings(
         )
     if not sharp:
         raise _no_tag(setting, sample, f"{count} {what}")
+    numbers, names, tips_in_order = zip(*sharp, strict=True)
     return Sightings(
-        setting=setting,
-        what=what,
-        numbers=np.array([*sharp]),
-        names=tuple(names.values()),
-        tags=tuple(sharp.values()),
-        marks=marks,
-        reasons=reasons,
-        count=count,
-        size=size,
+        setting,
+        what,
+        np.array(numbers),
+        names,
+        tips_in_order,
+        marks,
+        reasons,
+        count,
+        size,
     )
 
 
