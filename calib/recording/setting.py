@@ -147,6 +147,22 @@ class Sightings:
             return None, frozenset()
         return find_reference(layout, self.marks, lens, self.setting.tag_height)
 
+    def document(self) -> dict[str, object]:
+        """What a log tells of pictures, tag, lens and reference, as plain values."""
+        setting = self.setting
+        reference, _ = self.reference
+        document: dict[str, object] = {
+            "size": list(self.size),
+            "tag": setting.tag,
+            "dictionary": setting.dictionary,
+            "reference": {"kind": "pixels"},
+        }
+        if setting.lens is not None:
+            document["lens"] = setting.lens.to_json()
+        if reference is not None:
+            document["reference"] = reference.to_json()
+        return document
+
 
 def find_sightings(
     shots: Iterable[Shot], setting: Setting, what: str, every: int = 1

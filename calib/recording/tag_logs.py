@@ -303,26 +303,17 @@ def _log_of(
 
     about : how they were recorded
     """
-    setting = sightings.setting
-    reference = sightings.reference[0]
-    positions = _positions(tags, setting, reference)
+    positions = _positions(tags, sightings)
     noise = np.array([tag.noise for tag in tags]) * positions.scale
-    dropped = {why: count for why, count in dropped.items() if count}
     rms = np.sqrt(np.mean(noise**2))
+    dropped = {why: count for why, count in dropped.items() if count}
     source = {
         **about,
-        "size": list(sightings.size),
-        "tag": setting.tag,
-        "dictionary": setting.dictionary,
-        "reference": {"kind": "pixels"},
+        **sightings.document(),
+        "noise": float(np.hypot(rms, positions.shared_sd)),
+        "noise_of_reference": positions.shared_sd,
+        "dropped": dropped,
     }
-    if setting.lens is not None:
-        source["lens"] = setting.lens.to_json()
-    if reference is not None:
-        source["reference"] = reference.to_json()
-    source["noise"] = float(np.hypot(rms, positions.shared_sd))
-    source["noise_of_reference"] = positions.shared_sd
-    source["dropped"] = dropped
     return Samples(
         q,
         positions.x,
@@ -335,10 +326,10 @@ def _log_of(
     )
 
 
-def _positions(
-    tags: Sequence[Tag], setting: Setting, reference: PlaneReference | None
-) -> Positions:
+def _positions(tags: Sequence[Tag], sightings: Sightings) -> Positions:
     """Where tags are: by their size, in the plane of the reference, or in pixels."""
+    setting = sightings.setting
+    reference, _ = sightings.reference
     if setting.lens is not None and setting.tag_size is not None:
         return _by_tag_size(tags, setting.lens, setting.tag_size, reference)
     pixels = np.array([tag.centre for tag in tags])
