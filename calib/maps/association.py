@@ -88,14 +88,9 @@ class Association:
             partial(wiring.activity, motor, u),
             partial(wiring.activity, sensory, v),
         )
-        return Association(
-            motor,
-            sensory,
-            wiring.link(a_i, a_j),
-            wiring,
-            _shifts(motor, a_i, u),
-            _shifts(sensory, a_j, v),
-        )
+        links = wiring.link(a_i, a_j)
+        shifts = _shifts(motor, a_i, u), _shifts(sensory, a_j, v)
+        return Association(motor, sensory, links, wiring, *shifts)
 
     def predict(self, q: Array, readout: str = "activity") -> Array:
         """Positions (n, m) that a readout gives for joints (n, dof), both in their own units."""
@@ -177,13 +172,8 @@ class Association:
         partners = self._partner_sums / total[:, None]
         inside = motor.scale.wrapped(motor.units)
         predicted = self.sensory.scale.from_unit(partners)
-        return LinearModels.of(
-            motor,
-            means,
-            predicted,
-            strength,
-            self.wiring.active_nodes(motor, inside),
-        )
+        active = self.wiring.active_nodes(motor, inside)
+        return LinearModels.of(motor, means, predicted, strength, active)
 
     @cached_property
     def _strength(self) -> Array:

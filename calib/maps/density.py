@@ -139,11 +139,8 @@ def residual(visit: Visit) -> Array:
     if visit.residual is None:
         return gain
     mean = max(float(visit.residual.mean()), 1e-300)
-    share = np.clip(
-        visit.residual / mean,
-        DENSITY.least_residual,
-        DENSITY.most_residual,
-    )
+    share = visit.residual / mean
+    share = np.clip(share, DENSITY.least_residual, DENSITY.most_residual)
     ramp = min(1.0, visit.progress / DENSITY.full)
     return gain * share**ramp
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from .lattice import Lattice
 from .map import Epoch
 from .settings import DYNAMIC
@@ -25,16 +26,12 @@ def learn_dsom(
         samples = u[rng.permutation(len(u))]
         distances = present_dsom(weights, lattice, samples)
         error = float(np.mean(distances))
-        widths = _widths(lattice, error, u.shape[1], DYNAMIC.elasticity)
+        widths = _widths(lattice, error, u.shape[1])
         yield Epoch.of(u, weights, lattice, max(widths), error)
 
 
 def present_dsom(
-    weights: Array,
-    lattice: Lattice,
-    samples: Array,
-    elasticity: float = DYNAMIC.elasticity,
-    rate: float = DYNAMIC.rate,
+    weights: Array, lattice: Lattice, samples: Array
 ) -> list[float]:
     """Show samples to a dynamic map one by one, in place; their distances to the winners.
 
@@ -47,16 +44,16 @@ def present_dsom(
     grid = weights.reshape(*lattice.shape, -1)
     distances: list[float] = []
     for x in samples:
-        from_nodes = np.linalg.norm(weights - x, axis=1)
+        from_nodes = row_lengths(weights - x)
         winner = int(from_nodes.argmin())
         distance = float(from_nodes[winner])
         distances.append(distance)
         if distance == 0.0:
             continue  # the source: h is zero where the winner stands on the sample
-        widths = _widths(lattice, distance, dim, elasticity)
+        widths = _widths(lattice, distance, dim)
         window, h = lattice.around(winner, *widths)
         in_window = from_nodes.reshape(lattice.shape)[window]
-        step = rate * h * in_window / math.sqrt(dim)
+        step = DYNAMIC.rate * h * in_window / math.sqrt(dim)
         gap = x - grid[window]
         grid[window] += step[..., None] * gap
     return distances
@@ -66,8 +63,7 @@ def _widths(
     lattice: Lattice,
     distance: float,
     dim: int,
-    elasticity: float,
 ) -> tuple[float, ...]:
     """Sigma along each axis [nodes] at a distance to the winner, of a lattice of unit sides."""
-    wide = elasticity * distance / math.sqrt(2.0 * dim)
+    wide = DYNAMIC.elasticity * distance / math.sqrt(2.0 * dim)
     return tuple(wide * (n - 1) for n in lattice.shape)

@@ -103,13 +103,7 @@ def present_gng(
     second = nodes[:, 1]
     error = distance**2
     if gain is not None:
-        visit = Visit(
-            progress,
-            winner,
-            distance,
-            gas.weights,
-            gas.graph,
-        )
+        visit = Visit(progress, winner, distance, gas.weights, gas.graph)
         error = error * gain(visit)
     gas.error = gas.error + group_sums(winner, error, n)
     gas.error = gas.error * decay ** len(samples)

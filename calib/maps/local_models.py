@@ -74,25 +74,20 @@ def fit(
     share = distance[:, :-1] / radius
     kernel = (1.0 - share**2) ** 2
     ring = _ring(motor, nodes) / radius[..., None]
+    reach = np.full(motor.size, motor.spacing)
+    reach[nodes] = radius[:, 0]
     dof = u.shape[1]
     terms = len(exponents(dof, shape.degree))
     width = residual.shape[1]
     coefficients = np.zeros((motor.size, terms, width))
-    shaky = np.arange(len(nodes))
-    for lower in range(shape.degree, -1, -1):
-        models, variance = _polynomials(
-            exponents(dof, lower),
-            z[shaky],
-            kernel[shaky],
-            residual[near[shaky]],
-            ring[shaky],
-        )
+    around = [z, kernel, residual[near], ring]
+    for degree in range(shape.degree, -1, -1):
+        models, variance = _polynomials(exponents(dof, degree), *around)
         firm = (variance < LOCAL.firm).all(axis=1)
-        fitted = nodes[shaky[firm]]
-        coefficients[fitted, : models.shape[1]] = models[firm]
-        shaky = shaky[~firm]
-    reach = np.full(motor.size, motor.spacing)
-    reach[nodes] = radius[:, 0]
+        coefficients[nodes[firm], : models.shape[1]] = models[firm]
+        # a lower degree for the rest
+        nodes = nodes[~firm]
+        around = [part[~firm] for part in around]
     return LocalModels(shape.degree, near.shape[1], reach, coefficients)
 
 

@@ -13,7 +13,7 @@ from ..body.covariance import NORMAL_95
 from ..body.curves import HARMONICS
 from ..body.views import LEAST_DEPTH
 from ..common.arrays import Array
-from ..common.rows import spread_rows
+from ..common.rows import row_lengths, spread_rows
 from ..errors import CalibError
 from ..inverse.settings import SOLVER
 from ..inverse.ways import distinct
@@ -111,7 +111,7 @@ def body_arm(arm: KernelArm) -> Section:
     if arm.flex is not None and arm.flex.any():
         tables |= _flex(arm, arm.flex)
     links = np.vstack([arm.links.strides[1:-1, :, 0], arm.links.tip[0]])
-    length = float(np.linalg.norm(links, axis=1).sum())
+    length = float(row_lengths(links).sum())
     words = {
         "out": arm.outputs,
         "chain": arm.chain.joints,
