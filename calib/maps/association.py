@@ -88,9 +88,14 @@ class Association:
             partial(wiring.activity, motor, u),
             partial(wiring.activity, sensory, v),
         )
-        links = wiring.link(a_i, a_j)
-        shifts = _shifts(motor, a_i, u), _shifts(sensory, a_j, v)
-        return Association(motor, sensory, links, wiring, *shifts)
+        return Association(
+            motor,
+            sensory,
+            wiring.link(a_i, a_j),
+            wiring,
+            _shifts(motor, a_i, u),
+            _shifts(sensory, a_j, v),
+        )
 
     def predict(self, q: Array, readout: str = "activity") -> Array:
         """Positions (n, m) that a readout gives for joints (n, dof), both in their own units."""
@@ -172,8 +177,13 @@ class Association:
         partners = self._partner_sums / total[:, None]
         inside = motor.scale.wrapped(motor.units)
         predicted = self.sensory.scale.from_unit(partners)
-        active = self.wiring.active_nodes(motor, inside)
-        return LinearModels.of(motor, means, predicted, strength, active)
+        return LinearModels.of(
+            motor,
+            means,
+            predicted,
+            strength,
+            self.wiring.active_nodes(motor, inside),
+        )
 
     @cached_property
     def _strength(self) -> Array:
@@ -220,7 +230,8 @@ def _shifts(network: Map, activity: csr_array, u: Array) -> Array:
     rows = entry_rows(activity.indptr)
     nodes = activity.indices
     a = activity.data
-    gap = network.scale.difference(u[rows], network.units[nodes])
+    places = network.units[nodes]
+    gap = network.scale.difference(u[rows], places)
     pulls = a[:, None] * gap
     offsets = group_sums(nodes, pulls, network.size)
     total = group_sums(nodes, a, network.size)

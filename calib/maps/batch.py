@@ -204,9 +204,15 @@ def learn_batch(
             winner = winners[:, 0]
             g = np.ones(len(rows))
             if gain is not None and progress is not None:
-                nearest = winner[log_order], distance[log_order]
                 visit = Visit(
-                    progress, *nearest, weights, lattice, wrong, sigma, per_node
+                    progress,
+                    winner[log_order],
+                    distance[log_order],
+                    weights,
+                    lattice,
+                    wrong,
+                    sigma,
+                    per_node,
                 )
                 g[log_order] = gain(visit)  # eq. 7 and 8
             topographic = topographic_error(samples, tree, lattice)

@@ -139,8 +139,11 @@ def residual(visit: Visit) -> Array:
     if visit.residual is None:
         return gain
     mean = max(float(visit.residual.mean()), 1e-300)
-    share = visit.residual / mean
-    share = np.clip(share, DENSITY.least_residual, DENSITY.most_residual)
+    share = np.clip(
+        visit.residual / mean,
+        DENSITY.least_residual,
+        DENSITY.most_residual,
+    )
     ramp = min(1.0, visit.progress / DENSITY.full)
     return gain * share**ramp
 

@@ -20,7 +20,8 @@ def learn_dsom(
 ) -> Iterator[Epoch]:
     """Train a dynamic map, whose rate and radius follow the distance of a sample to its winner."""
     # from one place it unfolds; scattered nodes are close to every sample and stay put
-    noise = rng.random((lattice.size, u.shape[1])) - 0.5
+    shape = lattice.size, u.shape[1]
+    noise = rng.random(shape) - 0.5
     weights = 0.5 + 0.01 * noise
     for _ in range(epochs):
         samples = u[rng.permutation(len(u))]

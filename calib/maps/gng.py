@@ -103,7 +103,13 @@ def present_gng(
     second = nodes[:, 1]
     error = distance**2
     if gain is not None:
-        visit = Visit(progress, winner, distance, gas.weights, gas.graph)
+        visit = Visit(
+            progress,
+            winner,
+            distance,
+            gas.weights,
+            gas.graph,
+        )
         error = error * gain(visit)
     gas.error = gas.error + group_sums(winner, error, n)
     gas.error = gas.error * decay ** len(samples)
@@ -170,7 +176,8 @@ def _remove_old_edges(gas: Gas) -> None:
         return
     gas.pairs = gas.pairs[young]
     gas.age = gas.age[young]
-    edges = np.bincount(gas.pairs.ravel(), minlength=len(gas.weights))
+    ends = gas.pairs.ravel()
+    edges = np.bincount(ends, minlength=len(gas.weights))
     joined = edges > 0
     new_number = np.cumsum(joined) - 1
     gas.weights = gas.weights[joined]

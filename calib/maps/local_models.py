@@ -66,7 +66,8 @@ def fit(
     u, residual : (n, d), (n, o), samples in the unit box and what the smooth part leaves over
     """
     places = motor.units[nodes]
-    distance, index = nearest_points(u, motor.scale, places, shape.samples + 1)
+    count = shape.samples + 1
+    distance, index = nearest_points(u, motor.scale, places, count)
     near = index[:, :-1]
     radius = np.maximum(distance[:, -1:], 1e-12)
     offsets = motor.scale.difference(u[near], places[:, None])
@@ -74,20 +75,25 @@ def fit(
     share = distance[:, :-1] / radius
     kernel = (1.0 - share**2) ** 2
     ring = _ring(motor, nodes) / radius[..., None]
-    reach = np.full(motor.size, motor.spacing)
-    reach[nodes] = radius[:, 0]
     dof = u.shape[1]
     terms = len(exponents(dof, shape.degree))
     width = residual.shape[1]
     coefficients = np.zeros((motor.size, terms, width))
-    around = [z, kernel, residual[near], ring]
-    for degree in range(shape.degree, -1, -1):
-        models, variance = _polynomials(exponents(dof, degree), *around)
+    shaky = np.arange(len(nodes))
+    for lower in range(shape.degree, -1, -1):
+        models, variance = _polynomials(
+            exponents(dof, lower),
+            z[shaky],
+            kernel[shaky],
+            residual[near[shaky]],
+            ring[shaky],
+        )
         firm = (variance < LOCAL.firm).all(axis=1)
-        coefficients[nodes[firm], : models.shape[1]] = models[firm]
-        # a lower degree for the rest
-        nodes = nodes[~firm]
-        around = [part[~firm] for part in around]
+        fitted = nodes[shaky[firm]]
+        coefficients[fitted, : models.shape[1]] = models[firm]
+        shaky = shaky[~firm]
+    reach = np.full(motor.size, motor.spacing)
+    reach[nodes] = radius[:, 0]
     return LocalModels(shape.degree, near.shape[1], reach, coefficients)
 
 

@@ -149,7 +149,8 @@ class Map:
         u = self.scale.to_unit(np.atleast_2d(x))
         index = self.nearest(u)[1][:, 0]
         gap = self.scale.difference(u, self.units[index])
-        distance = row_lengths(gap * self.scale.span)
+        way = gap * self.scale.span
+        distance = row_lengths(way)
         return float(distance.mean())
 
     def topographic_error(self, x: Array) -> float:

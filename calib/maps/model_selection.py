@@ -49,7 +49,8 @@ def follows_the_motion(x: Array, residual: Array) -> bool:
     distance = row_lengths(residual)
     size = float(np.median(distance))
     parts = blocks(len(x), SELECTION.parts)
-    means = np.array([along[part].mean() for part in parts])
+    means_of_parts = [along[part].mean() for part in parts]
+    means = np.array(means_of_parts)
     deviation = float(means.std())
     chance = deviation / np.sqrt(len(means))
     threshold = max(SELECTION.sure * chance, SELECTION.along * size)

@@ -14,7 +14,6 @@ For each sample x `VDSOM.show` does, in turn,
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,24 +64,26 @@ class Layer:
         return Map(self.weights, self.lattice, self.scale, no_history)
 
     def learn(
-        self, x: Array, rate: float, sigma: float, progress: float
+        self,
+        x: Array,
+        alpha: float,
+        sigma: float,
+        gain: float,
+        progress: float,
     ) -> float:
-        """Learn from a sample (d,) in the unit box; return its distance to the winner.
-
-        rate : alpha g, before its limit of 1
-        """
+        """Learn from a sample (d,) in the unit box; return its distance to the winner."""
         gaps = self._w - x[:, None]
         squares = (gaps**2).sum(axis=0)
         winner = int(squares.argmin())  # eq. 1
         w = self._w.reshape(-1, *self.lattice.shape)
         if self.gain is as_printed:
             h_of_all = self._printed_h(winner, sigma, progress)
-            step = np.asarray(min(rate * h_of_all, 1.0))
+            step = np.asarray(min(alpha * h_of_all, 1.0))
         else:
             window, h = self.lattice.around(winner, sigma)  # eq. 3
             w = w[(slice(None), *window)]
             # beyond 1 the nodes around a winner would all jump to the sample
-            step = min(rate, 1.0) * h  # eq. 8
+            step = min(alpha * gain, 1.0) * h  # eq. 8
         axes = (1,) * self.lattice.dim
         sample = x.reshape(-1, *axes)
         w += step * (sample - w)  # eq. 2
@@ -105,10 +106,6 @@ class Layer:
         growth = (progress / rho) ** 4
         return float(growth * np.exp(-progress / sigma**2))
 
-    def epoch(self, x: Array, sigma: float, error: float) -> Epoch:
-        """The state after a pass over all samples (n, d)."""
-        return Epoch.of(x, self.weights, self.lattice, sigma, error)
-
     def gains(
         self,
         x: Array,
@@ -120,9 +117,15 @@ class Layer:
             return np.ones(len(x))
         weights = self.weights
         distances, winners = nearest_nodes(search_tree(weights), x)
-        nearest = winners[:, 0], distances[:, 0]
-        visit = Visit(progress, *nearest, weights, self.lattice)
-        visit = replace(visit, sigma=sigma, per_node=self.per_node)
+        visit = Visit(
+            progress,
+            winners[:, 0],
+            distances[:, 0],
+            weights,
+            self.lattice,
+            sigma=sigma,
+            per_node=self.per_node,
+        )
         return self.gain(visit)
 
     def activity(
@@ -180,12 +183,14 @@ class VDSOM:
             squared_widths = self._squared_widths()
             gains = self._gains(samples, rates, chunk)
             for k in chunk:
-                progress = float(rates.progress[k])
                 for m, layer in enumerate(self.layers):
-                    x = samples[m][k]
-                    rate = float(rates.alpha[k] * gains[m][k - first])
-                    sigma = float(rates.sigma[m][k])
-                    distances[m][k] = layer.learn(x, rate, sigma, progress)
+                    distances[m][k] = layer.learn(
+                        samples[m][k],
+                        alpha=float(rates.alpha[k]),
+                        sigma=float(rates.sigma[m][k]),
+                        gain=float(gains[m][k - first]),
+                        progress=float(rates.progress[k]),
+                    )
                 if self.wiring is not None:
                     motor, sensory = (
                         layer.activity(x[k], width)
@@ -288,9 +293,15 @@ def passes(
         rates = Rates.training(t, sigma, epochs * n, len(points))
         samples = [x[order] for x in points]
         distances = net.show(samples, rates)
-        maps = []
-        for m, layer in enumerate(net.layers):
-            radius = float(rates.sigma[m][-1])
-            error = float(distances[m].mean())
-            maps.append(layer.epoch(points[m], radius, error))
-        yield maps
+        yield [
+            Epoch.of(
+                x,
+                layer.weights,
+                layer.lattice,
+                float(radius[-1]),
+                float(distance.mean()),
+            )
+            for x, layer, radius, distance in zip(
+                points, net.layers, rates.sigma, distances, strict=True
+            )
+        ]
