@@ -30,14 +30,14 @@ from .problem import Problem
 from .rig import CameraPlace, HandEye, LensFacts, Place, Square
 
 
-def solve_rig(problem: Problem, frames: tuple[str, str]) -> HandEye:
-    """The rig that fits the pictures; `frames` are the names of base and flange.
+def solve_rig(problem: Problem) -> HandEye:
+    """The rig that fits the pictures.
 
     Raises LogError where too few pictures agree.
     """
     fit, agreeing = consensus(problem)
     rig_fit = RigFit(problem, fit, agreeing)
-    rig = rig_fit.rig(frames)
+    rig = rig_fit.rig()
     rig = replace(
         rig,
         limited_by=limit_of(problem, rig, agreeing),
@@ -54,8 +54,8 @@ class RigFit:
     fit: CornerFit
     agreeing: Mask  # (n,), motions that the fit rests on
 
-    def rig(self, frames: tuple[str, str]) -> HandEye:
-        """The rig, but for notes and log; `frames` are the names of base and flange."""
+    def rig(self) -> HandEye:
+        """The rig, but for notes and log."""
         problem = self.problem
         bundle = problem.bundle
         first = problem.views[0]
@@ -87,7 +87,7 @@ class RigFit:
             left_out=problem.pictures_at(~self.agreeing),
             cameras=tuple(map(self.camera, cameras)),
             convention=None if choice is None else choice.convention,
-            frames=frames,
+            frames=problem.frames,
             names=problem.names,
             flange=bundle.motions.poses(arm),
             misses=misses,
