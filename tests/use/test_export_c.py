@@ -88,6 +88,9 @@ def questions(model, n):
 def test_the_header_agrees_with_the_model(kind, language, tmp_path):
     m = model(kind)
     assert (m.predictor.models.degree >= 0) == (kind == "local")
+    text = header(m, False)
+    tables = re.findall(r"static const \w+ (\w+)", text)
+    assert all(len(re.findall(rf"\b{name}\b", text)) > 1 for name in tables)  # each is read
     q = questions(m, 2_000)
     x, bound, slope, _ = answers(m, q, tmp_path, language)
     wanted = m.forward(q)
