@@ -126,7 +126,6 @@ def record_tag(
             path,
             table,
             setting,
-            revolute=[name not in joints.prismatic for name in table.names],
             **vars(moving),
         )
     else:
