@@ -17,6 +17,7 @@ from ..arm.rigid import (
     turn_of,
 )
 from ..arm.rotations import quaternion_of
+from ..body.covariance import Z95
 from ..body.sensor_pose import SensorPose, hand_pose
 from ..common.arrays import Array, Index, Mask
 from ..samples.lens import Lens
@@ -129,7 +130,7 @@ class RigFit:
         from scipy.special import stdtrit
 
         if self.problem.arm and self.fit.freedom < len(self.agreeing):
-            return 1.96  # the joints are as good as exact
+            return Z95  # the joints are as good as exact
         return float(stdtrit(max(self.fit.freedom, 3.0), 0.975))
 
     @cached_property

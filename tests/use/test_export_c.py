@@ -154,7 +154,7 @@ def test_six_joints_are_corrected_to_the_nominal_pose(tmp_path):
 
 def test_a_model_without_a_body_is_refused(run, tmp_path):
     trained(n=100, size=3, body="none").save(tmp_path / "m.calib")
-    run.refused(1, "body", f"export {tmp_path}/m.calib -o {tmp_path}/arm.h")
+    run.refused(1, "has no body", f"export {tmp_path}/m.calib -o {tmp_path}/arm.h")
 
 
 @needs_compiler
