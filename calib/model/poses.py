@@ -123,10 +123,11 @@ class Goals:
         if not in_base:
             position, rotation = space.to_sensor(position, rotation)
             distance = space.sensor[2] * distance
+        turn = quaternion_of(rotation)
         place = position, distance
-        turn = quaternion_of(rotation), angle
         unknown = np.full(len(q), np.nan)
-        return Answer(q, *place, unknown, unknown, reached, target, *turn)
+        bounds = unknown, unknown
+        return Answer(q, *place, *bounds, reached, target, turn, angle)
 
 
 def pose_in_sensor(
@@ -154,8 +155,9 @@ def _rotations(quaternion: ArrayLike, n: int) -> Array:
     """Matrices (n, 3, 3) of quaternions (n, 4)."""
     rows = rows_for(quaternion, QUATERNION, "quaternion", n)
     length = row_lengths(rows)
-    if (np.abs(length - 1.0) > ROUNDING).any():  # files round to a few digits
-        row = int(np.argmax(np.abs(length - 1.0)))
+    off = np.abs(length - 1.0)
+    if (off > ROUNDING).any():  # files round to a few digits
+        row = int(np.argmax(off))
         raise QueryError(
             f"the quaternion of row {row + 1} has length {length[row]:.4g}: expected length "
             "1, in the order qx, qy, qz, qw"
