@@ -140,6 +140,7 @@ CONTRACT = [
     ("evaluate m.calib", 0, EVALUATED),
     ("evaluate m.calib --data same.csv", 0, EVALUATED),
     ("evaluate m.calib --data moved.csv", 3, EVALUATED),
+    ("evaluate m.calib --data same.csv --frame free", 0, EVALUATED),
     ("evaluate m.calib --data twice.csv --iso9283", 0, EVALUATED | {"iso9283": ISO9283}),
     ("query forward m.calib .5 1", 0, POSITION),
     ("query forward m.calib .5 9", 3, POSITION),
@@ -236,6 +237,7 @@ FAILS = "THE BOUND DOES NOT HOLD"
 @pytest.mark.parametrize(
     ("line", "code", "first"),
     [
+        ("train two_link --data same.csv --size 2 --body none", 3, "TOO COARSE TO ANSWER"),
         ("info bad.calib", 3, FAILS),
         ("evaluate bad.calib", 3, FAILS),
         ("report bad.calib -o r.html", 3, FAILS),
@@ -315,6 +317,15 @@ def test_a_log_of_another_unit_or_frame_is_told(run, tmp_path, factor, offset):
     assert "check the log's unit before calib adapt" in looked.out
     assert "sensor units" in looked.out
     assert "`" not in looked.out
+
+
+def test_a_log_of_a_simulated_arm_is_judged_as_a_log(run, tmp_path):
+    log = calib.babble(calib.load_arm("two_link"), 40, seed=8, noise=1e-3)
+    rows = np.hstack([log.q, log.x])
+    path = table(tmp_path / "log.csv", ["shoulder", "elbow", "x", "y"], rows)
+    assert "simulated noise" not in run(f"evaluate m.calib --data {path}").out
+    path = table(path, ["elbow", "shoulder", "x", "y"], rows)
+    run.refused(1, "error: the log fits the robot only if", f"check m.calib --data {path}")
 
 
 def test_a_planar_log_without_a_tip_is_told_whose_positions_it_has(run, tmp_path):
