@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..common.arrays import Array, Index
+from ..common.arrays import Array
 from ..common.choices import MAPS
 from ..errors import ModelError, OptionError
 from ..maps.density import gain_of
@@ -18,6 +18,7 @@ from ..maps.links import without_weak
 from ..maps.map import Map
 from ..maps.rates import Rates
 from ..maps.vdsom import VDSOM, Layer
+from ..model.baseline import usual_at_nodes
 from ..model.model import Model
 from .settle import settled_model
 
@@ -46,9 +47,43 @@ class FollowSettings:
     at_rest: float = 1.2
     # standard deviations of a running mean that are no chance
     no_chance: float = 4.0
+    # times its usual error, from which the links' is unusual
+    unusual: float = 2.0
+    # joint values at which a model says what is usual
+    drawn: int = 10_000
 
 
 FOLLOW = FollowSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Usual:
+    """What samples of an unchanged arm show, by the nodes that win."""
+
+    zeta: (
+        Array  # (places,), squared distance to a sensory node, in the unit box
+    )
+    error: Array  # (nodes,), error of the links at a motor node [unit]
+    spread: Array  # (2,), variances of both over what is expected
+
+    @staticmethod
+    def of(model: Model) -> Usual:
+        """What a model expects: rows that its maps were trained on are nearer than others."""
+        assert model.baseline is not None  # noqa: S101 - refused before
+        rng = np.random.default_rng(model.about.seed)
+        u = rng.random((FOLLOW.drawn, len(model.about.lower)))
+        x = model.predictor.value(u)
+        x += model.baseline.noise * rng.standard_normal(x.shape)
+        v = model.sensory.scale.to_unit(x)
+        distance, place = model.sensory.nearest(v)
+        zeta, zeta_spread = usual_at_nodes(
+            distance[:, 0] ** 2, place[:, 0], model.sensory.size
+        )
+        residual = model.association.forward(u, "activity") - v
+        errors = np.linalg.norm(residual * model.sensory.scale.span, axis=1)
+        node = model.motor.nearest(u)[1][:, 0]
+        error, spread = usual_at_nodes(errors, node, model.motor.size)
+        return Usual(zeta, error, np.array([zeta_spread, spread]))
 
 
 @dataclass(frozen=True)
@@ -120,7 +155,7 @@ class OnlineAdapter:
                 "the model has no baseline of its distortions: train it again"
             )
         self._model = model
-        self._baseline = model.baseline
+        self._usual = Usual.of(model)
         self._horizon = horizon
         self._force = force
         self._vdsom = _vdsom_of(model)
@@ -128,8 +163,11 @@ class OnlineAdapter:
         self._since = -1  # samples since a change was noticed, -1 before
         # radii of the motor and the sensory map from which sigma decays [nodes]
         self._starts = [FOLLOW.sigma_end, FOLLOW.sigma_end]
-        # running means: distortions of the motor and the sensory map, and the error
+        # running means: distortions of the motor and the sensory map, and the error;
         self._mean: Array | None = None
+        # of what is usual of the last two where the samples are, and the variance of these means
+        self._expected = np.zeros(2)
+        self._variance = np.zeros(2)
         # latest samples since the change, block by block
         self._q: list[Array] = []
         self._x: list[Array] = []
@@ -157,24 +195,41 @@ class OnlineAdapter:
     def _feed(self, u: Array, v: Array) -> Step:
         """Take one block, (n, dof) and (n, m) in the unit boxes."""
         motor, sensory = self._maps()
-        winner_distance, winner = sensory.nearest(v)
-        zeta_motor = (motor.nearest(u)[0] ** 2).mean()  # eq. 9
-        zeta_sensory = (winner_distance[:, 0] ** 2).mean()
+        motor_distance, node = motor.nearest(u)
+        sensory_distance, place = sensory.nearest(v)
+        zeta_motor = (motor_distance[:, 0] ** 2).mean()  # eq. 9
+        zeta_sensory = (sensory_distance[:, 0] ** 2).mean()
         latest = np.array([zeta_motor, zeta_sensory, self._error(u, v)])
-        before = latest if self._mean is None else self._mean
+        usual = self._usual
+        expected = np.array(
+            [usual.zeta[place[:, 0]].mean(), usual.error[node[:, 0]].mean()]
+        )
+        # an arm that hardly moves is seen again and again
+        variance = usual.spread / len(np.unique(node[:, 0]))
+
         weight = min(1.0, len(u) / FOLLOW.window)
-        mean = before + weight * (latest - before)
-        self._mean = mean
-        threshold = self._largest_distortion(sensory, winner[:, 0])
+        if self._mean is None:
+            self._mean = latest
+            self._expected = expected
+            self._variance = variance
+        else:
+            self._mean = self._mean + weight * (latest - self._mean)
+            self._expected = self._expected + weight * (
+                expected - self._expected
+            )
+            self._variance = (
+                1 - weight
+            ) ** 2 * self._variance + weight**2 * variance
+        threshold, largest_error = self._thresholds(sensory)
         self._seen += len(u)
-        mean_motor, mean_sensory, error = mean.tolist()
+        mean_motor, mean_sensory, error = self._mean.tolist()
+        departed = mean_sensory > threshold or error > largest_error
+        departed = departed and self._seen >= FOLLOW.window / 2
 
         rows = slice(None)
-        if self._since < 0 and (
-            self._force or self._is_unusual(threshold, mean_sensory, error)
-        ):
+        if self._since < 0 and (self._force or departed):
             self._since = 0
-            self._reset_sigma(np.maximum(mean, latest))
+            self._reset_sigma(np.maximum(self._mean, latest))
             if not self._force:  # this block may have begun before the change
                 rows = slice(0)
         rates = (0.0, 0.0, 0.0)
@@ -207,25 +262,14 @@ class OnlineAdapter:
             radius = matching_sigma(network, math.sqrt(zeta[k]))
             self._starts[k] = max(FOLLOW.sigma_end, radius)
 
-    def _largest_distortion(self, sensory: Map, winner: Index) -> float:
-        """Sensory distortion that samples of some winners exceed by chance next to never."""
-        variance = self._baseline.spread[1] / FOLLOW.window
-        chance = FOLLOW.no_chance * math.sqrt(variance)
+    def _thresholds(self, sensory: Map) -> tuple[float, float]:
+        """Sensory distortion and error that an unchanged arm exceeds by chance next to never."""
+        chance = 1.0 + FOLLOW.no_chance * np.sqrt(self._variance)
+        zeta, error = self._expected * np.maximum(chance, [1.0, FOLLOW.unusual])
         # distances scale with the lattice: a larger arm's nodes stand further apart
         size = (sensory.spacing / self._model.sensory.spacing) ** 2
         at_rest = FOLLOW.at_rest if self._since >= 0 else 1.0
-        size *= at_rest * (1.0 + chance)
-        return float(self._baseline.sensory[winner].mean()) * size
-
-    def _is_unusual(self, threshold: float, zeta: float, error: float) -> bool:
-        """Whether the distortion (eq. 9) or the links' residual left what is usual."""
-        errors = self._model.about.errors
-        usual = math.inf
-        if errors:
-            usual = errors["activity"]["forward"]["distance"]["mean"]
-        largest_error = 2.0 * (usual + self._baseline.noise)
-        departed = zeta > threshold or error > largest_error
-        return departed and self._seen >= FOLLOW.window / 2
+        return float(zeta * size * at_rest), float(error)
 
     def _learn(
         self, u: Array, v: Array, rows: slice
