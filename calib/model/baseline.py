@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from ..common.arrays import Array, Index, ReadOnly, Shape
+from ..common.arrays import Array, ReadOnly, Shape
 from ..common.scale import Scale
 from ..maps.association import Association
 from ..maps.map import Map, nearest_points
@@ -128,23 +128,14 @@ def _zeta(network: Map, points: Array, expected: Array) -> Signal:
 
 def _usual_squares(network: Map, points: Array) -> tuple[Array, float]:
     distance, winner = (part[:, 0] for part in network.nearest(points))
-    return usual_at_nodes(distance**2, winner, network.size)
-
-
-def usual_at_nodes(
-    values: Array, winner: Index, size: int
-) -> tuple[Array, float]:
-    """Expected value (size,) at each node of samples (n,), and the variance of value over expected.
-
-    winner : (n,), the node of each sample
-    """
-    count = np.bincount(winner, minlength=size)
-    total = np.bincount(winner, values, minlength=size)
+    square = distance**2
+    count = np.bincount(winner, minlength=network.size)
+    total = np.bincount(winner, square, minlength=network.size)
     # of unvisited nodes and of few samples: the mean of all, or the least that is not zero
-    mean = max(float(values.mean()), 1e-24)
+    mean = max(float(square.mean()), 1e-24)
     expected = (total + _PRIOR * mean) / (count + _PRIOR)
     expected = _in_file(expected)
-    return expected, float(np.var(values / expected[winner]))
+    return expected, float(np.var(square / expected[winner]))
 
 
 def _in_file(values: Array) -> Array:

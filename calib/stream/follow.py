@@ -18,7 +18,6 @@ from ..maps.links import without_weak
 from ..maps.map import Map
 from ..maps.rates import Rates
 from ..maps.vdsom import VDSOM, Layer
-from ..model.baseline import usual_at_nodes
 from ..model.model import Model
 from .settle import settled_model
 
@@ -49,41 +48,9 @@ class FollowSettings:
     no_chance: float = 4.0
     # times its usual error, from which the links' is unusual
     unusual: float = 2.0
-    # joint values at which a model says what is usual
-    drawn: int = 10_000
 
 
 FOLLOW = FollowSettings()
-
-
-@dataclass(frozen=True, eq=False)
-class Usual:
-    """What samples of an unchanged arm show, by the nodes that win."""
-
-    zeta: (
-        Array  # (places,), squared distance to a sensory node, in the unit box
-    )
-    error: Array  # (nodes,), error of the links at a motor node [unit]
-    spread: Array  # (2,), variances of both over what is expected
-
-    @staticmethod
-    def of(model: Model) -> Usual:
-        """What a model expects: rows that its maps were trained on are nearer than others."""
-        assert model.baseline is not None  # noqa: S101 - refused before
-        rng = np.random.default_rng(model.about.seed)
-        u = rng.random((FOLLOW.drawn, len(model.about.lower)))
-        x = model.predictor.value(u)
-        x += model.baseline.noise * rng.standard_normal(x.shape)
-        v = model.sensory.scale.to_unit(x)
-        distance, place = model.sensory.nearest(v)
-        zeta, zeta_spread = usual_at_nodes(
-            distance[:, 0] ** 2, place[:, 0], model.sensory.size
-        )
-        residual = model.association.forward(u, "activity") - v
-        errors = np.linalg.norm(residual * model.sensory.scale.span, axis=1)
-        node = model.motor.nearest(u)[1][:, 0]
-        error, spread = usual_at_nodes(errors, node, model.motor.size)
-        return Usual(zeta, error, np.array([zeta_spread, spread]))
 
 
 @dataclass(frozen=True)
@@ -155,7 +122,7 @@ class OnlineAdapter:
                 "the model has no baseline of its distortions: train it again"
             )
         self._model = model
-        self._usual = Usual.of(model)
+        self._baseline = model.baseline
         self._horizon = horizon
         self._force = force
         self._vdsom = _vdsom_of(model)
@@ -163,11 +130,10 @@ class OnlineAdapter:
         self._since = -1  # samples since a change was noticed, -1 before
         # radii of the motor and the sensory map from which sigma decays [nodes]
         self._starts = [FOLLOW.sigma_end, FOLLOW.sigma_end]
-        # running means: distortions of the motor and the sensory map, and the error;
+        # running means: distortions of the motor and the sensory map, and the error
         self._mean: Array | None = None
-        # of what is usual of the last two where the samples are, and the variance of these means
+        # of the last two, as an unchanged arm would show them
         self._expected = np.zeros(2)
-        self._variance = np.zeros(2)
         # latest samples since the change, block by block
         self._q: list[Array] = []
         self._x: list[Array] = []
@@ -195,31 +161,16 @@ class OnlineAdapter:
     def _feed(self, u: Array, v: Array) -> Step:
         """Take one block, (n, dof) and (n, m) in the unit boxes."""
         motor, sensory = self._maps()
-        motor_distance, node = motor.nearest(u)
-        sensory_distance, place = sensory.nearest(v)
-        zeta_motor = (motor_distance[:, 0] ** 2).mean()  # eq. 9
-        zeta_sensory = (sensory_distance[:, 0] ** 2).mean()
+        zeta_motor = (motor.nearest(u)[0] ** 2).mean()  # eq. 9
+        zeta_sensory = (sensory.nearest(v)[0] ** 2).mean()
         latest = np.array([zeta_motor, zeta_sensory, self._error(u, v)])
-        usual = self._usual
-        expected = np.array(
-            [usual.zeta[place[:, 0]].mean(), usual.error[node[:, 0]].mean()]
-        )
-        # an arm that hardly moves is seen again and again
-        variance = usual.spread / len(np.unique(node[:, 0]))
-
-        weight = min(1.0, len(u) / FOLLOW.window)
+        expected = self._expected_at(u)
         if self._mean is None:
             self._mean = latest
             self._expected = expected
-            self._variance = variance
-        else:
-            self._mean = self._mean + weight * (latest - self._mean)
-            self._expected = self._expected + weight * (
-                expected - self._expected
-            )
-            self._variance = (
-                1 - weight
-            ) ** 2 * self._variance + weight**2 * variance
+        weight = min(1.0, len(u) / FOLLOW.window)
+        self._mean = self._mean + weight * (latest - self._mean)
+        self._expected = self._expected + weight * (expected - self._expected)
         threshold, largest_error = self._thresholds(sensory)
         self._seen += len(u)
         mean_motor, mean_sensory, error = self._mean.tolist()
@@ -262,14 +213,30 @@ class OnlineAdapter:
             radius = matching_sigma(network, math.sqrt(zeta[k]))
             self._starts[k] = max(FOLLOW.sigma_end, radius)
 
+    def _expected_at(self, u: Array) -> Array:
+        """Sensory distortion and error of an unchanged arm at joints (n, dof) in the unit box.
+
+        Where these are counts: along a path, or at rest, both may be twice those of all joints.
+        """
+        model = self._model
+        span = model.sensory.scale.span
+        v = model.sensory.scale.to_unit(model.predictor.value(u))
+        noise = self._baseline.noise
+        distance = model.sensory.nearest(v)[0]
+        zeta = (distance**2).mean() + ((noise / span) ** 2).sum()
+        links = model.association.forward(u[:: FOLLOW.glance], "activity")
+        residual = (links - v[:: FOLLOW.glance]) * span
+        return np.array([zeta, np.linalg.norm(residual, axis=1).mean() + noise])
+
     def _thresholds(self, sensory: Map) -> tuple[float, float]:
         """Sensory distortion and error that an unchanged arm exceeds by chance next to never."""
-        chance = 1.0 + FOLLOW.no_chance * np.sqrt(self._variance)
-        zeta, error = self._expected * np.maximum(chance, [1.0, FOLLOW.unusual])
+        variance = self._baseline.spread[1] / FOLLOW.window
+        chance = 1.0 + FOLLOW.no_chance * math.sqrt(variance)
         # distances scale with the lattice: a larger arm's nodes stand further apart
         size = (sensory.spacing / self._model.sensory.spacing) ** 2
         at_rest = FOLLOW.at_rest if self._since >= 0 else 1.0
-        return float(zeta * size * at_rest), float(error)
+        zeta, error = self._expected.tolist()
+        return zeta * size * at_rest * chance, FOLLOW.unusual * error
 
     def _learn(
         self, u: Array, v: Array, rows: slice
