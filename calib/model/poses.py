@@ -130,11 +130,20 @@ def free_axis(name: str | None) -> int | None:
 def _rotations(quaternion: ArrayLike, n: int) -> Array:
     """Matrices (n, 3, 3) of quaternions (n, 4)."""
     rows = rows_for(quaternion, QUATERNION, "quaternion", n)
-    length = np.linalg.norm(rows, axis=1)
-    if (np.abs(length - 1.0) > ROUNDING).any():  # files round to a few digits
-        row = int(np.argmax(np.abs(length - 1.0)))
-        raise QueryError(
-            f"the quaternion of row {row + 1} has length {length[row]:.4g}: expected length "
-            "1, in the order qx, qy, qz, qw"
-        )
-    return matrix_of(rows / length[:, None])
+    complaint = wrong_length(rows)
+    if complaint:
+        raise QueryError(complaint)
+    return matrix_of(rows / np.linalg.norm(rows, axis=1)[:, None])
+
+
+def wrong_length(quaternions: Array) -> str:
+    """Say which of some quaternions (n, 4) is none by its length; nothing where all are."""
+    length = np.linalg.norm(quaternions, axis=1)
+    off = np.abs(length - 1.0)
+    if not (off > ROUNDING).any():  # files round to a few digits
+        return ""
+    row = int(np.argmax(off))
+    return (
+        f"the quaternion of row {row + 1} has length {length[row]:.4g}: expected length "
+        "1, in the order qx, qy, qz, qw"
+    )
