@@ -298,8 +298,8 @@ class Model(Compilable):
 
         if quaternion is None and not self.strict:
             return None
-        if self.strict and np.shape(quaternion) == (4,):
-            complaint = wrong_length(np.asarray([quaternion], dtype=float))
+        if self.strict and quaternion is not None:
+            complaint = wrong_length(quaternion)
             if complaint:
                 return self._refusal(complaint)
         if frame == "base":

@@ -130,15 +130,16 @@ def free_axis(name: str | None) -> int | None:
 def _rotations(quaternion: ArrayLike, n: int) -> Array:
     """Matrices (n, 3, 3) of quaternions (n, 4)."""
     rows = rows_for(quaternion, QUATERNION, "quaternion", n)
-    complaint = wrong_length(rows)
+    complaint = wrong_length(rows, n)
     if complaint:
         raise QueryError(complaint)
     return matrix_of(rows / np.linalg.norm(rows, axis=1)[:, None])
 
 
-def wrong_length(quaternions: Array) -> str:
-    """Say which of some quaternions (n, 4) is none by its length; nothing where all are."""
-    length = np.linalg.norm(quaternions, axis=1)
+def wrong_length(quaternion: ArrayLike, n: int = 1) -> str:
+    """Say which of some quaternions (n, 4) is none by its length; nothing where all are one."""
+    rows = rows_for(quaternion, QUATERNION, "quaternion", n)
+    length = np.linalg.norm(rows, axis=1)
     off = np.abs(length - 1.0)
     if not (off > ROUNDING).any():  # files round to a few digits
         return ""
