@@ -104,5 +104,8 @@ def distance(said: Array, truth: Array) -> Array:
 
 
 def row(what: str, measured: float, unit: str = "", **more: Any) -> Row:
-    """A row of the table; `least` and `most` are its bar, `more` is said behind it."""
+    """A row of the table; `least` and `most` are its bar, `more` is said behind it.
+
+    `rough` is two standard errors of a quick mean, as a share of it: so near it misses no bar.
+    """
     return {"what": what, "measured": measured, "unit": unit, **more}

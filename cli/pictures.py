@@ -120,7 +120,6 @@ def record_tag(
             path,
             table,
             setting,
-            revolute=[name not in joints.prismatic for name in table.names],
             max_gap=max_gap,
             still=still,
             time_offset=time_offset,

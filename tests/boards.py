@@ -27,15 +27,12 @@ class Rig:
     pictures: int = 24
     noise: float = 0.1  # of a corner [px]
     known: bool = True  # whether the lens is known
-    robot: str = "six_axis"
-    joints: tuple[str, ...] | None = None
-    off: float = 0.2  # of joints [deg]
     last: bool = False  # whether the last joint is off, too, which no picture tells
     half_turn: bool = False  # whether what is in the hand faces back along the tip's z axis
 
     def __post_init__(self) -> None:
         rng = np.random.default_rng(self.seed)
-        self.arm = arm = calib.load_arm(self.robot, self.joints and list(self.joints))
+        self.arm = arm = calib.load_arm("six_axis")
         lens = (1000.0 + 60 * rng.standard_normal(), 645.0, 352.0, -0.08)
         self.lens = lens
         guess = (
@@ -44,7 +41,7 @@ class Rig:
         self.structure = s = structure_of(arm, "pose", lens=guess[0], lens_sd=guess[1])
         self.beta = b = s.neutral()
         b[s.groups["lens"]] = lens
-        off, end = np.radians(self.off), None if self.last else -1
+        off, end = np.radians(0.2), None if self.last else -1
         own = s.groups["offset"][1:end]
         b[own] = rng.uniform(-off, off, len(own))
         b[s.shifts] = rng.uniform(-3e-4, 3e-4, s.shifts.shape)

@@ -42,17 +42,6 @@ def planar_chain(joints: int, slide: int | None = None, reach: float = 0.6) -> s
 NO_TIP = chain_urdf(turning(), turning(), tip="0 0 0")
 
 
-def branching(inside: str, *names: str, kind: str = "revolute") -> str:
-    """Two joints and a tip; further links of these names hang on the second joint's link."""
-    text = chain_urdf(turning(), turning()).removesuffix("</robot>")
-    for name in names:
-        text += (
-            f'<link name="{name}_link"/><joint name="{name}" type="{kind}">'
-            f'<parent link="l2"/><child link="{name}_link"/>{inside}</joint>'
-        )
-    return text + "</robot>"
-
-
 LIMIT = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
 
 

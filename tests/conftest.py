@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import sys
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
@@ -9,7 +10,6 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
-from threadpoolctl import threadpool_limits
 
 import calib
 
@@ -18,6 +18,8 @@ settings.register_profile(
     "calib", deadline=None, derandomize=True, suppress_health_check=HealthCheck
 )
 settings.load_profile("calib")
+# of small matrices several threads would wait for each other
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 @dataclass(frozen=True)
@@ -68,13 +70,6 @@ class Program:
 run_in_process = Program()
 
 
-@pytest.fixture
-def one_blas_thread():
-    """Small matrices in one thread: several would wait for each other."""
-    with threadpool_limits(1, user_api="blas"):
-        yield
-
-
 @pytest.fixture(scope="session")
 def arm() -> calib.PlanarArm:
     """The bundled two_link: shoulder 0 to 90, elbow 15 to 150 deg."""
@@ -87,26 +82,10 @@ def run() -> Program:
 
 
 @pytest.fixture(scope="session")
-def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of small models: two_link.calib, polar.calib, two_link_full.calib."""
-    folder = tmp_path_factory.mktemp("models")
-    for robot in ("two_link", "polar", "two_link_full"):
-        path = folder / f"{robot}.calib"
-        run_in_process.done("train", robot, "--size", "10", "-n", "500", "-o", path)
-    return folder
-
-
-@pytest.fixture(scope="session")
-def model(models: Path) -> Path:
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small model of two_link."""
-    return models / "two_link.calib"
-
-
-@pytest.fixture(scope="session")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A log of 400 simulated rows of two_link."""
-    path = tmp_path_factory.mktemp("logs") / "measured.csv"
-    run_in_process.done("babble", "two_link", "-n", "400", "-o", path)
+    path = tmp_path_factory.mktemp("models") / "two_link.calib"
+    run_in_process.done("train", "two_link", "--size", "10", "-n", "500", "-o", path)
     return path
 
 

@@ -37,7 +37,6 @@ class World:
     spread: float = 25.0  # of the turns [deg]
     axes: tuple[float, float, float] = (1.0, 1.0, 1.0)
     second: bool = False  # whether another camera sees the same
-    turning: bool = False  # whether the flange turns on the spot
     focus: float = 0.0  # sd of the focal length from picture to picture, as a share
     stretch: float = 0.0  # by which the board is longer along x and shorter along y, as a share
 
@@ -66,8 +65,6 @@ class World:
             seen = motion(turn, place - turn.apply(points.mean(axis=0)))
             moved = self.camera @ seen @ np.linalg.inv(self.placed)
             flange = np.linalg.inv(moved) if self.in_hand else moved
-            if self.turning:
-                flange[:3, 3] = self.flange[0, :3, 3] if self.count else flange[:3, 3]
             self.take_picture(flange)
 
     def take_picture(self, flange):

@@ -47,8 +47,7 @@ def warm(model: calib.Model) -> calib.Model:
 @cache
 def papers(noise: float = 0.0):
     """Return the model of the paper's best table: two_link, 70x70, 20,000 samples, seed 0."""
-    samples = calib.babble(calib.load_arm("two_link"), 20_000, seed=0, noise=noise)
-    return calib.train(samples, size=70, seed=0)
+    return calib.train(babbled(n=20_000, seed=0, noise=noise), size=70, seed=0)
 
 
 @cache
@@ -68,11 +67,21 @@ def turning():
 
 
 @cache
+def tilted_camera():
+    """Return a planar arm before a tilted camera with a lens, whose pixels are not exact."""
+    rng = np.random.default_rng(0)
+    q = rng.uniform(arm().lower, arm().upper, (300, 2))
+    x = two_link(q)
+    seen = 640 + 900 * x / (1.2 + 0.2 * x[:, :1])
+    seen += 1e-7 * (seen - 640) * ((seen - 640) ** 2).sum(axis=1, keepdims=True)
+    return calib.train(log_of(arm(), q, seen + rng.normal(size=q.shape), unit="px"), size=6)
+
+
+@cache
 def wide():
     """Return `two_link` with a shoulder that turns from -6.2 to 6.2 rad."""
-    text = calib.load_arm("two_link").urdf
     limit = '<limit lower="0.0" upper="1.5707963267948966"'
-    return arm_from_urdf(text.replace(limit, '<limit lower="-6.2" upper="6.2"'))
+    return arm_from_urdf(arm().urdf.replace(limit, '<limit lower="-6.2" upper="6.2"'))
 
 
 def log_of(arm, q: np.ndarray, x: np.ndarray, **facts) -> calib.Samples:
@@ -83,9 +92,8 @@ def log_of(arm, q: np.ndarray, x: np.ndarray, **facts) -> calib.Samples:
 
 def log(n: int, noise: float = 0.0, seed: int = 0) -> calib.Samples:
     """Return a log of two_link, without what only a simulation knows."""
-    arm = calib.load_arm("two_link")
-    s = calib.babble(arm, n, seed=seed, noise=noise)
-    return log_of(arm, s.q, s.x)
+    s = babbled(n=n, seed=seed, noise=noise)
+    return log_of(arm(), s.q, s.x)
 
 
 def bare(robot, n: int, seed: int, *changes: str, noise: float = 2e-4) -> calib.Samples:
@@ -114,10 +122,30 @@ def of_a_third(n: int, waves: float, seed: int = 0):
     return rows, exact, calib.babble(arm.with_range(third), 400, seed=9).q
 
 
-def babbled(*changes: str, n: int = 60, noise: float = 0.0, seed: int = 1) -> calib.Samples:
+@cache
+def arm() -> calib.PlanarArm:
+    return calib.load_arm("two_link")
+
+
+def babbled(*changes: str, n: int = 200, noise: float = 1e-3, seed: int = 1) -> calib.Samples:
     """Babbling of `two_link` after changes such as `elbow.length=+20%`."""
-    arm = calib.load_arm("two_link")
-    return calib.babble(arm, n, seed=seed, noise=noise, changes=list(changes))
+    return calib.babble(arm(), n, seed=seed, noise=noise, changes=list(changes))
+
+
+def model(noise: float = 0.0) -> calib.Model:
+    """Return a model of `two_link` by many rows."""
+    return trained(n=4000, size=30, noise=noise)
+
+
+def distances(model: calib.Model, q: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Return how far (n,) [m] a model's answers are from the truth, NaN where there is none."""
+    return np.linalg.norm(model.forward(q) - truth, axis=1)
+
+
+def error(adapted: calib.Model, samples: calib.Samples) -> float:
+    """Return the mean distance [m] to the true position all over the workspace."""
+    q = draw(adapted, 1000, seed=7)
+    return float(distances(adapted, q, samples.simulation.exact(q)).mean())
 
 
 def no_arm(n: int) -> calib.Samples:
@@ -128,10 +156,12 @@ def no_arm(n: int) -> calib.Samples:
     return replace(rows, x=x, arm=None)
 
 
-def two_link(q: np.ndarray) -> np.ndarray:
-    """Tip of the 2R arm by the textbook: (..., 2) -> (..., 2)."""
+def two_link(q: np.ndarray, l1: float = L1, l2: float = L2, tip=(0.0, 0.0)) -> np.ndarray:
+    """Tip of the 2R arm by the textbook, moved in the last link's frame: (..., 2) -> (..., 2)."""
     a, b = q[..., 0], q[..., 0] + q[..., 1]
-    return np.stack([L1 * np.cos(a) + L2 * np.cos(b), L1 * np.sin(a) + L2 * np.sin(b)], axis=-1)
+    x = l1 * np.cos(a) + (l2 + tip[0]) * np.cos(b) - tip[1] * np.sin(b)
+    y = l1 * np.sin(a) + (l2 + tip[0]) * np.sin(b) + tip[1] * np.cos(b)
+    return np.stack([x, y], axis=-1)
 
 
 def two_link_inverse(x: np.ndarray, sign: float) -> np.ndarray:
@@ -156,10 +186,10 @@ def draw(model: calib.Model, n: int, seed: int = 0, margin: float = 0.0) -> np.n
     return model.about.lower + u * (model.about.upper - model.about.lower)
 
 
-def built(view: str = "rigid", *, curves: bool = False):
+def built(*, curves: bool = False):
     """Return `spatial_three`, its structure, parameters as if built, and what drew them."""
     arm = calib.load_arm("spatial_three")
-    structure = structure_of(arm, view)
+    structure = structure_of(arm, "rigid")
     rng, groups = np.random.default_rng(0), structure.groups
     beta = structure.neutral()
     beta[groups["view.rotation"]] = rng.normal(0, 1, 3)

@@ -2,11 +2,20 @@
 
 import csv
 import io
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+import pytest
 
 import calib
+
+ROBOTS = Path(pin.__file__).parents[4] / "share/example-robot-data/robots"
+"""Descriptions of real robots, where their package is installed."""
+
+needs_robots = pytest.mark.skipif(
+    not ROBOTS.is_dir(), reason="example-robot-data is not installed: pip install it"
+)
 
 
 def pinocchio_pose(arm, q: np.ndarray):

@@ -33,6 +33,7 @@ class Camera:
     target: tuple[float, float, float] = (0.2, 0.08, 0.0)
     roll: float = 0.02
     shift: tuple[float, float] = (4.0, -7.0)
+    turned: Array | None = None  # its rotation, in place of target and roll
 
     @property
     def centre(self) -> Array:
@@ -46,6 +47,8 @@ class Camera:
     @cached_property
     def rotation(self) -> Array:
         """World to camera: x right, y down, z ahead."""
+        if self.turned is not None:
+            return self.turned
         ahead = np.subtract(self.target, self.position)
         ahead = ahead / np.linalg.norm(ahead)
         right = np.cross(ahead, [0.0, 0.0, 1.0] if abs(ahead[2]) < 0.999 else [0.0, 1.0, 0.0])
@@ -129,8 +132,7 @@ class Desk:
     """All that a picture shows, and what spoils it.
 
     `lengths` [m] of the links from the base at the origin; `height` of the arm's plane, the tag
-    lies on it. `tip_tag` is the pattern on the tip, `tip_size` the side of its black square,
-    `tip_tilt` a rotation vector by which the tag leans.
+    lies on it. On the tip is tag 7 of 40 mm; `tip_tilt` is a rotation vector by which it leans.
     """
 
     camera: Camera = field(default_factory=Camera)
@@ -138,13 +140,10 @@ class Desk:
     offsets: tuple[float, ...] = (0.0, 0.0, 0.0)
     height: float = 0.0
     width: float = 0.028
-    tip_tag: int = 7
-    tip_size: float = 0.04
     tip_tilt: tuple[float, float, float] = (0.0, 0.0, 0.0)
     still: tuple[Sticker, ...] = ()
     blur: float = 0.7
     noise: float = 2.0
-    quality: int | None = 92
     shadow: float = 0.35
     seed: int = 0
 
@@ -163,6 +162,16 @@ class Desk:
         tip = self.tip(q)
         return self.camera.project(np.c_[tip, np.full(len(tip), self.height)])
 
+    def postures(self, n: int, rng: np.random.Generator, margin: float = 40.0) -> Array:
+        """Draw postures (n, 3) whose tag is within the picture, so far from its border [px]."""
+        seen: list[Array] = []
+        while len(seen) < n:
+            q = rng.uniform([-0.2, 0.0, -1.2], [1.3, 1.4, 1.2])
+            (pixel,) = self.tip_pixels(q)
+            if (pixel > margin).all() and (pixel < np.array(self.camera.size) - margin).all():
+                seen.append(q)
+        return np.array(seen)
+
     def picture(self, q: ArrayLike, rng: np.random.Generator, *, arm: bool = True) -> Image:
         """Render one posture as a grey picture (height, width)."""
         scene = self._background
@@ -173,10 +182,8 @@ class Desk:
         grey = cv2.GaussianBlur(grey, (0, 0), self.blur) if self.blur else grey
         grey = grey + rng.normal(0.0, 1.0, grey.shape).astype(np.float32) * self.noise
         picture = np.clip(np.round(grey), 0, 255).astype(np.uint8)
-        if self.quality is not None:
-            packed = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, self.quality])[1]
-            picture = cv2.imdecode(packed, cv2.IMREAD_GRAYSCALE)
-        return picture
+        packed = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
+        return cv2.imdecode(packed, cv2.IMREAD_GRAYSCALE)
 
     @cached_property
     def _light(self) -> NDArray[np.float32]:
@@ -240,7 +247,7 @@ class Desk:
             self._capsule(scene, a, a, 0.4 * self.width, self.height, 200)
         angle = float(np.sum(q)) + float(np.sum(self.offsets[: len(self.lengths)]))
         place = (*places[-1], self.height, angle)
-        tip = tag(self.tip_tag, self.tip_size, place, tilt=self.tip_tilt)
+        tip = tag(7, 0.04, place, tilt=self.tip_tilt)
         self._paint_sticker(scene, tip)
 
     def _capsule(

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..common.arrays import TRIANGLE, Array, Shape
 from ..common.rows import row_lengths
-from .covariance import as_kept, radius_95, root_of, spread_of
+from .covariance import Z95, as_kept, radius_95, root_of, spread_of
 from .parameters import Gaussian, Indices
 from .sensor_pose import SensorPose
 from .settings import PRIOR_SHARE, SHARED
@@ -187,12 +187,12 @@ class Body(OfStructure):
         vague = PRIOR_SHARE * self.scales.get("offset", np.inf)
         tool_is_free = sd[groups.get("tool", [])].any()
         if tool_is_free and self.structure.revolute[-1] and sd[last] >= vague:
-            sd[last] = np.pi / 1.96
+            sd[last] = np.pi / Z95
         return sd
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The fitted parameters with 95 % intervals; the curves' harmonics are left out."""
-        half = 1.96 * self.sds_by_rows
+        half = Z95 * self.sds_by_rows
         parameters: list[Parameter] = []
         for k in self.active.tolist():
             group, joint, name, unit = self.structure.labels[k]

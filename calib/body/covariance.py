@@ -48,11 +48,8 @@ def spread_of(derivative: Array, root: Array) -> Array:
     return roots @ np.swapaxes(roots, 1, 2)
 
 
-def autocorrelation_time(r: Array, lags: int = 60) -> float:
-    """Integrated autocorrelation time [rows] of residuals (n, m) in the order of the log.
-
-    lags : rows that the autocorrelation is followed over
-    """
+def autocorrelation_time(r: Array) -> float:
+    """Integrated autocorrelation time [rows] of residuals (n, m) in the order of the log."""
     n = len(r)
     if n < 40:
         return 1.0
@@ -61,7 +58,7 @@ def autocorrelation_time(r: Array, lags: int = 60) -> float:
     r = r - r.mean(axis=0)
     power = float((r * r).sum()) + 1e-300
     total = 1.0
-    longest = min(lags, n // 3)
+    longest = min(60, n // 3)
     for lag in range(1, longest):
         products = r[lag:] * r[:-lag]
         rho = float(products.sum()) / power

@@ -194,16 +194,14 @@ class Fit:
         linear = np.isin(self.active, self.structure.linear)
         damping = 1e-3
         for _ in range(steps):
-            for readings in self.readings:
-                readings.learn_noise()
+            self._learn_noise()
             self._linearise()
             dampings = damping * 8.0 ** np.arange(8)
             gain, _, damping = self.descend(dampings, linear)
             if gain < 1e-3:
                 break
             damping = max(damping / 10, 1e-12)
-        for readings in self.readings:
-            readings.learn_noise()
+        self._learn_noise()
         shares = self.noise / self.structure.extents
         cost = self._energy(self.beta, self.residuals)
         return self.beta, cost, float(shares.max())
@@ -325,7 +323,10 @@ class Fit:
             self.scales[hyper.name] = scale
             self.sd[index] = scale * np.sqrt(hyper.shape)
         numbers = sum(readings.z.size for readings in self.readings)
-        share = determined / numbers
+        self._learn_noise(determined / numbers)
+
+    def _learn_noise(self, share: float = 0.0) -> None:
+        """Find the noise of each sensor; parameters follow a share of all numbers."""
         for readings in self.readings:
             readings.learn_noise(share)
 

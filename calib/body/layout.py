@@ -19,6 +19,7 @@ from ..errors import OptionError
 from .curves import HARMONICS
 from .parameters import Block, Hyper, Indices, Label, Prior
 from .sensors import Sensor
+from .settings import PRIOR
 from .views import ArmSize, Measurement
 
 L = TypeVar("L", bound="Layout")
@@ -185,6 +186,17 @@ class Layout:
             return self
         return self.with_fields(place=place)
 
+    @property
+    def first_free(self) -> int:
+        """The first joint with an offset and an origin of its own.
+
+        In a free frame the first turning joint's offset and a turn of the frame about its axis
+        are one, and the first origin's place is the frame's own.
+        """
+        based = any(sensor.view.startswith("base") for sensor in self.sensors)
+        floating = any(other.floating for other in self.others)
+        return 0 if based and not floating else 1
+
     # What the kinds of chains give.
 
     @property
@@ -322,13 +334,19 @@ class Layout:
                     hypers.append(hyper._replace(indices=group, shape=shape))
         return Prior(self.neutral(), sd, tuple(hypers))
 
-    def curves(
-        self, rms: float, pseudo: float, shape: Array
-    ) -> Iterator[Block]:
-        """Blocks of the joints' error curves, of an rms [rad] that the evidence moves."""
+    def gains(self) -> Block:
+        """The joints' gains, near those of a drawing."""
+        scale = Hyper("gain", PRIOR.gain, PRIOR.wider)
+        names = self.joint_names
+        return Block.of(
+            "gain", "1", ["gain"], mean=1.0, scales=(scale,), joints=names
+        )
+
+    def curves(self, pseudo: float, shape: Array) -> Iterator[Block]:
+        """Blocks of the joints' error curves, of an rms that the evidence moves."""
         orders = range(1, HARMONICS + 1)
         waves = [f"curve {wave} {n}" for wave in ("cos", "sin") for n in orders]
-        rms_of_wave = rms / np.sqrt(len(waves))
+        rms_of_wave = PRIOR.curve_rms / np.sqrt(len(waves))
         for k, joint in enumerate(self.joint_names):
             block = Block(f"curve.{k}", ())
             if self.revolute[k]:

@@ -202,29 +202,22 @@ class PlanarStructure(Structure):
             joints = self._unknown_joints()
             elastic *= 2.0
         shape = curve_shape(PRIOR.long)
-        curves = self.curves(PRIOR.curve_rms, PRIOR.curve_rows_in_plane, shape)
+        curves = self.curves(PRIOR.curve_rows_in_plane, shape)
         return (*joints, self._elasticity(elastic), *curves)
-
-    @property
-    def _has_offset(self) -> Mask:
-        """Joints (dof,) with an offset of their own: in a free frame the first one's is its."""
-        has_offset = np.ones(self.dof, dtype=bool)
-        has_offset[0] = any(sensor.view == "base" for sensor in self.sensors)
-        return has_offset
 
     def _joints_of_drawing(self, drawing: PlanarDrawing) -> tuple[Block, ...]:
         """Lengths, offsets and gains near those of a drawing."""
         of_joints = partial(Block.of, joints=self.joint_names)
         unit = self._unit_of_lengths
         size = Hyper("length", SHIFT, PRIOR.wider)
-        zero = Hyper("offset", TURN, PRIOR.servos, indices=self._has_offset)
-        gain = Hyper("gain", PRIOR.gain, PRIOR.wider)
+        has_offset = slice(self.first_free, None)
+        zero = Hyper("offset", TURN, PRIOR.servos, indices=has_offset)
         length = np.array(drawing.lengths)
         offset = np.array(drawing.offsets)
         return (
             of_joints("length", unit, ["length"], mean=length, scales=(size,)),
             of_joints("offset", "rad", ["offset"], mean=offset, scales=(zero,)),
-            of_joints("gain", "1", ["gain"], mean=1.0, scales=(gain,)),
+            self.gains(),
         )
 
     def _unknown_joints(self) -> tuple[Block, ...]:
@@ -235,7 +228,7 @@ class PlanarStructure(Structure):
         sd = 2.0 * length
         if self.sensors[0].view_kind.has_scale and all(self.revolute):
             sd[0] = 0.0  # the view's scale is the first length
-        anywhere = np.where(self._has_offset, 10.0, 0.0)
+        anywhere = np.where(np.arange(self.dof) < self.first_free, 0.0, 10.0)
         gain = 2.0 * PRIOR.gain
         return (
             Block.of(

@@ -19,7 +19,7 @@ def warnings_of(
     q: Array,
     joint_names: Sequence[str],
     revolute: Sequence[bool],
-    travel: Array | None = None,
+    travel: Array,
 ) -> tuple[str, ...]:
     """Short sentences on what rows cannot tell of an arm; empty where they can.
 
@@ -28,8 +28,7 @@ def warnings_of(
     travel : (dof,), joint ranges; a joint that moved through less than a tenth of its is named
     """
     span = np.ptp(q, axis=0)
-    ranges = np.full(len(span), np.inf) if travel is None else travel
-    notes = [*_of_small_motions(span, ranges, joint_names, revolute)]
+    notes = [*_of_small_motions(span, travel, joint_names, revolute)]
     tied, directions = _tied_joints(q, np.asarray(revolute, dtype=bool))
     if tied.any():
         names = ", ".join(np.asarray(joint_names)[tied])
@@ -60,14 +59,10 @@ def _of_small_motions(
             yield f"{name} moves through {100 * motion / range_of_joint:.2g} % of its range only"
 
 
-def _tied_joints(
-    q: Array, turning: Mask, least_part: float = 0.03
-) -> tuple[Mask, int]:
+def _tied_joints(q: Array, turning: Mask) -> tuple[Mask, int]:
     """Which joints (dof,) a linear relation ties, and in how many directions they move.
 
     Joints that hardly move by themselves are none of these.
-
-    least_part : in such a relation, of one, of a joint that counts
     """
     span = np.ptp(q, axis=0)
     least = np.where(turning, _LITTLE, _STILL)
@@ -81,6 +76,7 @@ def _tied_joints(
     # of a motion that is spread evenly over so much
     is_small = variance < _LITTLE**2 / 12
     shares = np.abs(axes[:, is_small])
+    least_part = 0.03  # in such a relation, of one, of a joint that counts
     tied = np.zeros(len(span), dtype=bool)
     tied[moving] = shares.max(axis=1, initial=0.0) > least_part
     return tied, int(tied.sum() - is_small.sum())

@@ -100,7 +100,7 @@ class Readings:
         )
         self.residual = self.residual_at(beta)
         if noise is None:
-            self.learn_noise()
+            self.learn_noise(0.0)
         else:
             self.noise = np.broadcast_to(noise, self.floor.shape)
 
@@ -127,7 +127,7 @@ class Readings:
                 _, slope = structure.linearise(self.q[rows], beta, active)
                 yield rows, slope
 
-    def learn_noise(self, share: float = 0.0) -> None:
+    def learn_noise(self, share: float) -> None:
         """Find the most probable noise (m,).
 
         share : of all numbers, that parameters follow; the others tell the noise

@@ -17,6 +17,7 @@ from ..arm.rotations import exponential, logarithm, quaternion_of
 from ..common.arrays import Array
 from ..common.rows import row_lengths
 from ..common.wording import with_interval
+from .covariance import Z95
 from .parameters import Gaussian, Indices
 from .sensors import PLACE
 from .spatial import SpatialStructure
@@ -100,10 +101,10 @@ class SensorPose:
 
     def to_json(self) -> dict[str, Any]:
         """Position [m] and quaternion in the base frame with 95 % intervals, and the convention."""
-        half = 1.96 * self.sd
+        half = Z95 * self.sd
         low = self.position - half[:3]
         high = self.position + half[:3]
-        half_up_to_gauge = 1.96 * self.sd_up_to_gauge[:3]
+        half_up_to_gauge = Z95 * self.sd_up_to_gauge[:3]
         turn = [-np.pi, np.pi]
         about = {"joint": self.first, "offset": 0.0, "interval": turn}
         return {
@@ -120,11 +121,11 @@ class SensorPose:
         """Lines on where it stands; `what` it is."""
         coordinates: list[str] = []
         for value, sd in zip(self.position, self.sd[:3], strict=True):
-            coordinates.append(with_interval(1e3 * value, 1.96e3 * sd))
+            coordinates.append(with_interval(1e3 * value, 1e3 * Z95 * sd))
         quaternion = ", ".join(f"{v:.5f}" for v in self.quaternion)
         lines = [
             f"{what} at ({', '.join(coordinates)}) mm in the base frame, turned within "
-            f"{np.degrees(1.96 * self.sd[3:].max()):.2g} deg, quaternion ({quaternion})"
+            f"{np.degrees(Z95 * self.sd[3:].max()):.2g} deg, quaternion ({quaternion})"
         ]
         if self.first:
             lines.append(

@@ -92,7 +92,7 @@ class SpatialStructure(Structure):
     @property
     def linear(self) -> Indices:
         """What shifts the tip: where the sensor stands, the tool, joint origins; not in pixels."""
-        if self.outputs == 2:
+        if self.camera:
             return super().linear
         shift = self.groups["view.shift"]
         tool = self.groups["tool"]
@@ -105,7 +105,6 @@ class SpatialStructure(Structure):
         turn = TURN if self.sensors[0].view == "base pose" else 3.0
         tools = (self.tool,) if self.tool and self.informed else ()
         names = self.joint_names
-        gain = Hyper("gain", PRIOR.gain, PRIOR.wider)
         indices = np.flatnonzero(self._has_motor_before)
         gears = Hyper("coupling", PRIOR.coupling, pseudo=1.0, indices=indices)
         return (
@@ -113,31 +112,18 @@ class SpatialStructure(Structure):
             Block.of("tool.rotation", "rad", "xyz", sd=turn),
             self._placement(),
             self._offset(),
-            Block.of(
-                "gain", "1", ["gain"], mean=1.0, scales=(gain,), joints=names
-            ),
+            self.gains(),
             *self._elasticity(),
             Block.of(
                 "coupling", "1", ["coupling"], scales=(gears,), joints=names[1:]
             ),
-            *self.curves(PRIOR.curve_rms, PRIOR.curve_rows, curve_shape()),
+            *self.curves(PRIOR.curve_rows, curve_shape()),
         )
 
     @property
     def _has_motor_before(self) -> Mask:
         """Whether each joint from the second on (dof - 1,) turns, and the one before it, too."""
         return self.is_revolute[1:] & self.is_revolute[:-1]
-
-    @property
-    def _first_free(self) -> int:
-        """The first joint with an offset and an origin of its own.
-
-        In a free frame the first turning joint's offset and a turn of the frame about its axis
-        are one, and the first origin's place is the frame's own.
-        """
-        based = any(sensor.view.startswith("base") for sensor in self.sensors)
-        floating = any(other.floating for other in self.others)
-        return 0 if based and not floating else 1
 
     def _placement(self) -> Block:
         """Where the joints' origins are; anywhere, if no drawing says."""
@@ -146,7 +132,7 @@ class SpatialStructure(Structure):
         scales: tuple[Hyper, ...] = ()
         if self.informed:
             within = self.others[0].within if self.others else PRIOR.wider
-            free = np.arange(6 * self._first_free, len(sd))
+            free = np.arange(6 * self.first_free, len(sd))
             places = free.reshape(-1, 2, 3)
             shifts = places[:, 0].ravel()
             turns = places[:, 1].ravel()
@@ -167,7 +153,7 @@ class SpatialStructure(Structure):
     def _offset(self) -> Block:
         """The joints' zeros."""
         turning = self.is_revolute
-        free = np.arange(self.dof) >= self._first_free
+        free = np.arange(self.dof) >= self.first_free
         angles = np.flatnonzero(free & turning)
         lengths = np.flatnonzero(free & ~turning)
         scales = (

@@ -34,7 +34,7 @@ def best_start(
     """
     order = np.random.default_rng(0).permutation(len(rows))
     subset = rows.take(np.sort(order[: START.rows]))
-    starts = candidates(structure, subset)
+    starts = _candidates(structure, subset)
     if len(starts) == 1:  # nothing to choose from: the gate goes on from here
         return starts[0]
     for steps in START.run_steps:
@@ -50,7 +50,7 @@ def best_start(
     return min(tied, key=lambda start: start.structure.reversals)
 
 
-def candidates(structure: Structure, rows: Rows) -> list[Start]:
+def _candidates(structure: Structure, rows: Rows) -> list[Start]:
     """Structures (signs, mirror, chain) and parameters to begin with, the best first.
 
     The noise of `rows` is that of a simulation, where it says so.

@@ -130,12 +130,12 @@ def fit_touches(
     structure: SpatialStructure,
     q: Array,
     point: Indices,
-    known: Sequence[Known] = (),
+    known: Sequence[Known],
     *,
     lower: Array,
     upper: Array,
-    x: Array | None = None,
-    seed: int = 0,
+    x: Array,
+    seed: int,
 ) -> tuple[BodyFit, Array]:
     """Fit an arm to touches, and tell where the sockets are (p, 3) [m] in the sensor's frame.
 
@@ -148,8 +148,6 @@ def fit_touches(
     lower, upper : (dof,), the joints' range: bounds are of motions within it
     x : (n, 3), what the sensor measured [m]
     """
-    if x is None:
-        x = np.zeros((len(q), 3))
     touched = point >= 0
     measured = ~touched
     tip, _ = structure.pose(q, structure.neutral())

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.wording import number, with_interval
+from .covariance import Z95
 from .parameters import Indices
 from .structure import Structure
 
@@ -23,15 +24,15 @@ def words_of(
     structure: Structure,
     beta: Array,
     sd: Array,
-    lower: Array | float = -np.pi,
-    upper: Array | float = np.pi,
+    lower: Array | float,
+    upper: Array | float,
 ) -> tuple[str, ...]:
     """Lines that say the parameters; intervals are 95 %.
 
     sd : (d,), zero where nothing was fitted
-    lower, upper : (dof,) [rad or m], range in which loads bend the joints; by default a turn
+    lower, upper : (dof,) [rad or m], range in which loads bend the joints
     """
-    half = 1.96 * sd
+    half = Z95 * sd
     rng = np.random.default_rng(0)
     postures = rng.uniform(lower, upper, (POSTURES, structure.dof))
     return (

@@ -15,6 +15,7 @@ import numpy as np
 from ..arm.rotations import exponential
 from ..arm.spatial_chain import SpatialChain
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from ..common.scale import TURN
 
 #: Axes of a drawing meet, or are parallel, within this share of its length, or angle [rad].
@@ -90,7 +91,7 @@ class ClosedForm:
         ways = stacked.reshape(8, len(position), 6)
         q = np.swapaxes(ways, 0, 1)
         within_turn = (q + np.pi) % TURN
-        return np.asarray(within_turn - np.pi)
+        return within_turn - np.pi
 
     def _arm(self, place: Array, point: Array) -> tuple[Array, Array]:
         """Angles (2, ...) of joints 2 and 3 that bring a point (3,) to places (..., 3).
@@ -193,7 +194,7 @@ def meeting_point(axes: Array, points: Array) -> tuple[Array, float]:
     wanted = projected.sum(axis=0)
     point = np.linalg.lstsq(normal, wanted, rcond=None)[0]
     gaps = _rotate(across, point - points)
-    distances = np.linalg.norm(gaps, axis=1)
+    distances = row_lengths(gaps)
     return point, float(distances.max())
 
 
@@ -211,20 +212,20 @@ def _turns(axis: Array, angle: Array) -> Array:
 def _rotate(rotation: Array, vectors: Array) -> Array:
     """Turn vectors (..., 3) by rotations (..., 3, 3)."""
     columns = rotation @ vectors[..., None]
-    return np.asarray(columns[..., 0])
+    return columns[..., 0]
 
 
 def _rotate_back(rotation: Array, vector: Array) -> Array:
     """Turn a vector (3,) by the inverses of rotations (..., 3, 3)."""
     inverse = np.swapaxes(rotation, -1, -2)
-    return np.asarray(inverse @ vector)
+    return inverse @ vector
 
 
 def _across(axis: Array, vectors: Array) -> Array:
     """Components of vectors (..., 3) across an axis (3,)."""
     height = vectors @ axis
     along = height[..., None] * axis
-    return np.asarray(vectors - along)
+    return vectors - along
 
 
 def _angle(axis: Array, start: Array, goal: Array) -> Array:

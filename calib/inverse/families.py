@@ -113,7 +113,7 @@ def _first_of_each_pair(a: Index, b: Index) -> Index:
     """Index of the first occurrence of each pair of numbers (n,), in either order."""
     pairs = np.sort([a, b], axis=0)
     _, first = np.unique(pairs, axis=1, return_index=True)
-    return np.asarray(first)
+    return first
 
 
 def _pairs(target: Index) -> tuple[Index, Index]:

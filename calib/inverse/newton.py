@@ -57,7 +57,7 @@ class Newton:
 
     def is_met(self, miss: Array) -> Mask:
         """Whether misses (n,) are as small as a solution's."""
-        return np.asarray(miss <= SOLVER.close * self.task.size)
+        return miss <= SOLVER.close * self.task.size
 
     def away(self, u: Array, v: Array) -> Array:
         """Distances (n,) between joints (n, dof), the short way round."""
@@ -279,4 +279,4 @@ def limit_joints(moves: Array, longest: float) -> Array:
 def _limit(moves: Array, size: Array, longest: float) -> Array:
     """Moves (n, d) scaled down where their sizes (n,) are larger than that."""
     share = np.minimum(1.0, longest / np.maximum(size, 1e-300))
-    return np.asarray(moves * share[:, None])
+    return moves * share[:, None]

@@ -108,7 +108,7 @@ class Slides:
     def close_to(self, stand: Stand) -> Mask:
         """Whether joints (n,) are so close to their targets that they slide."""
         rough = SOLVER.rough * self.newton.task.size
-        return np.asarray(stand.miss <= rough)
+        return stand.miss <= rough
 
     def _adapt_share(self, rows: Index, pull: Array) -> None:
         """Set the share of a pull (k, dof) by how it turned on the last slide.

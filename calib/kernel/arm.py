@@ -141,7 +141,7 @@ class KernelArm:
 
     def joints(self, q: Array) -> Array:
         """Values (m, n) of the chain's joints."""
-        return np.asarray(self.structure.joint_values(q, self.beta))
+        return self.structure.joint_values(q, self.beta)
 
     def derivatives(self, q: Array) -> tuple[dict[str, Array], Array]:
         """How positions move with each part of it (k, m, n), and with joints (dof, m, n)."""

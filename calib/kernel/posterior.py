@@ -228,7 +228,7 @@ def _amounts(basis: Array, moves: Array, least: float) -> Array:
     scaled = basis / size
     scaled[:, still] = 0.0
     amounts = np.linalg.lstsq(scaled, moves, rcond=least)[0]
-    return np.asarray(amounts / size[:, None])
+    return amounts / size[:, None]
 
 
 def _split(root: Array, curved: NDArray[np.intp]) -> tuple[Array, Array]:

@@ -230,7 +230,8 @@ def _shifts(network: Map, activity: csr_array, u: Array) -> Array:
     rows = entry_rows(activity.indptr)
     nodes = activity.indices
     a = activity.data
-    gap = network.scale.difference(u[rows], network.units[nodes])
+    places = network.units[nodes]
+    gap = network.scale.difference(u[rows], places)
     pulls = a[:, None] * gap
     offsets = group_sums(nodes, pulls, network.size)
     total = group_sums(nodes, a, network.size)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Index
-from ..common.rows import group_sums
+from ..common.rows import group_sums, row_lengths
 from ..common.scale import Scale
 from .links import SparseRows
 from .map import Map
@@ -42,7 +42,7 @@ class Clusters:
         place = motor.units[core]
         linked = motor.units[motor_node]
         gap = motor.scale.difference(linked, place[label])
-        distance = np.linalg.norm(gap, axis=1)
+        distance = row_lengths(gap)
         inside = distance <= READOUT.core * motor.spacing
         weight = np.where(inside, links.data, 0.0)
         total = group_sums(label, weight)

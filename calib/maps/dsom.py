@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from .lattice import Lattice
 from .map import Epoch
 from .settings import DYNAMIC
@@ -19,22 +20,19 @@ def learn_dsom(
 ) -> Iterator[Epoch]:
     """Train a dynamic map, whose rate and radius follow the distance of a sample to its winner."""
     # from one place it unfolds; scattered nodes are close to every sample and stay put
-    noise = rng.random((lattice.size, u.shape[1])) - 0.5
+    shape = lattice.size, u.shape[1]
+    noise = rng.random(shape) - 0.5
     weights = 0.5 + 0.01 * noise
     for _ in range(epochs):
         samples = u[rng.permutation(len(u))]
         distances = present_dsom(weights, lattice, samples)
         error = float(np.mean(distances))
-        widths = _widths(lattice, error, u.shape[1], DYNAMIC.elasticity)
+        widths = _widths(lattice, error, u.shape[1])
         yield Epoch.of(u, weights, lattice, max(widths), error)
 
 
 def present_dsom(
-    weights: Array,
-    lattice: Lattice,
-    samples: Array,
-    elasticity: float = DYNAMIC.elasticity,
-    rate: float = DYNAMIC.rate,
+    weights: Array, lattice: Lattice, samples: Array
 ) -> list[float]:
     """Show samples to a dynamic map one by one, in place; their distances to the winners.
 
@@ -47,16 +45,16 @@ def present_dsom(
     grid = weights.reshape(*lattice.shape, -1)
     distances: list[float] = []
     for x in samples:
-        from_nodes = np.linalg.norm(weights - x, axis=1)
+        from_nodes = row_lengths(weights - x)
         winner = int(from_nodes.argmin())
         distance = float(from_nodes[winner])
         distances.append(distance)
         if distance == 0.0:
             continue  # the source: h is zero where the winner stands on the sample
-        widths = _widths(lattice, distance, dim, elasticity)
+        widths = _widths(lattice, distance, dim)
         window, h = lattice.around(winner, *widths)
         in_window = from_nodes.reshape(lattice.shape)[window]
-        step = rate * h * in_window / math.sqrt(dim)
+        step = DYNAMIC.rate * h * in_window / math.sqrt(dim)
         gap = x - grid[window]
         grid[window] += step[..., None] * gap
     return distances
@@ -66,8 +64,7 @@ def _widths(
     lattice: Lattice,
     distance: float,
     dim: int,
-    elasticity: float,
 ) -> tuple[float, ...]:
     """Sigma along each axis [nodes] at a distance to the winner, of a lattice of unit sides."""
-    wide = elasticity * distance / math.sqrt(2.0 * dim)
+    wide = DYNAMIC.elasticity * distance / math.sqrt(2.0 * dim)
     return tuple(wide * (n - 1) for n in lattice.shape)

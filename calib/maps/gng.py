@@ -176,7 +176,8 @@ def _remove_old_edges(gas: Gas) -> None:
         return
     gas.pairs = gas.pairs[young]
     gas.age = gas.age[young]
-    edges = np.bincount(gas.pairs.ravel(), minlength=len(gas.weights))
+    ends = gas.pairs.ravel()
+    edges = np.bincount(ends, minlength=len(gas.weights))
     joined = edges > 0
     new_number = np.cumsum(joined) - 1
     gas.weights = gas.weights[joined]

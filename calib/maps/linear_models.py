@@ -88,7 +88,8 @@ class LinearModels(ReadOnly):
         """
         near, activity = active
         weight = activity * strength[near]
-        place = motor.scale.difference(places[near], motor.units[:, None])
+        nodes = motor.units[:, None]
+        place = motor.scale.difference(places[near], nodes)
         middle, mean, slope = regress(place, partners[near], weight)
         value = mean - np.einsum("nd,ndo->no", middle, slope)
         total = weight.sum(axis=1)

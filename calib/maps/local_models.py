@@ -66,7 +66,8 @@ def fit(
     u, residual : (n, d), (n, o), samples in the unit box and what the smooth part leaves over
     """
     places = motor.units[nodes]
-    distance, index = nearest_points(u, motor.scale, places, shape.samples + 1)
+    count = shape.samples + 1
+    distance, index = nearest_points(u, motor.scale, places, count)
     near = index[:, :-1]
     radius = np.maximum(distance[:, -1:], 1e-12)
     offsets = motor.scale.difference(u[near], places[:, None])

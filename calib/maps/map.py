@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask, Shape, freeze, frozen
-from ..common.rows import group_means
+from ..common.rows import group_means, row_lengths
 from ..common.scale import Scale
 from .lattice import Graph, Lattice
 
@@ -90,7 +90,7 @@ class Map:
         first = self.units[a]
         second = self.units[b]
         gap = self.scale.difference(first, second)
-        lengths = np.linalg.norm(gap, axis=1)
+        lengths = row_lengths(gap)
         return frozen(np.asarray(lengths))
 
     @cached_property
@@ -149,7 +149,8 @@ class Map:
         u = self.scale.to_unit(np.atleast_2d(x))
         index = self.nearest(u)[1][:, 0]
         gap = self.scale.difference(u, self.units[index])
-        distance = np.linalg.norm(gap * self.scale.span, axis=1)
+        way = gap * self.scale.span
+        distance = row_lengths(way)
         return float(distance.mean())
 
     def topographic_error(self, x: Array) -> float:

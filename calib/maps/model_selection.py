@@ -12,7 +12,7 @@ from math import comb
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
-from ..common.rows import group_sums
+from ..common.rows import group_sums, row_lengths
 from ..common.scale import Scale
 from . import local_models as local
 from .blend import Blend
@@ -46,10 +46,11 @@ def follows_the_motion(x: Array, residual: Array) -> bool:
     length = np.linalg.norm(motion, axis=1, keepdims=True)
     direction = motion / np.maximum(length, 1e-300)
     along = np.einsum("no,no->n", residual, direction)
-    distance = np.linalg.norm(residual, axis=1)
+    distance = row_lengths(residual)
     size = float(np.median(distance))
     parts = blocks(len(x), SELECTION.parts)
-    means = np.array([along[part].mean() for part in parts])
+    means_of_parts = [along[part].mean() for part in parts]
+    means = np.array(means_of_parts)
     deviation = float(means.std())
     chance = deviation / np.sqrt(len(means))
     threshold = max(SELECTION.sure * chance, SELECTION.along * size)
@@ -92,7 +93,8 @@ class DefectRows:
         wrong = median >= SELECTION.calm * noise
         blend = Blend(motor, u)
         excess = blend.weight * (wrong[:, None] - SELECTION.wrong_share)
-        nodes = _sums_by_node(motor, blend.index, excess) > 0.0
+        index = blend.index.ravel()
+        nodes = group_sums(index, excess.ravel(), motor.size) > 0.0
         among_defects = nodes[blend.index].any(axis=1)
         rows = np.flatnonzero(among_defects)
         weight = np.where(wrong[rows], 1.0, SELECTION.harm)
@@ -143,19 +145,16 @@ class DefectRows:
         shape: ModelShape,
     ) -> Array:
         """Values (k, m, o) of nodes' models at the rows, each fitted without the row's fold."""
+        motor = self.motor
+        u = self.u
         predictions = []
-        all_rows = np.arange(len(self.u))
-        for fold in blocks(len(self.u), SELECTION.folds):
+        for fold in blocks(len(u), SELECTION.folds):
             rows = self.rows[np.isin(self.rows, fold)]
-            others = np.setdiff1d(all_rows, fold)
-            blend = Blend(self.motor, self.u[rows])
-            models = local.fit(
-                self.motor,
-                np.unique(blend.index),
-                self.u[others],
-                residual[others],
-                shape,
-            )
+            blend = Blend(motor, u[rows])
+            nodes = np.unique(blend.index)
+            rest = np.delete(u, fold, axis=0)
+            missed = np.delete(residual, fold, axis=0)
+            models = local.fit(motor, nodes, rest, missed, shape)
             predictions.append(local.model_values(models, blend))
         return np.concatenate(predictions)
 
@@ -232,15 +231,6 @@ def select(
 
 def _square(residual: Array) -> Array:
     return np.asarray(np.einsum("...o,...o->...", residual, residual))
-
-
-def _sums_by_node(
-    motor: Map,
-    index: Index,
-    values: Array,
-) -> Array:
-    """Sums of values (n, m) over the rows, by the nodes `index` (n, m) that they belong to."""
-    return group_sums(index.ravel(), values.ravel(), motor.size)
 
 
 def _beyond_chance(sums: Array, errors: float) -> Mask:

@@ -33,7 +33,18 @@ if TYPE_CHECKING:
 
     from .paths import Path
 
-FUNCTIONS = "adapt check correct evaluate figures follow monitor preview recognise report"
+FUNCTIONS = (
+    "adapt",
+    "check",
+    "correct",
+    "evaluate",
+    "figures",
+    "follow",
+    "monitor",
+    "preview",
+    "recognise",
+    "report",
+)
 """What is done with a model, rather than asked of it, is a function of the package."""
 
 
@@ -52,7 +63,7 @@ class Model(Compilable):
         def __getattr__(self, name: str) -> NoReturn:
             """Name the function where a method is asked for that is none."""
             hint = ""
-            if name in FUNCTIONS.split():
+            if name in FUNCTIONS:
                 hint = f": call `calib.{name}(model, ...)`"
             raise AttributeError(f"a model has no attribute {name!r}{hint}")
 

@@ -12,6 +12,7 @@ from ..body.approach import Approach
 from ..body.belief import Body
 from ..common.arrays import Array, Mask, Shape, freeze
 from ..common.choices import MAP_READOUTS, READOUTS, check_choice
+from ..common.rows import row_lengths
 from ..common.wording import one_line
 from ..errors import OptionError
 from ..inverse.links import solver_by_links
@@ -212,7 +213,7 @@ class Parts:
         with np.errstate(over="ignore"):
             share = (q - scale.lower) / scale.span
         slack = np.where(scale.periodic, 1.0, ROUNDED)
-        return np.asarray((share >= -slack) & (share <= 1.0 + slack))
+        return (share >= -slack) & (share <= 1.0 + slack)
 
     def covers(self, q: Array) -> Mask:
         """Whether joint values (n, dof) [rad or m] are answered, (n,)."""
@@ -250,7 +251,7 @@ class Parts:
             return bound
         # with all joints at the worst side of their play
         slope = self.predictor.value_and_slope(u)[1] / scale.span
-        reach = np.linalg.norm(slope * self.approach.play, axis=1).sum(axis=1)
+        reach = row_lengths(slope * self.approach.play).sum(axis=1)
         if side_known is not None:
             reach = np.where(side_known, 0.0, reach)
         return np.asarray(bound + reach)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..common.arrays import Array, Index, Mask
 from ..common.choices import FRAMES, check_choice
 from ..common.inputs import query_rows
+from ..common.rows import row_lengths
 from ..errors import QueryError
 from ..inverse.newton import Newton, Stand
 from ..inverse.settings import SOLVER
@@ -124,7 +125,7 @@ def follow_path(
     if space is None:
         close = close_to_map(model.sensory, targets)
     else:
-        away = np.linalg.norm(targets, axis=1)
+        away = row_lengths(targets)
         close = away <= PATHS.furthest * space.length
     first = None if start is None else anchor(model, start, 1)[0]
     u, jumps = follow_targets(solver, targets, close, first)
@@ -138,7 +139,7 @@ def follow_path(
     turn = np.abs(np.diff(q, axis=0))[:, model.about.revolute].max(
         1, initial=0.0
     )
-    way = np.linalg.norm(np.diff(x, axis=0), axis=1) / extent
+    way = row_lengths(np.diff(x, axis=0)) / extent
     fast = turn > np.maximum(PATHS.turn, PATHS.faster * way)
     fast_turns = np.setdiff1d(np.flatnonzero(fast) + 1, jumps)
     return Path(x, *answers[:6], waypoint, jumps, ~close, fast_turns)
@@ -148,7 +149,7 @@ def _in_base(space: Space, u: Array, x: Array) -> Answer:
     """Describe joints `u` (n, dof) of the unit box that answer targets (n, 3) of the base frame."""
     q = space.model.motor.scale.from_unit(u)
     position = space.evaluate(q)[0]
-    distance = np.linalg.norm(position - x, axis=1)
+    distance = row_lengths(position - x)
     bound = space.bound(q)
     reachable = distance <= REACHED * space.length
     return Answer(
@@ -159,7 +160,7 @@ def _in_base(space: Space, u: Array, x: Array) -> Answer:
 def _lines(corners: Array, step: float) -> tuple[Array, Index]:
     """Points at most `step` apart on the lines between corners, and where each leads to."""
     with np.errstate(over="ignore"):
-        length = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+        length = row_lengths(np.diff(corners, axis=0))
         total = float(length.sum())
     few = total / step + len(corners) <= PATHS.most_rows
     if not few or not math.isfinite(total):
@@ -190,19 +191,16 @@ def follow_targets(
     reach joints stay as close as they can, which is no jump; far beyond they wait.
     """
     near = np.flatnonzero(close)
-    none_is_close = not len(near)
-    if (
-        none_is_close
-    ):  # the first alone: nothing more is learned from the others
+    if not len(near):
+        # the first alone: nothing more is learned from the others
         near = np.array([0])
+        if start is None:
+            start = np.full(solver.newton.scale.span.shape, 0.5)
     targets = x[near]
-    if start is None and not none_is_close:
+    if start is None:
         front = _front(solver, targets[0])
     else:
-        wish = start
-        if wish is None:
-            wish = np.full(solver.newton.scale.span.shape, 0.5)
-        front, _ = solver.solve(targets[:1], wish[None])
+        front, _ = solver.solve(targets[:1], start[None])
     rows = _furthest(solver, targets, front)
     jumps: list[int] = []
     while len(rows) < len(targets):
@@ -229,7 +227,7 @@ def close_to_map(sensory: Map, x: Array) -> Mask:
     away, _ = sensory.nearest(place)
     spacings = PATHS.spacings * sensory.spacing
     furthest = max(PATHS.outside, spacings)
-    return np.asarray(away[:, 0] <= furthest)
+    return away[:, 0] <= furthest
 
 
 def _front(solver: Solver, x: Array) -> Array:

@@ -5,13 +5,16 @@ Use it for tables of poses; `calib.Model.solve` answers positions alone, in the 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arm.rotations import matrix_of, quaternion_of
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.choices import FRAMES, check_choice
 from ..common.inputs import query_rows
+from ..common.rows import row_lengths
 from ..errors import QueryError
 from ..inverse.task import Poses, turn_left
 from ..samples.motion import Motion
@@ -52,58 +55,78 @@ def solve_poses(
         raise QueryError(
             "pixels are no positions in space: ask with frame='base'"
         )
+    in_base = frame == "base"
     place, _ = query_rows(position, ("x", "y", "z"), "positions")
     n = len(place)
     rotation = np.tile(np.eye(3), (n, 1, 1))
     if quaternion is not None:
         rotation = _rotations(quaternion, n)
-    wish = anchor(model, near, n)
-    wished = wished_joints(model, wish, near)
-    start = model.motor.scale.from_unit(wish)
-    if frame != "base":
+    if not in_base:
         place, rotation = space.to_base(place, rotation)
-    axis = free_axis(free)
     posed = quaternion is not None
-    reach = Reach.of(space, posed=posed, free=axis)
-    goal = Poses.target(place, rotation) if posed else place
-    target = np.arange(n)
-    if keep and not posed:
-        q = reach.least_turn_joints(place, start)
-    elif every and posed:
-        ways = reach.branches(goal, start)
-        target = np.repeat(target, [len(rows) for rows in ways])
-        q = np.concatenate([start[:0], *ways])
-    else:
-        q = reach.nearest(goal, start)
+    goals = Goals(space, place, rotation, posed, free_axis(free))
+    wish = anchor(model, near, n)
+    start = model.motor.scale.from_unit(wish)
+    q, target = goals.joints(start, every=every, keep=keep)
+    wished = wished_joints(model, wish, near)
     q = on_turn(model, q, wished[target])
-    position, orientation, _ = space.evaluate(q)
-    distance = np.linalg.norm(position - place[target], axis=1)
-    angle = np.zeros(len(q))
-    if posed:
-        rest = turn_left(orientation, rotation[target], axis)
-        angle = np.linalg.norm(rest, axis=1)
-    met = (distance <= REACHED * space.length) & (angle <= 10 * REACHED)
-    if frame != "base":
-        position, orientation = space.to_sensor(position, orientation)
-        distance = space.sensor[2] * distance
-    bound = error = np.full(len(q), np.nan)
-    if bounded and frame == "base":
+    answer = goals.answer(q, target, in_base=in_base)
+    if not bounded:
+        return answer
+    if in_base:
         bound = error = space.bound(q)
-    elif bounded:
+    else:
         prediction = predict(model, Motion(q))
         bound = prediction.bound
         error = prediction.true_bound
-    return Answer(
-        q,
-        position,
-        distance,
-        bound,
-        error,
-        np.isin(target, target[met]),
-        target,
-        quaternion_of(orientation),
-        angle,
-    )
+    return answer._replace(expected_error=bound, model_error=error)
+
+
+@dataclass(frozen=True, eq=False)
+class Goals:
+    """Places or poses of the base frame that joints are asked for."""
+
+    space: Space
+    place: Array  # (n, 3) [m]
+    rotation: Array  # (n, 3, 3)
+    posed: bool  # whether orientations count
+    free: int | None  # axis of the tip about which its turn is left open
+
+    def joints(
+        self, start: Array, *, every: bool, keep: bool
+    ) -> tuple[Array, Index]:
+        """Joints (k, dof) near `start` (n, dof), and which goal each is for, (k,)."""
+        reach = Reach.of(self.space, posed=self.posed, free=self.free)
+        target = np.arange(len(start))
+        if not self.posed:
+            search = reach.least_turn_joints if keep else reach.nearest
+            return search(self.place, start), target
+        goal = Poses.target(self.place, self.rotation)
+        if not every:
+            return reach.nearest(goal, start), target
+        ways = reach.branches(goal, start)
+        target = np.repeat(target, [len(rows) for rows in ways])
+        return np.concatenate([start[:0], *ways]), target
+
+    def answer(self, q: Array, target: Index, *, in_base: bool) -> Answer:
+        """What joints (k, dof) for goals (k,) reach, without bounds."""
+        space = self.space
+        position, rotation, _ = space.evaluate(q)
+        distance = row_lengths(position - self.place[target])
+        angle = np.zeros(len(q))
+        if self.posed:
+            rest = turn_left(rotation, self.rotation[target], self.free)
+            angle = row_lengths(rest)
+        met = distance <= REACHED * space.length
+        met &= angle <= 10 * REACHED
+        reached = np.isin(target, target[met])
+        if not in_base:
+            position, rotation = space.to_sensor(position, rotation)
+            distance = space.sensor[2] * distance
+        place = position, distance
+        turn = quaternion_of(rotation), angle
+        unknown = np.full(len(q), np.nan)
+        return Answer(q, *place, unknown, unknown, reached, target, *turn)
 
 
 def pose_in_sensor(
@@ -133,13 +156,13 @@ def _rotations(quaternion: ArrayLike, n: int) -> Array:
     complaint = wrong_length(rows, n)
     if complaint:
         raise QueryError(complaint)
-    return matrix_of(rows / np.linalg.norm(rows, axis=1)[:, None])
+    return matrix_of(rows / row_lengths(rows)[:, None])
 
 
 def wrong_length(quaternion: ArrayLike, n: int = 1) -> str:
     """Say which of some quaternions (n, 4) is none by its length; nothing where all are one."""
     rows = rows_for(quaternion, QUATERNION, "quaternion", n)
-    length = np.linalg.norm(rows, axis=1)
+    length = row_lengths(rows)
     off = np.abs(length - 1.0)
     if not (off > ROUNDING).any():  # files round to a few digits
         return ""

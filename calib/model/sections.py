@@ -13,7 +13,7 @@ from ..body.covariance import NORMAL_95
 from ..body.curves import HARMONICS
 from ..body.views import LEAST_DEPTH
 from ..common.arrays import Array
-from ..common.rows import spread_rows
+from ..common.rows import row_lengths, spread_rows
 from ..errors import CalibError
 from ..inverse.settings import SOLVER
 from ..inverse.ways import distinct
@@ -105,16 +105,13 @@ def body_arm(arm: KernelArm) -> Section:
         tables |= {
             "gravity": arm.sag.gravity,
             "bending": arm.sag.bending,
-            "loaded": arm.sag.loads.joints,
-            "load": arm.sag.on_links,
-            "tilt": arm.sag.tilts,
         }
         drawn = Deviations.none(arm.chain.joints)
         arms["drawn"] = replace(arm, deviations=drawn)
     if arm.flex is not None and arm.flex.any():
         tables |= _flex(arm, arm.flex)
     links = np.vstack([arm.links.strides[1:-1, :, 0], arm.links.tip[0]])
-    length = float(np.linalg.norm(links, axis=1).sum())
+    length = float(row_lengths(links).sum())
     words = {
         "out": arm.outputs,
         "chain": arm.chain.joints,
@@ -182,10 +179,18 @@ def belief(posterior: CompactPosterior, *, noise: bool) -> Section:
     arm = posterior.arm
     if arm.flex is not None:
         tables |= _flex(arm, arm.flex)
+    loads = 0
+    if arm.sag is not None:
+        loads = len(arm.sag.elastic)
+        tables |= {
+            "loaded": arm.sag.loads.joints,
+            "load": arm.sag.on_links,
+            "tilt": arm.sag.tilts,
+        }
     words = {
         "beliefs": len(posterior.scale),
         "together": tables["by_view"].shape[1],
-        "loads": 0 if arm.sag is None else len(arm.sag.elastic),
+        "loads": loads,
         "knots": COMPACT.knots,
         "normal": NORMAL_95,
     }
@@ -222,7 +227,7 @@ def local_models(model: Parts) -> Section:
 
 
 def grid_starts(model: Parts) -> Section:
-    """Joints from which positions are sought, and where they lead, by cells of the workspace.
+    """Joints from which positions are sought, by cells of the workspace.
 
     The source grows by 20 bytes a number.
     """
@@ -241,29 +246,28 @@ def grid_starts(model: Parts) -> Section:
         "grid_step": step,
         "cell": np.append(0, np.cumsum(count)),
     }
-    return _starts(model, u[single], grid)
+    grid["start_q"] = model.motor.scale.from_unit(u[single])
+    return Section(grid, {"starts": np.count_nonzero(single)})
 
 
 def posture_starts(model: Parts) -> Section:
-    """The same of redundant joints, which have too many for each place: some postures."""
+    """Joints of redundant arms, which have too many for each place: some postures."""
     nodes = np.flatnonzero(model.visited)
     nodes = nodes[spread_rows(len(nodes), STARTS.postures)]
     return _starts(model, np.clip(model.motor.units[nodes], 0.0, 1.0))
 
 
 def middle_start(model: Parts) -> Section:
-    """The same, the middle of the ranges alone."""
+    """The middle of the ranges alone."""
     return _starts(model, np.full((1, len(model.about.lower)), 0.5))
 
 
-def _starts(model: Parts, u: Array, grid: Tables | None = None) -> Section:
+def _starts(model: Parts, u: Array) -> Section:
     """Joints (k, dof) of the unit box, and where they lead."""
     tables: Tables = {
         "start_q": model.motor.scale.from_unit(u),
         "start_x": model.predictor.value(u),
     }
-    if grid is not None:
-        return Section(grid | tables, {"starts": len(u)})
     words = {
         "starts": len(u),
         "tries": SOLVER.spare_tries,

@@ -21,6 +21,7 @@ from ..body.spatial import SpatialStructure, structure_of
 from ..body.views import is_camera, pixels
 from ..common.arrays import Array, Mask
 from ..common.inputs import query_rows
+from ..common.rows import row_lengths
 from ..errors import QueryError
 from .parts import Parts
 
@@ -198,7 +199,7 @@ def _directions_of(pixel: Array, lens: Array) -> Array:
     """Directions (n, 2), x/z and y/z, that a lens (f, u0, v0, k1) shows at pixels (n, 2)."""
     f, u0, v0, k1 = lens
     bent = (pixel - (u0, v0)) / f
-    radius = np.linalg.norm(bent, axis=1)
+    radius = row_lengths(bent)
     r = radius
     for _ in range(_LENS):  # Newton's rule, not beyond the lens's fold
         slope = np.maximum(1 + 3 * k1 * r * r, 1e-6)

@@ -65,6 +65,10 @@ def model_of(kind: type[_M], data: bytes, name: str) -> _M:
             f"{name}: a rig of flange poses, no model: calib report, calib preview and calib plan "
             "take it"
         )
+    if "maps" in header:
+        raise ModelError(
+            f"{name}: maps alone, no model: `calib.load_maps` reads them"
+        )
     if version != VERSION:
         remedy = "an older program wrote it, train the model again"
         if isinstance(version, int) and version > VERSION:

@@ -17,6 +17,7 @@ from ..arm.rigid import (
     turn_of,
 )
 from ..arm.rotations import quaternion_of
+from ..body.covariance import Z95
 from ..body.sensor_pose import SensorPose, hand_pose
 from ..common.arrays import Array, Index, Mask
 from ..samples.lens import Lens
@@ -30,14 +31,14 @@ from .problem import Problem
 from .rig import CameraPlace, HandEye, LensFacts, Place, Square
 
 
-def solve_rig(problem: Problem, frames: tuple[str, str]) -> HandEye:
-    """The rig that fits the pictures; `frames` are the names of base and flange.
+def solve_rig(problem: Problem) -> HandEye:
+    """The rig that fits the pictures.
 
     Raises LogError where too few pictures agree.
     """
     fit, agreeing = consensus(problem)
     rig_fit = RigFit(problem, fit, agreeing)
-    rig = rig_fit.rig(frames)
+    rig = rig_fit.rig()
     rig = replace(
         rig,
         limited_by=limit_of(problem, rig, agreeing),
@@ -54,8 +55,8 @@ class RigFit:
     fit: CornerFit
     agreeing: Mask  # (n,), motions that the fit rests on
 
-    def rig(self, frames: tuple[str, str]) -> HandEye:
-        """The rig, but for notes and log; `frames` are the names of base and flange."""
+    def rig(self) -> HandEye:
+        """The rig, but for notes and log."""
         problem = self.problem
         bundle = problem.bundle
         first = problem.views[0]
@@ -87,7 +88,7 @@ class RigFit:
             left_out=problem.pictures_at(~self.agreeing),
             cameras=tuple(map(self.camera, cameras)),
             convention=None if choice is None else choice.convention,
-            frames=frames,
+            frames=problem.frames,
             names=problem.names,
             flange=bundle.motions.poses(arm),
             misses=misses,
@@ -129,7 +130,7 @@ class RigFit:
         from scipy.special import stdtrit
 
         if self.problem.arm and self.fit.freedom < len(self.agreeing):
-            return 1.96  # the joints are as good as exact
+            return Z95  # the joints are as good as exact
         return float(stdtrit(max(self.fit.freedom, 3.0), 0.975))
 
     @cached_property

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array
+from ..common.rows import finite_rows
 from ..common.wording import INSTALL, listing
 from ..errors import LogError
 from ..samples.motion import (
@@ -21,6 +22,7 @@ from ..samples.motion import (
 )
 from ..samples.samples import Samples
 from .clocks import SURE, ClockError, align_clocks
+from .track import left_out_notes, usable_rows
 
 _JOINTS = ("sensor_msgs/msg/JointState",)
 _POSITIONS = tuple(
@@ -65,7 +67,6 @@ def read_bag(
         names, times, values = _joint_states(reader, source, joints)
         tips = _tip_topics(topics, tip_topic, frames)
         frame, poses = _poses(reader, tips, frames)
-    poses = poses[np.argsort(poses[:, 0], kind="stable")]
     stamps = poses[:, 0]
     x = poses[:, 1:4]
     notes: list[str] = []
@@ -73,25 +74,22 @@ def read_bag(
         time_offset, notes = _offset(stamps, x, times, values)
     stamps = stamps + time_offset
     doubts = gaps_between(stamps, times, max_gap)
-    doubts["not finite"] = np.asarray(~np.isfinite(x).all(axis=1))
+    doubts["not finite"] = ~finite_rows(x)
     if still is not None:
         fast = joint_speed(stamps, times, values) > still
         doubts[f"a joint moved faster than {still:g}"] = fast
-    usable, reasons = _usable_rows(len(stamps), doubts)
-    notes = [*notes, *reasons]
+    usable, dropped = usable_rows(np.ones(len(x), bool), doubts)
+    notes += left_out_notes("positions", dropped)
     if not usable.any():
         hint = "change `max_gap`, `still` or `time_offset`"
         raise LogError(f"no position is left ({'; '.join(notes)})", hint=hint)
     stamps = stamps[usable]
-    about = {"source": "bag"}
-    if frame:
-        about["frame"] = frame
     turned = _turns(poses[:, 4:])  # drivers may leave orientations unset
     return Samples(
         joints_at(stamps, times, values),
         x[usable],
         names,
-        source=about,
+        source={"source": "bag", "frame": frame},
         orientation=poses[usable, 4:] if turned else None,
         time=stamps - stamps[0],
         notes=tuple(notes),
@@ -109,20 +107,6 @@ def _tip_topics(
     if not tips or (frames is None and tip_topic not in tips and is_other):
         return [_topic(topics, tip_topic, (*_POSITIONS, _TF), "tip_topic")]
     return tips
-
-
-def _usable_rows(
-    count: int, doubts: Mapping[str, Mask]
-) -> tuple[Mask, list[str]]:
-    """Rows (count,) that no doubt concerns, and notes of how many are left out for each."""
-    notes: list[str] = []
-    usable = np.ones(count, dtype=bool)
-    for why, wrong in doubts.items():
-        excluded = np.count_nonzero(usable & wrong)
-        if excluded:
-            notes.append(f"{excluded} positions left out: {why}")
-        usable = usable & ~wrong
-    return usable, notes
 
 
 def _reader(path: Path) -> Any:
@@ -227,7 +211,7 @@ def _offset(
     """What has to be added to the stamps of positions [s], and what the user should be told."""
     gap = float(times[0] - stamps[0])
     is_common = min(times[-1], stamps[-1]) > max(times[0], stamps[0])
-    track = np.where(np.isfinite(x).all(axis=1, keepdims=True), 1e3 * x, np.nan)
+    track = np.where(finite_rows(x)[:, None], 1e3 * x, np.nan)
     try:
         clocks = align_clocks(
             stamps - stamps[0], track, times - times[0], values, unit="mm"
@@ -254,6 +238,7 @@ def _poses(
 ) -> tuple[str, Array]:
     """The frame, and times, places and quaternions (n, 8) in it, of the one thing that moves.
 
+    Rows are in the order of time.
     frames : of a transform of tf, its parent and its child
     """
     moves: dict[tuple[str, str], list[list[float]]] = {}
@@ -276,7 +261,8 @@ def _poses(
             f"{len(moving)} transforms or topics move, expected one: {shown}",
             hint="name one, the sensor's frame and the tip's, as `frames`",
         )
-    return pairs[0][0], moving[pairs[0]]
+    rows = moving[pairs[0]]
+    return pairs[0][0], rows[np.argsort(rows[:, 0], kind="stable")]
 
 
 def _row(stamped: Any, received: float) -> list[float]:

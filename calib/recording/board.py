@@ -80,12 +80,12 @@ class Pattern(ABC):
         corners[:, 1] = self.size[1] - corners[:, 1]
         return corners
 
-    def _chequer(self, odd: int) -> Iterator[BlackSquare]:
-        """Every other square: where `odd` is 0 from the first, where it is 1 from the second."""
+    def _chequer(self) -> Iterator[BlackSquare]:
+        """Every other square, from the first."""
         side = self.side
         no_cells = np.zeros((1, 1), bool)
         for x, y in np.ndindex(self.columns, self.rows):
-            if (x + y) % 2 == odd:
+            if (x + y) % 2 == 0:
                 yield BlackSquare(x * side, y * side, side, no_cells)
 
 
@@ -147,7 +147,7 @@ class Chessboard(Pattern):
 
     def black_squares(self) -> Iterator[BlackSquare]:
         """Black squares."""
-        return self._chequer(0)
+        return self._chequer()
 
 
 @dataclass(frozen=True)
@@ -210,11 +210,9 @@ class CharucoPattern(Pattern):
 
     def black_squares(self) -> Iterator[BlackSquare]:
         """Black squares, and tags where OpenCV's detector expects them."""
-        numbers = np.ravel(self.charuco.getIds()).tolist()
+        yield from self._chequer()
         places = np.array(self.charuco.getObjPoints())[:, :, :2].min(axis=1)
-        first = np.rint(places[0] / self.side - 0.5).astype(int)
-        yield from self._chequer(1 - first.sum() % 2)
-        for number, (x, y) in zip(numbers, places, strict=True):
+        for number, (x, y) in enumerate(places):
             yield BlackSquare(
                 x, y, self.marker, tag_cells(number, self.dictionary)
             )
@@ -237,7 +235,7 @@ class TagGrid(Pattern):
     @property
     def dictionary(self) -> str:
         """OpenCV's name of the family."""
-        return f"apriltag_{self.family.removeprefix('t')}"
+        return self.family.removeprefix("t")
 
     @property
     def text(self) -> str:

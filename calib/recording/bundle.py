@@ -194,7 +194,7 @@ class Bundle:
         layout = self.layout
         camera_frame, board_frame = self.frame_numbers(camera)
         *bend_columns, size_column = layout.shapes[self.boards[camera]]
-        focus_column = POSE + camera
+        focus_column = layout.size + POSE + camera
         corners = self.camera == camera
         motion = self.motion[corners]
         bends = self.bends[corners]
@@ -212,35 +212,29 @@ class Bundle:
         )
         scenes = before_board @ unknowns.frames[board_frame]
         board_steps = adjoint(scenes)
-        scene = scenes[motion]
-        turns = turn_of(scene)
-        places = np.einsum("nij,nj->ni", turns, points) + shift_of(scene)
+        turns = turn_of(scenes)[motion]
+        places = np.einsum("nij,nj->ni", turns, points)
+        places += shift_of(scenes)[motion]
 
-        # in the picture
-        focus = np.exp(unknowns.errors[motion, focus_column])
+        # in the picture, and slopes by the scene and by the flange
+        focus = np.exp(unknowns.errors[motion, POSE + camera])
         pixels, by_place, by_lens = project(lens, focus, places)
-
-        # slopes by the scene, by the point in the board, and by the flange
         by_turn = np.cross(places[:, None], by_place)
         by_scene = np.concatenate([by_turn, by_place], axis=2)
         by_point = by_place @ turns
         by_flange = by_scene @ flange_steps[motion]
 
-        # columns of the unknowns
-        width = layout.size + layout.errors
-        slopes = np.zeros((len(points), 2, width))
-        by_board = by_scene @ board_steps[motion]
+        # columns of the unknowns, then of the motion's errors
+        slopes = np.zeros((len(points), 2, layout.size + layout.errors))
         slopes[..., layout.frames[camera_frame]] = -by_scene
+        by_board = by_scene @ board_steps[motion]
         slopes[..., layout.frames[board_frame]] = by_board
         slopes[..., layout.lenses[camera]] = by_lens
         slopes[..., bend_columns] = size * by_point @ bends
         slopes[..., [size_column]] = by_point @ points[:, :, None]
         slopes[..., layout.arm] = by_flange @ by_arm[motion]
-
-        # columns of the motion's errors
-        by_errors = slopes[..., layout.size :]
-        by_errors[..., :POSE] = by_flange
-        by_errors[..., focus_column] = by_lens[..., :2] @ lens[:2]
+        slopes[..., layout.size : layout.size + POSE] = by_flange
+        slopes[..., focus_column] = by_lens[..., :2] @ lens[:2]
         return pixels, slopes
 
 

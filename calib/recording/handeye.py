@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from ..arm.arm import Arm, SpatialArm
-from ..arm.description import parse_robot
 from ..arm.loading import load_arm
 from ..arm.rigid import place_points, shift_of, turn_of
 from ..common.arrays import Array
@@ -34,6 +35,7 @@ from .view import view_of
 
 Pictures = Source | BoardPictures
 Eyes = str | Mapping[str, str]
+_T = TypeVar("_T")
 
 
 def handeye(
@@ -79,45 +81,53 @@ def handeye(
         raise OptionError("expected either pictures or the board's poses")
     if (arm is None) == (poses is None):
         raise OptionError("expected either an arm with joints or flange poses")
-    if isinstance(arm, (str, os.PathLike)):
-        arm = load_arm(os.fspath(arm))
-    if arm is not None and not isinstance(arm, SpatialArm):
-        raise OptionError(
-            f"{arm.name} moves in a plane: expected an arm that moves in space"
-        )
     if boards is not None:
         pictures, lens = pictures_of_boards(boards)
     assert pictures is not None  # noqa: S101 - refused above
-    flange = None if poses is None else _flange_table(poses)
-    if flange is not None:
+    drawn = None if arm is None else _spatial_arm(arm)
+    flange = None
+    if poses is not None:
+        flange = replace(
+            _flange_table(poses), unit=unit, rotation=rotation, degrees=degrees
+        )
         joints = flange.joints
 
-    # pictures, eye and lens by the cameras' names
-    cameras = _cameras(pictures)
-    eyes = dict.fromkeys(cameras, eye) if isinstance(eye, str) else eye
-    lenses = lens if isinstance(lens, Mapping) else dict.fromkeys(cameras, lens)
-    views = []
     with one_blas_thread():
         # pictures -> corners -> lens and board before each camera
-        for name, source in cameras.items():
-            eye_of_camera = eyes.get(name)
+        views = []
+        for name, source in _cameras(pictures).items():
+            eye_of_camera = _of_camera(eye, name)
             check_choice(f"eye of {name}", eye_of_camera, EYES)
-            corners = source
-            if not isinstance(corners, BoardPictures):
-                corners = find_board(
-                    corners, joints, board, arm, camera, degrees=bool(degrees)
+            shots = source
+            if not isinstance(shots, BoardPictures):
+                shots = find_board(
+                    shots, joints, board, drawn, camera, degrees=bool(degrees)
                 )
             in_hand = eye_of_camera == "hand"
-            view = view_of(name, corners, in_hand, lenses.get(name))
-            views.append(view)
+            lens_of_camera = _of_camera(lens, name)
+            views.append(view_of(name, shots, in_hand, lens_of_camera))
 
         # corners and motions -> start -> bundle -> answer
         if flange is not None:
-            problem = problem_of_poses(flange, views, unit, rotation, degrees)
-            return solve_rig(problem, ("base", "flange"))
-        assert arm is not None  # noqa: S101 - refused above
-        frames = (parse_robot(arm.urdf).root, arm.tip)
-        return solve_rig(problem_of_joints(arm, views), frames)
+            return solve_rig(problem_of_poses(flange, views))
+        assert drawn is not None  # noqa: S101 - refused above
+        return solve_rig(problem_of_joints(drawn, views))
+
+
+def _spatial_arm(arm: Arm | FilePath) -> SpatialArm:
+    """An arm that moves in space; OptionError of others."""
+    if isinstance(arm, (str, os.PathLike)):
+        arm = load_arm(os.fspath(arm))
+    if not isinstance(arm, SpatialArm):
+        raise OptionError(
+            f"{arm.name} moves in a plane: expected an arm that moves in space"
+        )
+    return arm
+
+
+def _of_camera(values: _T | Mapping[str, _T], name: str) -> _T | None:
+    """The value of one camera, of one for all or of one for each."""
+    return values.get(name) if isinstance(values, Mapping) else values
 
 
 def _cameras(

@@ -74,6 +74,7 @@ class JointTable:
     pictures: Sequence[str] | None  # names of the rows' pictures
     dropped: int = 0
     episodes: Index | None = None  # (n,), the series that each row is of
+    revolute: Sequence[bool] | None = None  # which joints turn; None: all
 
 
 def read_joints(
@@ -102,10 +103,10 @@ def read_joints(
             f"each joint, decimals with a point; columns: {listing(source.header)}"
         )
     q, about = np.split(rows.q, [len(names)], axis=1)
-    turning = [k for k, name in enumerate(names) if name not in prismatic]
-    most = float(np.abs(q[:, turning]).max(initial=0.0))
+    revolute = np.array([name not in prismatic for name in names])
+    most = float(np.abs(q[:, revolute]).max(initial=0.0))
     if degrees:
-        q[:, turning] = np.deg2rad(q[:, turning])
+        q[:, revolute] = np.deg2rad(q[:, revolute])
     elif most > _TURNS:
         raise LogError(
             f"{source.label}: a joint goes to {most:.4g} rad, more than two turns: are these "
@@ -119,6 +120,7 @@ def read_joints(
         q=q,
         time=columns.get("time"),
         episodes=None if episodes is None else episodes.astype(np.intp),
+        revolute=tuple(revolute.tolist()),
     )
 
 
@@ -201,6 +203,10 @@ class FlangeTable:
     pictures: Sequence[str] | None  # names of the rows' pictures
     named: str = ""  # the rotation that the columns' names say
     dropped: int = 0  # rows with a missing value
+    # what the user states of the poses; by default all readings are tried
+    unit: str | None = None
+    rotation: str | None = None
+    degrees: bool | None = None
 
     @property
     def joints(self) -> JointTable:

@@ -19,6 +19,7 @@ from ..arm.rigid import (
     turn_of,
 )
 from ..arm.rotations import exponential
+from ..body.covariance import Z95
 from ..common.arrays import Array, Index, Mask
 from ..errors import OptionError
 from ..samples.lens import Lens
@@ -265,4 +266,4 @@ def next_poses(
     along_parent = turn_of(frame_of(rig.hand))
     shifts = along_parent @ covariances[:, 3:, 3:] @ along_parent.T
     variances = shifts.diagonal(axis1=1, axis2=2)
-    return in_view[chosen], 1.96 * np.sqrt(variances)
+    return in_view[chosen], Z95 * np.sqrt(variances)

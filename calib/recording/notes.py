@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arm.arm import SpatialArm
+from ..body.covariance import Z95
 from ..common.arrays import Mask
 from ..common.wording import listing, two_digits
 from .bundle import POSE
@@ -108,7 +109,7 @@ def _open(rig: HandEye, agreeing: Mask) -> Iterator[str]:
     if max(rig.hand["position_95_up_to_gauge"]) < NOTE_LIMITS.open:
         return
     squares, directions = np.linalg.eigh(rig.covariance[3:6, 3:6])
-    half = 1.96e3 * float(np.sqrt(max(squares[-1], 0.0)))
+    half = 1e3 * Z95 * float(np.sqrt(max(squares[-1], 0.0)))
     turns, axes = turning(rig.flange[agreeing])
     first, second, third = map(two_digits, np.degrees(turns).tolist())
     along, one, other = (

@@ -175,6 +175,12 @@ class Video:
                 grey = cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY)
                 yield float(image.time), grey
 
+    def notes(self, count: int) -> list[str]:
+        """What is left out where `count` frames can be read."""
+        if self.claimed <= 1.05 * count + 2:
+            return []
+        return [f"{count} of {self.claimed} frames can be read: it is cut off"]
+
 
 def take_photo(
     path: str | os.PathLike[str],

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arm.arm import SpatialArm
+from ..arm.description import parse_robot
 from ..arm.rigid import turn_of
 from ..arm.rotations import logarithm, nearest_rotation
 from ..body.spatial import structure_of
@@ -60,6 +61,13 @@ class Problem:
     start: CornerFit
     arm: SpatialArm | None = None
     choice: Choice | None = None  # what poses mean
+
+    @property
+    def frames(self) -> tuple[str, str]:
+        """Names of the arm's base and of what carries."""
+        if self.arm is None:
+            return "base", "flange"
+        return parse_robot(self.arm.urdf).root, self.arm.tip
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -119,20 +127,14 @@ def problem_of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
     return replace(_problem(views, rows, motions), arm=arm)
 
 
-def problem_of_poses(
-    table: FlangeTable,
-    views: Sequence[View],
-    unit: str | None,
-    rotation: str | None,
-    degrees: bool | None,
-) -> Problem:
+def problem_of_poses(table: FlangeTable, views: Sequence[View]) -> Problem:
     """The problem of flange poses, whose convention is found.
 
     Raises LogError where they turn about one axis alone, or are not of the pictures.
     """
     # the convention under which the camera with most pictures agrees with the poses
     fullest = max(views, key=lambda view: len(view.rows))
-    choice = choose(table, fullest, unit, rotation, degrees)
+    choice = choose(table, fullest)
     flange = choice.reading.flange.copy()
     _refuse_one_axis(flange[fullest.rows])
     _refuse_mirrored(fullest, choice.start)

@@ -134,15 +134,16 @@ def _turns(numbers: Array) -> list[tuple[str, str, Array]]:
     return turns
 
 
-def _readings_as_stated(
-    table: FlangeTable, rotation: str | None, degrees: bool | None
-) -> list[Reading]:
+def _readings_as_stated(table: FlangeTable) -> list[Reading]:
     """Readings of a table that agree with what is stated of its rotations.
 
     Raises OptionError where there is none.
     """
+    rotation = table.rotation
     alike = ALIKE.get(rotation or "", rotation)
-    angles = None if degrees is None else ("deg" if degrees else "rad")
+    angles = None
+    if table.degrees is not None:
+        angles = "deg" if table.degrees else "rad"
     readings = [
         reading
         for reading in pose_readings(table)
@@ -157,21 +158,14 @@ def _readings_as_stated(
     return readings
 
 
-def choose(
-    table: FlangeTable,
-    view: View,
-    unit: str | None = None,
-    rotation: str | None = None,
-    degrees: bool | None = None,
-) -> Choice:
+def choose(table: FlangeTable, view: View) -> Choice:
     """The reading of a table that fits best.
 
-    unit, rotation, degrees : what is stated of the table; by default all are tried
     Raises OptionError where no reading is left.
     """
-    readings = _readings_as_stated(table, rotation, degrees)
+    readings = _readings_as_stated(table)
     starts = [
-        find_start(reading.flange[view.rows], view, unit)
+        find_start(reading.flange[view.rows], view, table.unit)
         for reading in readings
     ]
     ranks = [start.rank for start in starts]

@@ -147,6 +147,22 @@ class Sightings:
             return None, frozenset()
         return find_reference(layout, self.marks, lens, self.setting.tag_height)
 
+    def document(self) -> dict[str, object]:
+        """What a log tells of pictures, tag, lens and reference, as plain values."""
+        setting = self.setting
+        reference, _ = self.reference
+        document: dict[str, object] = {
+            "size": list(self.size),
+            "tag": setting.tag,
+            "dictionary": setting.dictionary,
+            "reference": {"kind": "pixels"},
+        }
+        if setting.lens is not None:
+            document["lens"] = setting.lens.to_json()
+        if reference is not None:
+            document["reference"] = reference.to_json()
+        return document
+
 
 def find_sightings(
     shots: Iterable[Shot], setting: Setting, what: str, every: int = 1
@@ -158,13 +174,11 @@ def find_sightings(
         tags are there should this one not be
     Raises LogError if the tag is there twice in more than a tenth, or nowhere.
     """
-    names: dict[int, str] = {}
-    sharp: dict[int, Tag] = {}
+    sharp: list[tuple[int, str, Tag]] = []
     marks: dict[int, Marks] = {}
     sample: list[Picture] = []
     reasons: Counter[str] = Counter()
     twice: list[str] = []
-    size = (0, 0)
     count = 0
     for number, name, grey in shots:
         count += 1
@@ -181,8 +195,7 @@ def find_sightings(
         if reason:
             reasons[reason] += 1
         else:
-            names[number] = name
-            sharp[number] = tips[0]
+            sharp.append((number, name, tips[0]))
         if len(tips) > 1:
             twice.append(name)
     if len(twice) > _MOST_TWICE * count:
@@ -192,16 +205,17 @@ def find_sightings(
         )
     if not sharp:
         raise _no_tag(setting, sample, f"{count} {what}")
+    numbers, names, tips_in_order = zip(*sharp, strict=True)
     return Sightings(
-        setting=setting,
-        what=what,
-        numbers=np.array([*sharp]),
-        names=tuple(names.values()),
-        tags=tuple(sharp.values()),
-        marks=marks,
-        reasons=reasons,
-        count=count,
-        size=size,
+        setting,
+        what,
+        np.array(numbers),
+        names,
+        tips_in_order,
+        marks,
+        reasons,
+        count,
+        size,
     )
 
 

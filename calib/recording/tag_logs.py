@@ -29,7 +29,7 @@ from .pictures import Shot, Video
 from .reference import PlaneReference, find_pose, matrices
 from .setting import LOOKS, Setting, Sightings, find_sightings
 from .tags import LEAST_NOISE, Tag
-from .track import jumps, row_shift
+from .track import jumps, left_out_notes, row_shift, usable_rows
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,6 @@ def log_video(
     time_offset: float | None = None,
     still: float | None = None,
     max_gap: float = MAX_GAP,
-    revolute: Sequence[bool] | None = None,
 ) -> Samples:
     """Make a log from a video, of any format that FFmpeg (PyAV) reads; see `log_pictures`.
 
@@ -109,61 +108,121 @@ def log_video(
     still : [rad/s or m/s], every frame in which no joint moves faster is a row; without it the
         median of each rest is
     max_gap : [s], frames between joints further apart are left out
-    revolute : which joints turn; all if it is not given
     Raises LogError in one line, if no log can be made.
     """
     check_limits(max_gap, still)
-    joint_time, q = _motion_of(joints)
+    film = _film(Video(path), joints, setting, time_offset, max_gap)
+    notes = film.notes
+    if still is None:
+        why = "the arm moves"
+        groups = film.rests()
+    else:
+        why = f"a joint moves faster than {still:g}"
+        is_slow = film.usable & (film.speed < still)
+        groups = [*np.flatnonzero(is_slow)[:, None]]
+    if not groups:
+        raise LogError(
+            f"the arm never rests for {REST.least} frames of {film.name}, or moves as slowly as "
+            "`still`: record it with stops"
+        )
+    frames = sum(map(len, groups))
+    if still is None:
+        mean = frames / len(groups)
+        notes = (*notes, f"{len(groups)} rests of {mean:.0f} frames")
+    moving = int(film.usable.sum()) - frames
 
-    # the tag's track (n, 2) [px] at the video's times (n,); NaN where it is not seen
-    video = Video(path)
+    # tag, joints and time of each row
+    sightings = film.sightings
+    tag_of = dict(zip(sightings.numbers, sightings.tags, strict=True))
+    tags = [_median_tag([tag_of[k] for k in group]) for group in groups]
+    q = np.array([film.q[group].mean(axis=0) for group in groups])
+    time = np.array([np.median(film.when[group]) for group in groups])
+    about: dict[str, object] = {
+        "source": "video",
+        "time_offset": film.clocks.offset,
+        "rate": film.clocks.rate,
+    }
+    dropped = {**film.dropped, why: moving}
+    log = _log_of(sightings, tags, joints.names, q, about, dropped)
+    return replace(log, time=time - time[0], notes=(*notes, *log.notes))
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """The n frames of a video, and the joints at their times."""
+
+    name: str
+    sightings: Sightings
+    clocks: Clocks
+    when: Array  # (n,), by the joints' clock [s]
+    track: Array  # (n, 2), the tag [px]; NaN where it is not seen
+    q: Array  # (n, dof) [rad or m]
+    speed: Array  # (n,), of the fastest joint [rad/s or m/s]
+    usable: Mask  # (n,), frames that show the tag and whose joints are known
+    dropped: Mapping[str, int]  # how many are not, by reason
+    notes: tuple[str, ...]
+
+    def rests(self) -> list[Index]:
+        """The frames of each rest: joints and tag stand still for a few frames."""
+        when = self.when
+        frames = np.flatnonzero(self.usable & (self.speed < REST.rest))
+        steps = np.linalg.norm(np.diff(self.track[frames], axis=0), axis=1)
+        is_end = (steps > REST.shake) | (np.diff(when[frames]) > REST.pause)
+        rests = []
+        for run in np.split(frames, np.flatnonzero(is_end) + 1):
+            first = when[run[:1]] + SETTLE
+            last = when[run[-1:]] - SETTLE
+            settled = run[(when[run] >= first) & (when[run] <= last)]
+            if len(settled) >= REST.least:
+                # the arm may still swing where its joints stand: only frames near the median count
+                places = self.track[settled]
+                away = places - np.median(places, axis=0)
+                distances = np.linalg.norm(away, axis=1)
+                rests.append(settled[distances < REST.shake])
+        return [rest for rest in rests if len(rest) >= REST.least]
+
+
+def _film(
+    video: Video,
+    joints: JointTable,
+    setting: Setting,
+    time_offset: float | None,
+    max_gap: float,
+) -> Film:
+    """The frames of a video; arguments as of `log_video`."""
+    joint_time, q = _motion_of(joints)
     sightings, time = _video_sightings(video, setting)
     _check_motion(q, sightings, video.name)
     track = np.full((len(time), 2), np.nan)
     track[sightings.numbers] = sightings.pixels
-    notes: list[str] = []
-    if video.claimed > 1.05 * len(time) + 2:
-        notes.append(
-            f"{len(time)} of {video.claimed} frames can be read: it is cut off"
-        )
-
-    # the frames' times (n,) by the joints' clock
+    notes = video.notes(len(time))
     clocks = Clocks(time_offset or 0.0)
     if time_offset is None:
-        clocks = align_clocks(time, track, joint_time, q, revolute)
+        clocks = align_clocks(time, track, joint_time, q, joints.revolute)
         notes.append(clocks.words())
     when = clocks.joints_time(time)
-
-    # frames whose joints are known, and those of each row of the log
-    usable, gaps = _usable_frames(when, track, joint_time, max_gap)
-    speed = joint_speed(when, joint_time, q)
-    groups = _row_groups(when, track, usable, speed, still)
-    if not groups:
-        raise LogError(
-            f"the arm never rests for {REST.least} frames of {video.name}, or moves as slowly as "
-            "`still`: record it with stops"
-        )
-    if still is None:
-        why = "the arm moves"
-        mean = np.mean([len(group) for group in groups])
-        notes.append(f"{len(groups)} rests of {mean:.0f} frames")
-    else:
-        why = f"a joint moves faster than {still:g}"
-    moving = int(usable.sum() - sum(map(len, groups)))
-    dropped = {**sightings.reasons, **gaps, why: moving}
-
-    # tag, joints and time of each row
-    frame_joints = joints_at(when, joint_time, q)
-    tags, row_joints, row_time = _rows_of_groups(
-        groups, sightings, when, frame_joints
-    )
-    about: dict[str, object] = {
-        "source": "video",
-        "time_offset": clocks.offset,
-        "rate": clocks.rate,
+    doubts = {
+        "a jump of the track": jumps(track),
+        **gaps_between(when, joint_time, max_gap),
     }
-    log = _log_of(sightings, tags, joints.names, row_joints, about, dropped)
-    return replace(log, time=row_time - row_time[0], notes=(*notes, *log.notes))
+    usable, dropped = usable_rows(np.isfinite(track[:, 0]), doubts)
+    if not usable.any():
+        raise LogError(
+            f"the clocks are apart: the video runs from {when[0]:.2f} to {when[-1]:.2f} s of the "
+            f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s"
+        )
+    return Film(
+        video.name,
+        sightings,
+        clocks,
+        when,
+        track,
+        q=joints_at(when, joint_time, q),
+        speed=joint_speed(when, joint_time, q),
+        usable=usable,
+        dropped={**sightings.reasons, **dropped},
+        notes=tuple(notes),
+    )
 
 
 def _motion_of(joints: JointTable) -> tuple[Array, Array]:
@@ -194,79 +253,6 @@ def _video_sightings(video: Video, setting: Setting) -> tuple[Sightings, Array]:
         every = max(1, video.claimed // LOOKS)
     sightings = find_sightings(frames(), setting, "frames", every)
     return sightings, np.array(times)
-
-
-def _usable_frames(
-    when: Array, track: Array, joint_time: Array, max_gap: float
-) -> tuple[Mask, dict[str, int]]:
-    """Frames (n,) that show the tag and whose joints are known, and how many are not, by reason.
-
-    Raises LogError where none is.
-    """
-    usable = np.isfinite(track[:, 0])
-    dropped: dict[str, int] = {}
-    gaps = gaps_between(when, joint_time, max_gap)
-    for why, wrong in [("a jump of the track", jumps(track)), *gaps.items()]:
-        dropped[why] = int((usable & wrong).sum())
-        usable &= ~wrong
-    if not usable.any():
-        raise LogError(
-            f"the clocks are apart: the video runs from {when[0]:.2f} to {when[-1]:.2f} s of the "
-            f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s"
-        )
-    return usable, dropped
-
-
-def _row_groups(
-    when: Array,
-    track: Array,
-    usable: Mask,
-    speed: Array,
-    still: float | None,
-) -> list[Index]:
-    """The frames of each row of a log: those of a rest, or one in which the arm is slow.
-
-    speed : (n,), of the fastest joint;  still : below which it is slow [rad/s or m/s]
-    """
-    if still is None:
-        return _rests(when, track, usable & (speed < REST.rest))
-    is_slow = usable & (speed < still)
-    return list(np.flatnonzero(is_slow)[:, None])
-
-
-def _rows_of_groups(
-    groups: Sequence[Index],
-    sightings: Sightings,
-    when: Array,
-    frame_joints: Array,
-) -> tuple[list[Tag], Array, Array]:
-    """Tags, joints (r, dof) and times (r,) [s] of rows, of the frames of each."""
-    tag_of = dict(zip(sightings.numbers, sightings.tags, strict=True))
-    tags = [_median_tag([tag_of[k] for k in group]) for group in groups]
-    joints = [frame_joints[group].mean(axis=0) for group in groups]
-    times = [np.median(when[group]) for group in groups]
-    return tags, np.array(joints), np.array(times)
-
-
-def _rests(when: Array, track: Array, still: Mask) -> list[Index]:
-    """Return the frames of each rest: joints and tag stand still for a few frames.
-
-    when, track, still : (n,) [s], (n, 2) [px], and in which of the n frames no joint moves
-    """
-    frames = np.flatnonzero(still)
-    steps = np.linalg.norm(np.diff(track[frames], axis=0), axis=1)
-    is_end = (steps > REST.shake) | (np.diff(when[frames]) > REST.pause)
-    rests = []
-    for run in np.split(frames, np.flatnonzero(is_end) + 1):
-        first = when[run[:1]] + SETTLE
-        last = when[run[-1:]] - SETTLE
-        settled = run[(when[run] >= first) & (when[run] <= last)]
-        if len(settled) >= REST.least:
-            # the arm may still swing where its joints stand: only frames near the median count
-            middle = np.median(track[settled], axis=0)
-            distances = np.linalg.norm(track[settled] - middle, axis=1)
-            rests.append(settled[distances < REST.shake])
-    return [rest for rest in rests if len(rest) >= REST.least]
 
 
 def _median_tag(tags: Sequence[Tag]) -> Tag:
@@ -317,30 +303,17 @@ def _log_of(
 
     about : how they were recorded
     """
-    setting = sightings.setting
-    reference = sightings.reference[0]
-    positions = _positions(tags, setting, reference)
+    positions = _positions(tags, sightings)
     noise = np.array([tag.noise for tag in tags]) * positions.scale
-    dropped = {why: count for why, count in dropped.items() if count}
-    notes = [
-        f"{count} {sightings.what} left out: {why}"
-        for why, count in dropped.items()
-    ]
     rms = np.sqrt(np.mean(noise**2))
+    dropped = {why: count for why, count in dropped.items() if count}
     source = {
         **about,
-        "size": list(sightings.size),
-        "tag": setting.tag,
-        "dictionary": setting.dictionary,
-        "reference": {"kind": "pixels"},
+        **sightings.document(),
+        "noise": float(np.hypot(rms, positions.shared_sd)),
+        "noise_of_reference": positions.shared_sd,
+        "dropped": dropped,
     }
-    if setting.lens is not None:
-        source["lens"] = setting.lens.to_json()
-    if reference is not None:
-        source["reference"] = reference.to_json()
-    source["noise"] = float(np.hypot(rms, positions.shared_sd))
-    source["noise_of_reference"] = positions.shared_sd
-    source["dropped"] = dropped
     return Samples(
         q,
         positions.x,
@@ -349,14 +322,14 @@ def _log_of(
         pixels=np.array([tag.centre for tag in tags]),
         source=source,
         orientation=positions.quaternion,
-        notes=tuple(notes),
+        notes=left_out_notes(sightings.what, dropped),
     )
 
 
-def _positions(
-    tags: Sequence[Tag], setting: Setting, reference: PlaneReference | None
-) -> Positions:
+def _positions(tags: Sequence[Tag], sightings: Sightings) -> Positions:
     """Where tags are: by their size, in the plane of the reference, or in pixels."""
+    setting = sightings.setting
+    reference, _ = sightings.reference
     if setting.lens is not None and setting.tag_size is not None:
         return _by_tag_size(tags, setting.lens, setting.tag_size, reference)
     pixels = np.array([tag.centre for tag in tags])

@@ -5,6 +5,7 @@ Ridge regression on products of the joints' harmonics, in which the tip of any a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,6 +103,25 @@ def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
     best = min(errors, key=lambda shift: errors[shift])
     is_better = errors[best] < 0.4 * errors[0]
     return best if is_better else 0, errors[0], errors[best]
+
+
+def usable_rows(
+    usable: Mask, doubts: Mapping[str, Mask]
+) -> tuple[Mask, dict[str, int]]:
+    """Usable rows (n,) that no doubt concerns, and how many each takes away."""
+    dropped: dict[str, int] = {}
+    for why, doubtful in doubts.items():
+        dropped[why] = int(np.count_nonzero(usable & doubtful))
+        usable = usable & ~doubtful
+    return usable, dropped
+
+
+def left_out_notes(what: str, dropped: Mapping[str, int]) -> tuple[str, ...]:
+    """Notes of how many rows are left out, and why."""
+    counts = dropped.items()
+    return tuple(
+        f"{count} {what} left out: {why}" for why, count in counts if count
+    )
 
 
 def jumps(x: Array) -> Mask:

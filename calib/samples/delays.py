@@ -182,13 +182,16 @@ def estimate_delay(
             share = 0.0
     # independent rows beside blocks of neighbouring ones (a sandwich): beside smooth columns the
     # blocks' sums are too small
-    score = (
-        (inverse[0] * remainder)[: rest.size].reshape(rest.shape).sum(axis=1)
-    )
-    blocks = [block.sum() for block in np.array_split(score, DELAY.blocks)]
+    by_rows = inverse[0, : rest.size]
+    by_prior = inverse[0, rest.size :]
+    score = by_rows * remainder[: rest.size]
+    scores = score.reshape(rest.shape).sum(axis=1)
+    blocks = [block.sum() for block in np.array_split(scores, DELAY.blocks)]
     freedom = max(rest.size - len(values), 1)
-    white = np.sqrt(variance * squares / freedom)
-    sd = max(float(np.linalg.norm(blocks)), float(white))
+    white = np.linalg.norm(by_rows) * np.sqrt(squares / freedom)
+    noise = max(float(np.linalg.norm(blocks)), float(white))
+    # what the prior leaves open no exact row tells: along one line a delay is an offset
+    sd = float(np.hypot(noise, np.linalg.norm(by_prior)))
     return Delay(float(values[0]), sd, unit, share), values[1:]
 
 

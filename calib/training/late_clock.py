@@ -45,24 +45,25 @@ def _delay(
     beta = body.beta.copy()
     if fresh:
         beta[prior.sd == 0] = prior.mean[prior.sd == 0]
-    middle = len(trajectory.time) // 2
+    middle = len(samples) // 2
     half = LATE_CLOCK.rows // 2
-    rows = slice(max(0, middle - half), middle + half)
+    rows = np.arange(len(samples))[max(0, middle - half) : middle + half]
     late = 0.0
     share = 0.0
     rms = np.inf
     for _ in range(LATE_CLOCK.steps):
-        q, speed = (values[rows] for values in trajectory.before(late))
-        inside = finite_rows(q)
-        if inside.mean() < 0.5:
+        q, speed = trajectory.before(late)
+        inside = rows[finite_rows(q[rows])]
+        if len(inside) < 0.5 * len(rows):
             return None
         q = q[inside]
         predicted, slope = structure.predict_and_slope(q, beta)
-        residual = structure.residual(samples.x[rows][inside], predicted)
+        residual = structure.residual(samples.x[inside], predicted)
+        _, columns = structure.linearise(q, beta, active)
         step = estimate_delay(
             residual,
             np.einsum("nmk,nk->nm", slope, speed[inside]),
-            structure.linearise(q, beta, active)[1],
+            columns,
             prior.sd[active] ** -2.0,
             (prior.mean - beta)[active],
             # joints with play err by their direction

@@ -73,17 +73,14 @@ def associate(
     shapes = options.shapes
     network = options.map or LATTICE
     in_order = kind_of(network) == "som"
-    motor_som, sensory_som = (
-        SOM(
-            shape,
-            network,
-            options.rule,
-            options.epochs,
-            options.sigma,
-            options.stream(name),
+    soms: list[SOM] = []
+    for shape, name in zip(shapes, ("motor", "sensory"), strict=True):
+        seed = options.stream(name)
+        som = SOM(
+            shape, network, options.rule, options.epochs, options.sigma, seed
         )
-        for shape, name in zip(shapes, ("motor", "sensory"), strict=True)
-    )
+        soms.append(som)
+    motor_som, sensory_som = soms
 
     def report(done: float, error: float) -> None:
         if progress is not None:
@@ -107,8 +104,8 @@ def associate(
             # steps of a few samples hold the interpreter's lock: two threads would fight for it
             motor = fit_motor()
             sensory = fit_sensory()
-    for name, som in (("motor", motor), ("sensory", sensory)):
-        if not som.spacing > LEARNING.collapsed:
+    for name, learned in (("motor", motor), ("sensory", sensory)):
+        if not learned.spacing > LEARNING.collapsed:
             raise OptionError(
                 f"the {name} map did not unfold: its nodes collapsed",
                 hint=UNFOLD,

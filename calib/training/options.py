@@ -94,16 +94,16 @@ class TrainingOptions:
     @property
     def shapes(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """The motor and the sensory lattice, where they are given."""
-        both = self.size or 70
-        return shape_of(self.motor_size or both), shape_of(
-            self.sensory_size or both
-        )
+        both = self.size or LEARNING.side
+        motor = shape_of(self.motor_size or both)
+        sensory = shape_of(self.sensory_size or both)
+        return motor, sensory
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for a model file."""
-        data = {k: v for k, v in asdict(self).items() if k != "size"} | {
-            "seed": int(self.seed)
-        }
+        data = asdict(self)
+        del data["size"]
+        data["seed"] = int(self.seed)
         if callable(self.map):
             data["map"] = getattr(self.map, "__name__", "custom")
         return data
@@ -161,4 +161,5 @@ def options_for(
 
 def _of_dimension(dim: int, nodes: tuple[int, ...]) -> tuple[int, ...]:
     """A lattice of so many axes with as many nodes as another one."""
-    return (max(2, round(math.prod(nodes) ** (1 / dim))),) * dim
+    side = round(math.prod(nodes) ** (1 / dim))
+    return (max(2, side),) * dim

@@ -145,14 +145,14 @@ def held_out_residuals(
     near = model.solver.newton.clip(u)
     value = model.predictor.value
     targets = value(u)
-    answered = _cross_validated_maps(model, log, options, rows)
+    answered = {}
     # the joints that the learned map leads to what predictions miss by as much
     for readout, error in errors.items():
         answers = unit_joints(model, targets - error, near, ("local",))
         answered[readout] = (error, answers["local"])
+    answered |= _cross_validated_maps(model, log, options, rows)
     by_readout = {}
-    for readout in (*errors, *MAP_READOUTS):
-        error, answer = answered[readout]
+    for readout, (error, answer) in answered.items():
         missed = value(answer) - targets
         by_readout[readout] = ReadoutErrors.of(scale, u, error, answer, missed)
     return Residuals(

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..arm.arm import SpatialArm
 from ..body.body_fit import BodyFit
+from ..body.covariance import Z95
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.touch import DRAWN_SIZE, fit_touches, with_size
 from ..common.arrays import Array, Mask
@@ -76,7 +77,7 @@ class SizeCheck:
         points = " and ".join(map(touch.name, first.points))
         return (
             f"the size of the arm: {points} are said to be {1e3 * stated:.4g} mm apart, by the "
-            f"drawing's size they are {size:.4g} +- {1.96 * size * self.sd:.2g} mm: one of the two "
+            f"drawing's size they are {size:.4g} +- {Z95 * size * self.sd:.2g} mm: one of the two "
             f"is wrong by {100 * self.difference:.2g} %; the drawing's is taken, and {widened}"
         )
 
@@ -151,7 +152,7 @@ def _of_right_size(
     if size is None or not size.differs:
         return sockets, []
     if size.is_plausible:
-        drawn = _with_size_sd(drawn, size.difference / 1.96)
+        drawn = _with_size_sd(drawn, size.difference / Z95)
     return drawn, [size.words(touch)]
 
 
@@ -199,14 +200,17 @@ def _size_by_distances(touch: Touches, drawn: SocketFit) -> SizeCheck | None:
     points = np.array([fact.points for fact in touch.distances])
     stated = np.array([fact.value for fact in touch.distances], dtype=float)
     tolerance = np.array([fact.tolerance for fact in touch.distances])
-    fitted = row_lengths(
-        drawn.places[points[:, 0]] - drawn.places[points[:, 1]]
-    )
-    weight = np.nan_to_num(fitted / np.hypot(tolerance, drawn.scatter)) ** 2
-    if not weight.any():
+    first, second = drawn.places[points.T]
+    fitted = row_lengths(first - second)
+    sd = np.hypot(tolerance, drawn.scatter)
+    weight = np.nan_to_num(fitted / sd) ** 2
+    total = weight.sum()
+    if not total:
         return None
-    ratio = float(np.nansum(weight * stated / fitted) / weight.sum())
-    return SizeCheck(ratio, float(np.hypot(weight.sum() ** -0.5, DRAWN_SIZE)))
+    ratios = stated / fitted
+    ratio = np.nansum(weight * ratios) / total
+    sd_of_ratio = np.hypot(total**-0.5, DRAWN_SIZE)
+    return SizeCheck(float(ratio), float(sd_of_ratio))
 
 
 def _refuse_alike(samples: Samples, touch: Touches) -> None:

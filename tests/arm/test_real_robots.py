@@ -5,19 +5,15 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-import pinocchio
 import pytest
 from calib_cli.output import as_typed
-from reference import pinocchio_forward, random_joints
+from reference import ROBOTS, needs_robots, pinocchio_forward, random_joints
 
 from calib import RobotError, load_arm
 
-FOLDER = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
-FILES = sorted(FOLDER.rglob("*.urdf"))
+FILES = sorted(ROBOTS.rglob("*.urdf"))
 
-pytestmark = pytest.mark.skipif(
-    not FILES, reason="example-robot-data is not installed: pip install example-robot-data"
-)
+pytestmark = needs_robots
 
 
 def miss(arm, q):
@@ -35,7 +31,7 @@ PLANAR = {  # of a description: the joints and the tip that are found
 
 @pytest.mark.parametrize("file", PLANAR)
 def test_the_planar_arm_is_found_and_not_its_fingers(file):
-    arm = load_arm(FOLDER / f"{file}.urdf", planar=True)
+    arm = load_arm(ROBOTS / f"{file}.urdf", planar=True)
     assert f"{','.join(arm.joint_names)} {arm.tip}" == PLANAR[file]
 
 
@@ -86,7 +82,7 @@ def load_or_give_ranges(path, joints, tip):
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_every_whole_arm_agrees_with_pinocchio_and_with_the_page(path):
-    listed = SAID.get(str(path.relative_to(FOLDER)))
+    listed = SAID.get(str(path.relative_to(ROBOTS)))
     try:
         arm = load_arm(path)
     except RobotError as error:

@@ -5,8 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from drifting import arm
-from models import bare
+from models import arm, bare
 
 import calib
 

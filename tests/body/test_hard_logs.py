@@ -4,13 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import log_of
+from models import log_of, trained
 
 import calib
-from calib.arm.rotations import exponential, logarithm, matrix_of, quaternion_of
-from calib.body.body_fit import fit
-from calib.body.rows import Rows
-from calib.body.spatial import structure_of
+from calib.arm.rotations import exponential, matrix_of, quaternion_of
 
 NOISE = 2e-5
 ARM = calib.load_arm("six_axis")
@@ -60,24 +57,17 @@ def test_few_rows_are_not_followed_into_their_noise():
     q = rng.uniform(ARM.lower, ARM.upper, (60, 6))
     waves = 3e-4 * np.sin(9 * q + np.arange(6))
     x = ARM.forward(q + waves) + NOISE * rng.normal(size=(60, 3))
-    body = fit(structure_of(ARM), [Rows(q, x)]).body
+    body = calib.train(log_of(ARM, q, x), size=3).body
     assert 0.8 * NOISE < body.noise[0] < 1.3 * NOISE
 
 
 def one_orientation(n: int, rng: np.random.Generator) -> np.ndarray:
     """Joints (n, dof) of poses that differ in position alone, as in picking and placing."""
-    start = np.array([0.3, -1.2, 1.4, -1.0, -1.4, 0.2])
-    p, r = ARM.chain.poses(start[None])
-    joints = []
-    while len(joints) < n:
-        target, q = p[0] + rng.uniform(-0.15, 0.15, 3), start
-        for _ in range(40):
-            position, rotation = ARM.chain.poses(q[None])
-            error = np.r_[target - position[0], logarithm(r @ np.swapaxes(rotation, 1, 2))[0]]
-            q = q + np.linalg.lstsq(ARM.chain.jacobian(q[None])[0], error, rcond=1e-6)[0]
-        if np.abs(error).max() < 1e-9 and ((q > ARM.lower) & (q < ARM.upper)).all():
-            joints.append(q)
-    return np.array(joints)
+    start = np.tile([0.3, -1.2, 1.4, -1.0, -1.4, 0.2], (2 * n, 1))
+    position, turn = ARM.pose(start)
+    position += rng.uniform(-0.15, 0.15, position.shape)
+    joints = trained("six_axis", 60, 3).inverse_pose(position, turn, start)
+    return joints[np.isfinite(joints).all(axis=1)][:n]
 
 
 @pytest.mark.parametrize("oriented", [True, False])

@@ -153,16 +153,21 @@ def test_the_model_that_is_written_is_the_one_that_is_praised(tmp_path):
     assert error < 2 * found.after["mean"]  # before .17 mm was told and 12.7 mm written
 
 
-def test_rows_that_say_more_than_a_model_of_a_few_are_learned_as_training_does():
-    """Without a drawing thirty rows leave a curved posterior, which an update takes for flat."""
+@pytest.mark.parametrize("usual", [1e-5, 5e-5])
+def test_rows_that_say_more_than_a_model_of_a_few_are_learned_as_training_does(usual):
+    """Without a drawing thirty rows leave a curved posterior, which an update takes for flat.
 
-    def rows(n, seed, noise=5e-5):
+    What such rows leave open bends far: undamped steps from there end nowhere.
+    """
+
+    def rows(n, seed, noise=usual):
         log = models.bare(SIX, n, seed, noise=noise)
         real = log.q + 3e-4 * np.sin(9 * log.q + np.arange(6))
         return replace(log, x=log.x + SIX.forward(real) - SIX.forward(log.q), arm=None)
 
     adapted = calib.adapt(calib.train(rows(30, 1), size=4), rows(300, 51))
     error, covered = errors(adapted.model, rows(400, 9, noise=0.0))
+    assert adapted.improved
     assert error < 8e-5  # .18 mm before, .11 by the update alone
     assert covered > 0.93
 
@@ -186,18 +191,6 @@ def test_a_wrist_that_moves_with_its_neighbour_is_named_and_mended():
     error, covered = errors(adapted.model, rows(200, 9, noise=0.0))
     assert error < 1e-4
     assert covered > 0.93
-
-
-def test_rows_are_added_to_an_arm_without_a_drawing():
-    """What such rows leave open bends far: undamped steps from a belief of 30 rows end nowhere."""
-    rng = np.random.default_rng(0)
-    q = rng.uniform(SIX.lower, SIX.upper, (230, 6))
-    waves = 3e-4 * np.sin(np.arange(8, 14) * q)
-    x = SIX.forward(q + waves) + rng.normal(0.0, 1e-5, (230, 3))
-    log = calib.Samples(q, x, SIX.joint_names)
-    adapted = calib.adapt(calib.train(log.take(slice(30)), size=4), log.take(slice(30, None)))
-    assert adapted.improved
-    assert adapted.after["mean"] < 0.5 * adapted.before["mean"]
 
 
 def test_a_turn_about_the_first_joint_is_free_once():

@@ -140,6 +140,7 @@ CONTRACT = [
     ("evaluate m.calib", 0, EVALUATED),
     ("evaluate m.calib --data same.csv", 0, EVALUATED),
     ("evaluate m.calib --data moved.csv", 3, EVALUATED),
+    ("evaluate m.calib --data same.csv --frame free", 0, EVALUATED),
     ("evaluate m.calib --data twice.csv --iso9283", 0, EVALUATED | {"iso9283": ISO9283}),
     ("query forward m.calib .5 1", 0, POSITION),
     ("query forward m.calib .5 9", 3, POSITION),
@@ -236,6 +237,7 @@ FAILS = "THE BOUND DOES NOT HOLD"
 @pytest.mark.parametrize(
     ("line", "code", "first"),
     [
+        ("train two_link --data same.csv --size 2 --body none", 3, "TOO COARSE TO ANSWER"),
         ("info bad.calib", 3, FAILS),
         ("evaluate bad.calib", 3, FAILS),
         ("report bad.calib -o r.html", 3, FAILS),

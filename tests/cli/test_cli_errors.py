@@ -16,18 +16,14 @@ ROOT = Path(__file__).parents[2]
 CASES = [
     ("train", 2, "ROBOT"),
     ("train nope", 1, "'nope' two_link"),
-    ("train truncated.urdf", 1, "truncated"),
     ("train two_link --joints shoulder,shoulder", 2, "--joints once"),
-    ("train two_link --tip nope", 1, "'nope' tip"),
     ("train two_link --lock elbow", 2, "--lock 'elbow' JOINT=VALUE"),
     ("train two_link --lock elbow=1 --lock elbow=2", 2, "--lock 'elbow' twice"),
     ("train two_link --range elbow=0:9", 1, "elbow=0:9 limits"),
-    ("train two_link --map foo", 2, "--map 'foo' vdsom"),
     ("train two_link --size 0", 2, "--size '0' 70x70 (see calib train --help)\n"),
     ("train two_link --size 100000x100000", 1, "100000x100000 memory"),
     ("train two_link --sigma 3", 2, "--sigma '3' START:END"),
     ("train two_link --samples 0", 2, "--samples '0'"),
-    ("train two_link --samples 1", 1, "poses: 1, in 1 rows: too few"),
     ("train two_link --noise -1", 2, "--noise '-1' zero or more"),
     ("train two_link --noise 1e308", 1, "noise below 1e+15"),
     ("train two_link --change longer", 2, "--change 'longer' elbow.length"),
@@ -40,9 +36,6 @@ CASES = [
     ("train two_link --data missing.csv", 1, "elbow --columns"),
     ("train --data few.csv", 1, "--joints 'shoulder'"),
     ("query", 2, "command"),
-    ("query forward", 2, "MODEL"),
-    ("query inverse none.calib 0.1 0.4", 1, "none.calib calib train"),
-    ("query inverse truncated.calib 0.1 0.4", 1, "truncated.calib damaged"),
     ("query inverse good.calib 0.1", 2, "1 expected 2 x, y"),
     ("query inverse good.calib a b", 2, "'a' number"),
     ("query inverse good.calib 0.1 0.4 --near 1,9", 2, "--near elbow 9"),
@@ -51,8 +44,6 @@ CASES = [
     ("query inverse good.calib 0.1 0.4 --input few.csv", 2, "--input"),
     ("query inverse good.calib --json --input few.csv --output -", 2, "--json"),
     ("query forward good.calib --input missing.csv", 1, "'elbow'"),
-    ("query inverse good.calib --input few.csv --output none/a.csv", 1, "none/a.csv folder"),
-    ("adapt . --data few.csv", 1, "directory"),
     ("babble two_link -n 10 -o - --json", 2, "--json"),
     ("frobnicate", 2, "frobnicate"),
     # what is read is never replaced: a log became a model
@@ -80,15 +71,11 @@ CASES = [
     ("export good.calib -o arm.py", 2, "arm.py"),
     ("report good.calib -o page.pdf", 2, "page.pdf"),
     ("plan two_link", 2, "-o"),
-    ("plan two_link -n 3 -o poses.xlsx", 2, "poses.xlsx"),
     ("plan two_link -n 5000 -o p.csv", 2, "1000"),
-    ("plan two_link --margin -1 -o p.csv", 2, "zero"),
     ("plan two_link --margin 2 -o p.csv", 1, "room shoulder"),
     ("plan two_link --from 1 -o p.csv", 2, "2 values"),
     ("plan two_link --from 1,9 -o p.csv", 1, "--from: elbow 9"),
-    ("plan two_linc -o p.csv", 1, "two_link"),
     ("plan good.calib --tip t -o p.csv", 2, "--tip ROBOT"),
-    ("plan good.calib --range elbow=0:9 -o p.csv", 1, "limits"),
 ]
 
 
@@ -96,12 +83,11 @@ CASES = [
 def folder(tmp_path_factory, model) -> Path:
     """A folder with one good model and many bad files."""
     path = tmp_path_factory.mktemp("bad")
-    urdf, good = (ROOT / "robots" / "two_link.urdf").read_bytes(), model.read_bytes()
+    urdf = (ROOT / "robots" / "two_link.urdf").read_bytes()
     (path / "truncated.urdf").write_bytes(urdf[: len(urdf) // 2])
     (path / "few.csv").write_text("shoulder,elbow,x,y\n.1,1,.1,.2\n.2,1.1,.2,.3\n.3,1.2,.3,.4\n")
     (path / "missing.csv").write_text("shoulder,x,y\n0,0.1,0.2\n1,0.2,0.3\n")
-    (path / "good.calib").write_bytes(good)
-    (path / "truncated.calib").write_bytes(good[: len(good) // 2])
+    (path / "good.calib").write_bytes(model.read_bytes())
     return path
 
 

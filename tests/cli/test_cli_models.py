@@ -1,9 +1,13 @@
-"""`train`, `info`, `babble`: what options do; what labs ask next: noise, ISO 9283, plans."""
+"""`train`, `info`, `query`: options, answers, what is remembered; noise, ISO 9283, plans."""
 
+import io
 import math
+import re
 
 import numpy as np
 import pytest
+from models import babbled, two_link
+from reference import read, table
 from scipy.stats import chi2
 
 import calib
@@ -41,8 +45,9 @@ def test_degrees_apply_to_ranges_locks_and_changes(run):
     assert calib.load("three_link.calib").about.locked["wrist"] == pytest.approx(math.radians(30))
 
 
-def test_the_view_is_what_was_asked_for_and_what_was_found(run, log):
-    data = f"--data {log} --size 6 --json"
+def test_the_view_is_what_was_asked_for_and_what_was_found(run):
+    run.done("babble two_link -n 400 -o log.csv")
+    data = "--data log.csv --size 6 --json"
     train = f"train --joints shoulder,elbow {data}"
     rigid = run(train).document["view"]
     assert (rigid["kind"], rigid["mirror"]) == ("rigid", False)
@@ -55,6 +60,52 @@ def test_the_view_is_what_was_asked_for_and_what_was_found(run, log):
     base = run(f"train two_link {data} --view base").document["view"]
     assert base == {"kind": "base", "mirror": False}
     assert run(f"{train} --body none").document["view"] == {"kind": None}
+
+
+def test_later_commands_need_no_option(run):
+    """Of a log in degrees whose columns have other names."""
+    s = babbled(n=200, seed=3, noise=1e-4)
+    table("camera.csv", ["j1", "j2", "cam_u", "cam_v"], np.column_stack([np.degrees(s.q), s.x]))
+    columns = "shoulder=j1,elbow=j2,x=cam_u,y=cam_v"
+    line = ["train", "--data", "camera.csv", "--joints", "shoulder,elbow", "--columns", columns]
+    run.done(*line, "--degrees", "--size", "6")
+    model = calib.load("camera.calib")
+    assert model.about.degrees
+    assert model.about.columns["x"] == "cam_u"
+    for line in (
+        "check camera.calib --data camera.csv",
+        "evaluate camera.calib --data camera.csv",
+        "report camera.calib --data camera.csv -o r.html",
+        "preview camera.calib --data camera.csv --html p.html",
+        "plan camera.calib -n 3 -o poses.csv",
+    ):
+        run.done(line)
+    assert run("evaluate camera.calib --data camera.csv --radians").code == 1
+    for words in ("forward camera.calib 30 60", "inverse camera.calib 0.3 0.3 --near 30,60"):
+        assert "is outside of the learned range" in run(f"query {words}").err
+        run.done(f"query {words} --degrees")
+    # other names, and rad: what the log has goes first
+    calib.write_log(babbled(n=60, seed=4, noise=1e-4), "plain.csv")
+    run.done("evaluate camera.calib --data plain.csv --radians")
+
+
+def test_a_file_is_named_after_its_robot_and_another_robots_name_needs_force(run, tmp_path):
+    small = "-n 300 --size 5"
+    (tmp_path / "my arm.urdf").write_text(calib.load_arm("two_link").urdf)  # it says two_link
+    done = run("train", "my arm.urdf", *small.split(), "--json")
+    assert done.document["model"] == "my_arm.calib"
+    run.done("train", "my arm.urdf", *small.split(), "--seed", "1")
+    run(f"train polar {small} -o two_link.calib")
+    before = (tmp_path / "two_link.calib").read_bytes()
+    done = run(f"train two_link {small} --json")
+    assert done.code == 1
+    assert done.document["error"]["parameter"] == "--force"
+    assert (tmp_path / "two_link.calib").read_bytes() == before
+    run.done(f"train two_link {small} --force")
+    run.done(f"train two_link {small}")
+    (tmp_path / "polar.calib").write_text("notes of mine")
+    assert run(f"train polar {small}").code == 1
+    run.done(f"train polar {small} -o polar.calib")
 
 
 SENSOR, RETURN, OFFSET = 1e-5, 4e-5, 0.004  # [m], [m], [rad] of the elbow
@@ -132,3 +183,66 @@ def test_a_plan_stays_above_a_table(run):
     words = "-n 6 --above 0.1 -o poses.csv --json"
     assert min(run.done(f"plan six_axis {words}").document["poses"]["expected_z"]) > 0.1
     assert run(f"plan two_link {words}").document["error"]["parameter"] == "--above"
+
+
+def test_what_has_no_answer_is_exit_code_3_with_one_line(run, model):
+    done = run("query", "inverse", model, "2", "2", "--json")
+    assert done.code == 3
+    assert done.document["reachable"] is False
+    assert done.document["solutions"][0]["distance"] > 2.0
+    assert re.fullmatch(r"out of reach: .* [\d.]+ mm away\n", done.err)
+    done = run("query", "forward", model, "0.5", "3.5")
+    assert (done.code, done.out) == (3, "")
+    outside = "elbow = 3.5 rad is outside of the learned range 0.261799 to 2.61799 rad"
+    assert done.err == f"no answer: {outside}\n"
+    done = run("query", "forward", model, "30", "200", "--degrees", "--json")
+    assert done.document["position"] == [None, None]
+    assert done.document["expected_error"] is done.document["model_error"] is None
+    assert "elbow = 200 deg is outside of the learned range 15 to 150 deg" in done.err
+
+
+def test_batch_forward_and_back_returns_the_positions(run, model, tmp_path):
+    q = np.random.default_rng(0).uniform([0.2, 0.5], [1.3, 2.3], (50, 2))
+    typed = "shoulder,elbow\n" + "\n".join(f"{a!r},{b!r}" for a, b in q.tolist()) + "\n"
+    forward = run.done("query", "forward", model, "--input", "-", stdin=typed)
+    answered, bounds = read(forward.out), ["expected_error", "model_error"]
+    assert list(answered) == ["shoulder", "elbow", "x", "y", *bounds]
+    assert (answered["shoulder"] == q[:, 0]).all()
+    positions = np.c_[answered["x"], answered["y"]]
+    assert (positions == calib.load(model).forward(q)).all()  # in full: not a bit is lost
+    targets, answers = tmp_path / "targets.csv", tmp_path / "answers.csv"
+    targets.write_text(forward.out)
+    inverse = run("query", "inverse", model, "--input", targets, "--output", answers)
+    assert (inverse.code, inverse.out, inverse.err) == (0, "", "")
+    found = read(answers.read_text())
+    assert list(found) == ["x", "y", "shoulder", "elbow", "distance", *bounds, "reachable"]
+    assert (found["reachable"] == 1).all()
+    joints = np.c_[found["shoulder"], found["elbow"]]
+    assert np.abs(two_link(joints) - positions).max() < 1e-3
+
+
+def test_batch_keeps_bad_rows_in_their_place(run, model):
+    typed = "x,y\n0.1,0.4\nabc,1\n2,2\n,\n-0.1,0.3\n"
+    done = run("query", "inverse", model, "--input", "-", stdin=typed)
+    assert done.code == 1
+    found = read(done.out)
+    assert found["reachable"].tolist() == [1, 0, 0, 0, 1]
+    assert np.isnan([found["shoulder"][1], found["distance"][1]]).all()
+    assert np.isnan([found["shoulder"][2], found["elbow"][2]]).all()
+    assert found["distance"][2] > 1.0
+    assert "rows 2, 4 of 5" in done.err
+    assert "row 3 of 5: out of reach" in done.err
+
+
+@pytest.mark.parametrize("readout", ["linear", "activity", "winner"])
+def test_the_bound_of_another_readout_covers_its_distance_from_the_truth(run, model, readout):
+    rows, tables = "shoulder,elbow\n0.3,0.6\n0.4,0.9\n0.9,1.4\n", []
+    for options in ([], ["--readout", readout]):
+        done = run.done("query", "forward", model, "--input", "-", *options, stdin=rows)
+        tables.append(np.loadtxt(io.StringIO(done.out), delimiter=",", skiprows=1))
+    body, other = tables
+    off = np.linalg.norm(other[:, 2:4] - body[:, 2:4], axis=1)
+    assert (off > 1e-5).any()
+    assert (other[:, 4] >= off).all()
+    done = run("query", "forward", model, "0.3", "0.6", "--readout", readout, "--json")
+    assert done.document["expected_error"] == pytest.approx(other[0, 4], rel=1e-6)

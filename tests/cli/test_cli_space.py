@@ -131,8 +131,6 @@ def tracked(run, tmp_path_factory):
     turns = np.array([pin.exp3(truth.rng.normal(0, 3e-4, 3)) @ turn for turn in turns])
     names = [*truth.arm.joint_names, *"xyz"]
     table(folder / "log.csv", [*names, *ROTATION], np.c_[rows, quaternions(turns)])
-    angles = np.degrees([pin.rpy.matrixToRpy(turn) for turn in turns])
-    table(folder / "degrees.csv", [*names, "roll", "pitch", "yaw"], np.c_[rows, angles])
     train = f"train six_axis --data {folder}/log.csv --size 4 -o {folder}/m.calib --json"
     return truth, folder, run.done(train).document
 
@@ -206,13 +204,6 @@ def test_a_table_of_poses_is_answered_row_by_row_in_either_frame(run, tracked):
         assert np.abs(mine - q[k]).max(axis=1).min() < 1e-6
     assert max(told["answers"]["distance"]) < 1e-9
     assert run(f"query inverse {ask}/q.csv --all").code != 0
-
-
-def test_angles_in_degrees_are_told_in_one_line(run, tracked):
-    out = tracked[1] / "no.calib"
-    done = run(f"train six_axis --data {tracked[1]}/degrees.csv --size 4 -o {out}")
-    assert (done.code, out.exists()) == (1, False)
-    assert "give --degrees" in done.err.splitlines()[-1]
 
 
 def test_a_tool_turns_less_where_its_orientation_is_to_stay(run, tracked):

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import calib
-from hostile.guard import LONGEST, guarded, inputs
-from hostile.strategies import NAMES, NUMBERS, damaged
+from hostile.guard import LONGEST, NAMES, NUMBERS, damaged, guarded, inputs
 
 LEFT_OUT = {"reproduce", "report", "handeye"}
 """Commands that start processes or draw a dozen figures: their own tests ask them."""

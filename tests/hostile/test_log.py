@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import calib
-from hostile.guard import answer, inputs, one_line
-from hostile.strategies import NAMES, NUMBERS, damaged
+from hostile.guard import NAMES, NUMBERS, answer, damaged, inputs, one_line
 
 ARM = calib.load_arm("two_link")
 LARGEST = 1e15

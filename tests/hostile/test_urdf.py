@@ -12,14 +12,10 @@ from hypothesis import strategies as st
 from reference import pinocchio_pose, random_joints
 
 import calib
-from hostile.guard import answer, inputs, one_line
-from hostile.strategies import NAMES, NUMBERS, damaged
+from hostile.guard import NAMES, NUMBERS, answer, damaged, inputs, one_line
 
 FAR = 1e4
 """Placements beyond this [m] are compared in parts of their size."""
-
-BUNDLED = ("two_link", "two_link_full", "three_link", "polar", "scara", "six_axis")
-ROBOTS = Path(__file__).parents[2] / "robots"
 
 
 @pytest.fixture
@@ -122,7 +118,7 @@ def test_damaged_files_are_right_or_refused(load, tmp_path_factory):
     """What loads agrees with Pinocchio, where that reads it too; nothing else is opened."""
     secret = tmp_path_factory.mktemp("outside") / "secret.stl"
     secret.write_text("solid secret\n")
-    bundled = st.sampled_from([(ROBOTS / f"{name}.urdf").read_bytes() for name in BUNDLED])
+    bundled = st.sampled_from([Path(e.path).read_bytes() for e in calib.list_robots()])
     ways = (damaged, edited, edited, lambda data: st.builds(trapped, st.just(data), snares))
     snares = st.sampled_from(traps(secret))
     found = Counter()

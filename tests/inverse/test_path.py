@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from models import draw, log_of, trained, turning, two_link, two_link_inverse
 from reference import pinocchio_pose
-from refusals import refused
 
 import calib
 
@@ -85,20 +84,6 @@ def test_a_redundant_arm_follows_a_circle_without_a_jump():
     assert path.reachable.all()
     assert np.linalg.norm(arm.forward(path.q) - path.target, axis=1).max() < 1e-7
     assert steps(path, model).max() < 0.1
-
-
-@pytest.mark.parametrize(
-    ("waypoints", "options", "part"),
-    [
-        ([[0.3, 0.3]], {}, "2 waypoints or more, got 1"),
-        ([[0.3, 0.3], [np.nan, 0.1]], {}, "row 1"),
-        (SQUARE, {"start": [9.0, 0.0]}, "shoulder = 9"),
-        (SQUARE, {"step": 0.0}, "greater than zero"),
-        (SQUARE, {"step": 1e-9}, "give a longer one"),
-    ],
-)
-def test_bad_paths_are_told_in_one_line(model, waypoints, options, part):
-    refused(calib.QueryError, part, model.path, waypoints, **options)
 
 
 def with_limits(model, limits):

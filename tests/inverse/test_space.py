@@ -1,21 +1,14 @@
 """Poses: every way against closed forms, the nearest of them, and free axes."""
 
-from pathlib import Path
-
 import numpy as np
-import pinocchio
 import pytest
 from models import draw, six, trained, warm
-from reference import pinocchio_forward
+from reference import ROBOTS, needs_robots, pinocchio_forward
 from refusals import refused
 
 import calib
 from calib.arm.rotations import exponential, matrix_of, quaternion_of
 from calib.model.poses import solve_poses
-
-ROBOTS = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
-needs_robots = pytest.mark.skipif(not ROBOTS.exists(), reason="example-robot-data is not installed")
-
 
 either_way = pytest.mark.parametrize("answering", [warm, lambda model: model], ids=["C", "batch"])
 

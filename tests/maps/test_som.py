@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refused
-from small_maps import UNIT_BOX, network, points
+from small_maps import UNIT_BOX, box, network, points
 
-from calib import SOM, LogError, OptionError
+from calib import SOM, LogError
 from calib.common.rows import group_means, group_sums
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
@@ -48,30 +48,25 @@ def test_the_online_rule_comes_to_rest_where_the_batch_rule_does():
     assert np.abs(start - settled.units).max() > 2e-2
 
 
-# a varying density is no quantizer: it spends nodes on the border
-@pytest.mark.parametrize(("name", "near"), [("som", 1.15), ("vdsom", 1.4)])
-def test_a_40x40_map_is_ordered_and_close_to_the_best_quantizer(name, near):
-    x = points(10_000)
-    som = SOM((40, 40), name).fit(x, scale=UNIT_BOX)
-    fresh = points(5000, seed=1)
-    assert som.quantization_error(x) < near * BOUND / 40
-    assert som.quantization_error(fresh) < (near + 0.05) * BOUND / 40
-    assert som.topographic_error(fresh) < 0.05
+NETWORKS = {  # nodes along a side, samples, quantization error over the best, topographic error
+    "som": (40, 10_000, 1.15, 0.05),
+    "vdsom": (40, 10_000, 1.4, 0.05),  # it spends nodes on the border
+    "gng": (10, 3000, 1.15, 0.05),
+    "dsom": (10, 4000, 1.6, 0.1),
+}
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"rule": "bach"}, "rule 'bach': expected one of batch, online"),
-        ({"epochs": 0}, "epochs 0: at least 1"),
-        *(
-            ({"sigma": sigma}, "sigma .*: give .START, END. in nodes with START")
-            for sigma in [(1.0, 2.0), (np.nan, 1.0), (2, -1), (5,), 3.0, ("wide", 1)]
-        ),
-    ],
-)
-def test_impossible_options_are_refused_in_one_line(options, message):
-    refused(OptionError, message, SOM, (3, 3), **options)
+@pytest.mark.parametrize("name", NETWORKS)
+def test_a_map_is_ordered_and_close_to_the_best_quantizer(name):
+    side, n, near, folded = NETWORKS[name]
+    x, fresh = points(n), points(5000, seed=1)
+    som = SOM((side, side), name).fit(x, scale=UNIT_BOX)
+    assert som.quantization_error(x) < near * BOUND / side
+    assert som.quantization_error(fresh) < (near + 0.05) * BOUND / side
+    assert som.topographic_error(fresh) < folded
+    if name == "gng":  # it grows to its size
+        assert 95 <= som.size <= 100
+        assert som.history[0, 0] < som.history[-1, 0]
 
 
 @pytest.mark.parametrize(
@@ -88,29 +83,8 @@ def test_samples_that_are_none_are_refused_in_one_line(x, message):
     refused(LogError, message, SOM((3, 3), rule="online").fit_pair, x, x)
 
 
-def test_a_gas_grows_to_its_size_and_follows_its_samples():
-    x = points(3000)
-    gas = SOM((10, 10), "gng").fit(x)
-    assert 95 <= gas.size <= 100
-    assert gas.quantization_error(x) < 1.15 * BOUND / 10
-    assert gas.topographic_error(x) < 0.05
-    assert gas.history[0, 0] < gas.history[-1, 0]
-
-
-def test_a_dsom_unfolds_and_represents_its_samples():
-    x = points(4000)
-    dsom = SOM((10, 10), "dsom").fit(x)
-    assert dsom.topographic_error(x) < 0.1
-    assert dsom.quantization_error(x) < 1.6 * BOUND / 10
-
-
-def box(lower, upper, revolute=None):
-    lower, upper = np.array(lower, dtype=float), np.array(upper, dtype=float)
-    return Scale.of_range(lower, upper, tuple(revolute or [True] * len(lower)))
-
-
 def test_the_winner_is_found_across_the_seam_of_a_whole_turn():
-    ring = network([[0.05], [0.5], [0.95]], (3,), box([-np.pi], [np.pi]))
+    ring = network([[0.05], [0.5], [0.95]], (3,), box(True))
     distance, index = ring.nearest(np.array([[0.99], [0.01], [1.02], [-0.03], [0.4]]))
     assert index[:, 0].tolist() == [2, 0, 0, 2, 1]
     np.testing.assert_allclose(distance[:, 0], [0.04, 0.04, 0.03, 0.02, 0.1], atol=1e-12)
@@ -119,7 +93,7 @@ def test_the_winner_is_found_across_the_seam_of_a_whole_turn():
 @pytest.mark.parametrize("turning", [[False, False], [True, False]])
 def test_a_few_places_are_answered_without_scipy_as_by_its_tree(turning, monkeypatch):
     rng = np.random.default_rng(3)
-    scale = box([-np.pi, -1.0], [np.pi, 1.0], turning)
+    scale = box(*turning)
     points, places = rng.random((60, 2)), rng.uniform(-0.2, 1.2, (40, 2))
     import scipy.spatial  # noqa: F401
 
@@ -131,7 +105,8 @@ def test_a_few_places_are_answered_without_scipy_as_by_its_tree(turning, monkeyp
 
 
 def test_quantization_error_is_the_mean_distance_in_own_units():
-    square = network([[0, 0], [0, 1], [1, 0], [1, 1]], (2, 2), box([0, -5], [2, 5]))
+    scale = Scale.of_range(np.array([0.0, -5.0]), np.array([2.0, 5.0]), (False, False))
+    square = network([[0, 0], [0, 1], [1, 0], [1, 1]], (2, 2), scale)
     # a fifth of the width beside the first node; a tenth of the height below the last
     x = [[0.4, -5.0], [2.0, 4.0]]
     assert square.quantization_error(x) == pytest.approx((0.4 + 1.0) / 2)

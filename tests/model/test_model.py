@@ -16,11 +16,6 @@ def model():
     return trained("two_link")
 
 
-@pytest.fixture(scope="module")
-def q(model):
-    return draw(model, 20, seed=1, margin=0.01)
-
-
 def test_a_single_vector_answers_as_its_row_where_local_models_speak_too():
     """Rows that are denser in a part of the box: some nodes speak only near themselves."""
     rows = log(1200)
@@ -93,6 +88,11 @@ def test_without_a_body_there_is_no_answer_far_from_every_row():
         (lambda m: m.inverse([0.3, 0.3], near=[0.1]), "near of shape"),
         (lambda m: m.inverse([[0.3, 0.3]] * 3, near=[[0.1, 1]] * 2), "near has 2 rows for 3"),
         (lambda m: m.inverse([0.3, 0.3], near=[9, 1]), "near has shoulder = 9: expected a value"),
+        (lambda m: m.path([[0.3, 0.3]]), "2 waypoints or more, got 1"),
+        (lambda m: m.path([[0.3, 0.3], [np.nan, 0.1]]), "row 1"),
+        (lambda m: m.path([[0.3, 0.3], [0.2, 0.3]], start=[9.0, 0.0]), "shoulder = 9"),
+        (lambda m: m.path([[0.3, 0.3], [0.2, 0.3]], step=0.0), "greater than zero"),
+        (lambda m: m.path([[0.3, 0.3], [0.2, 0.3]], step=1e-9), "give a longer one"),
     ],
 )
 def test_what_is_no_query_is_refused_in_one_line(model, query, message):

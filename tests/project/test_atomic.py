@@ -15,10 +15,6 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and permissions
 LOG = calib.babble(calib.load_arm("two_link"), 5)
 
 
-def beside(path: Path) -> list[str]:
-    return sorted(p.name for p in path.parent.iterdir() if p != path)
-
-
 @pytest.mark.parametrize(
     ("error", "words"),
     [
@@ -39,7 +35,7 @@ def test_a_failure_half_way_keeps_the_old_file(tmp_path, monkeypatch, error, wor
     monkeypatch.setattr(os, "fsync", fail)
     refused(CalibError if words else type(error), words, calib.write_log, LOG, path)
     assert path.read_bytes() == b"old"
-    assert beside(path) == []
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_symbolic_link_stays_and_its_target_is_replaced(tmp_path):
@@ -49,7 +45,7 @@ def test_a_symbolic_link_stays_and_its_target_is_replaced(tmp_path):
     calib.write_log(LOG, link)  # through a dangling link
     assert link.is_symlink()
     assert target.read_bytes().startswith(b"shoulder")
-    assert beside(target) == []
+    assert list(target.parent.iterdir()) == [target]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")

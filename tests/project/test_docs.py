@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import versions
 from pages import PAGES, ROOT, SHARED, anchors, blocks, links, run_page
+from reference import ROBOTS
 
 import calib
 from calib.samples.tables import write_table
@@ -30,13 +31,12 @@ KNOCKED = (
     "--change sensor.outliers=0.05 -o new.csv",
     "adapt two_link.calib --data new.csv",
 )
-NOT_RUN = {
-    ("docs/quickstart.md", "it installs the package that they run."),
-    ("docs/howto/ros.md", "it installs the package that they run."),
-    ("docs/howto/ros.md", "it needs a workspace of ROS 2. They run the node against stand-ins for "
-     "ROS's modules."),
-}  # fmt: skip
-STAND_INS = {
+INSTALLS = "Not run by the tests: it installs the package that they run."
+REMARKS = {  # of what does not run as it stands
+    ("docs/quickstart.md", INSTALLS),
+    ("docs/howto/ros.md", INSTALLS),
+    ("docs/howto/ros.md", "Not run by the tests: it needs a workspace of ROS 2. They run the node "
+     "against stand-ins for ROS's modules."),
     ("docs/howto/ros.md", "Run by the tests against a stand-in for `robot`, never with LeRobot."),
 }  # fmt: skip
 
@@ -72,19 +72,16 @@ def pictures():
     return columns | {"u": pixels[:, 0], "v": pixels[:, 1]}
 
 
-def real_urdf() -> Path | None:
-    """Path of the UR10's URDF of the package example-robot-data."""
-    pinocchio = pytest.importorskip("pinocchio")
-    robots = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
-    return next(robots.rglob("ur10_robot.urdf"), None) if robots.is_dir() else None
+REAL_URDF = next(ROBOTS.rglob("ur10_robot.urdf"), None)
+"""The UR10 of the package example-robot-data, where it is installed."""
 
 
 def needed(text: str) -> None:
     """Put the files in place that not every computer can make."""
     if "ur10.urdf" in text:
-        if real_urdf() is None:
+        if REAL_URDF is None:
             pytest.skip("example-robot-data is not installed")
-        shutil.copy(real_urdf(), "ur10.urdf")
+        shutil.copy(REAL_URDF, "ur10.urdf")
     if "run.mcap" in text:
         pytest.importorskip("rosbags")
         from test_rosbags import write
@@ -105,9 +102,9 @@ def test_the_readmes_commands_run_in_order_and_its_code_does_what_it_says(tmp_pa
             Path(words[-1]).write_text(words[1].replace("\\n", "\n"))
             continue
         if "ur10.urdf" in words:
-            if real_urdf() is None:
+            if REAL_URDF is None:
                 continue
-            shutil.copy(real_urdf(), "ur10.urdf")
+            shutil.copy(REAL_URDF, "ur10.urdf")
         shown = ["--html", "page.html"] if words[1] == "preview" else []  # no server, no browser
         done = SHARED.run([*words[1:], *shown], tmp_path)
         expected = 3 if words[1] == "check" else 0  # the README says so: it has drifted
@@ -152,18 +149,9 @@ def test_commands_and_code_run_and_print_what_the_page_shows(name, folder):
         assert robot.send_action.call_args.args == (pytest.approx(expected),)
 
 
-def remarks(kind: str) -> set[tuple[str, str]]:
-    return {
-        (name, block.remark.removeprefix("Not run by the tests: "))
-        for name, text in TEXTS.items()
-        for block in blocks(text)
-        if block.remark.startswith(kind)
-    }
-
-
 def test_what_does_not_run_is_known():
-    assert remarks("Not run by the tests") == NOT_RUN
-    assert remarks("Run by the tests against") == STAND_INS
+    found = {(name, block.remark) for name, text in TEXTS.items() for block in blocks(text)}
+    assert {entry for entry in found if "un by the tests" in entry[1]} == REMARKS
 
 
 @pytest.mark.parametrize("name", TEXTS)

@@ -63,8 +63,9 @@ def test_wheel_holds_all_that_is_needed(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     (wheel,) = tmp_path.glob("calib_arm-*.whl")
     names = set(zipfile.ZipFile(wheel).namelist())
-    files = (path for path in (ROOT / "calib").rglob("*.*") if path.suffix != ".pyc")
-    modules = {path.relative_to(ROOT).as_posix() for path in files}  # styles, scripts, C, too
+    files = {path.relative_to(ROOT).as_posix() for path in (ROOT / "calib").rglob("*.*")}
+    tools = re.compile(r"\.pyc$|ruff")  # what Python and the linter keep there
+    modules = {file for file in files if not tools.search(file)}  # styles, scripts, C, too
     assert {"calib/kernel/c/head.h", "calib/show/report/page.css"} <= modules
     commands = {f"calib_cli/{path.name}" for path in (ROOT / "cli").glob("*.py")}
     robots = {f"calib/_robots/{path.name}" for path in (ROOT / "robots").glob("*.urdf")}

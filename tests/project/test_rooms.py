@@ -1,10 +1,19 @@
-"""The rooms of the code: imports run down, and the picture shows the imports that there are."""
+"""The rooms of the code: imports run down, the picture shows them, and the style in figures.
 
+Constants that shared a line count singly since it was split. `python tests/project/test_rooms.py`
+prints the figures.
+"""
+
+import ast
+import graphlib
+import io
 import re
+import tokenize
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 
 import make_rooms
-import numpy as np
+import pytest
 from refusals import refused
 
 import calib
@@ -25,13 +34,9 @@ def test_no_two_files_know_each_other():
         for path in FILES
         if path.name != "__init__.py"
     }
-    names = sorted(graph)
-    assert len(names) > 150
-    reach = np.array([[other in graph[name] for other in names] for name in names])
-    assert reach.sum() > 500
-    for _ in range(9):  # paths of up to 2^9 imports
-        reach |= (reach.astype(np.float32) @ reach.astype(np.float32)) > 0
-    assert {names[k] for k in np.flatnonzero(np.diag(reach))} == set()
+    assert len(graph) > 150
+    assert sum(map(len, graph.values())) > 500
+    graphlib.TopologicalSorter(graph).prepare()  # or it tells the cycle
 
 
 def test_every_room_is_named_and_none_is_missing():
@@ -58,7 +63,90 @@ def test_contributing_names_files_that_there_are():
     assert [name for name in named if not (ROOT / name).exists()] == []
 
 
-def test_every_module_says_what_it_does_in_its_first_line():
-    for path in FILES:
-        first = path.read_text(encoding="utf-8").split("\n", 1)[0]
-        assert re.match(r'"""\S.*[.:]', first), path
+PARTICIPLES = {
+    *("found", "told", "own", "known", "each", "asked", "given"),
+    *("kept", "taken", "said", "seen", "left", "held"),
+}
+LAYOUT = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT}
+
+
+@dataclass(frozen=True)
+class Style:
+    """Figures of a room; docstrings and comments do not count."""
+
+    tokens: float  # a line of code
+    packed: float  # assignments of several values at once, per 1,000 lines of code
+    anys: float  # uses of Any, per 1,000 lines of code
+    constants: float  # numbers as constants of a module, per 1,000 lines of code
+    participles: float  # per 1,000 names
+    skips: int  # places that are not formatted
+
+
+MOST = Style(tokens=8.8, packed=5, anys=4, constants=8, participles=4, skips=0)
+
+
+def is_docstring(token: tokenize.TokenInfo) -> bool:
+    return token.type == tokenize.STRING and token.string.lstrip("rbfu").startswith('"""')
+
+
+def holds_number(node: ast.stmt) -> bool:
+    """Whether a statement of a module names a number, or several in a tuple."""
+    value = getattr(node, "value", None)
+    if not isinstance(node, ast.Assign | ast.AnnAssign) or isinstance(value, ast.Dict | ast.Call):
+        return False
+    constants = [part for part in ast.walk(node) if isinstance(part, ast.Constant)]
+    return any(type(constant.value) in (int, float) for constant in constants)
+
+
+def is_packed(node: ast.AST) -> bool:
+    """Whether a statement assigns several values to several names: `a, b = x, y`."""
+    if not isinstance(node, ast.Assign):
+        return False
+    return isinstance(node.targets[0], ast.Tuple) and isinstance(node.value, ast.Tuple)
+
+
+def style_of(files: list[Path]) -> Style:
+    tokens, names, nodes, constants, skips, lines = [], [], [], 0, 0, 0
+    for path in files:
+        text = path.read_text(encoding="utf-8")
+        code = [
+            token
+            for token in tokenize.generate_tokens(io.StringIO(text).readline)
+            if token.type not in LAYOUT and not is_docstring(token) and token.string
+        ]
+        tokens += code
+        names += [token.string for token in code if token.type == tokenize.NAME]
+        lines += len({row for t in code for row in range(t.start[0], t.end[0] + 1)})
+        tree = ast.parse(text)
+        nodes += ast.walk(tree)
+        constants += sum(map(holds_number, tree.body))
+        skips += len(re.findall(r"fmt: (?:skip|off)", text))
+    anys = sum(isinstance(node, ast.Name) and node.id == "Any" for node in nodes)
+    return Style(
+        tokens=len(tokens) / lines,
+        packed=1e3 * sum(map(is_packed, nodes)) / lines,
+        anys=1e3 * anys / lines,
+        constants=1e3 * constants / lines,
+        participles=1e3 * sum(name in PARTICIPLES for name in names) / len(names),
+        skips=skips,
+    )
+
+
+def rooms() -> dict[str, list[Path]]:
+    """The files of each room: a folder of `calib`, its modules that stand alone, and `cli`."""
+    folders = [path.parent for path in sorted(ROOT.glob("calib/*/__init__.py"))]
+    modules = {"calib": sorted(ROOT.glob("calib/*.py")), "cli": sorted(ROOT.glob("cli/**/*.py"))}
+    return modules | {folder.name: sorted(folder.rglob("*.py")) for folder in folders}
+
+
+@pytest.mark.parametrize("room", rooms())
+def test_a_room_keeps_to_its_limits(room):
+    limits = asdict(MOST)
+    figures = asdict(style_of(rooms()[room]))
+    worse = {name: figure for name, figure in figures.items() if figure > limits[name] + 0.05}
+    assert worse == {}
+
+
+if __name__ == "__main__":
+    for room, files in rooms().items():
+        print(room, *(f"{figure:.1f}" for figure in astuple(style_of(files))))

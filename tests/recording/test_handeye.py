@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -23,17 +23,6 @@ FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's frame of a board has y down
 CORNER = np.array([0.084, 0.06, 0.0])  # the middle of the board in OpenCV's frame
 
 
-@dataclass(frozen=True, eq=False)
-class Held(Camera):
-    """A camera whose rotation (world to camera) is given."""
-
-    turned: tuple = ()
-
-    @property
-    def rotation(self):
-        return np.array(self.turned)
-
-
 @cache
 def shots(in_hand, pictures=10, seed=0):
     """A rig, its pictures and its joints; the board lies on the desk in its own frame."""
@@ -50,10 +39,8 @@ def shots(in_hand, pictures=10, seed=0):
         world = turn @ FLIP
         position = -world.T @ (shift + turn @ CORNER)
         f, u, v, k1 = rig.lens
-        camera = Held(
-            focal=f, k1=k1, position=tuple(position), shift=(u - 639.5, v - 359.5),
-            turned=tuple(map(tuple, world)),
-        )  # fmt: skip
+        shift = (u - 639.5, v - 359.5)
+        camera = Camera(focal=f, k1=k1, position=tuple(position), shift=shift, turned=world)
         desk = Desk(camera, still=(made,), noise=2.0, blur=0.6)
         taken.append(desk.picture([0.0] * 3, rng, arm=False))
     return rig, taken, JointTable("joints", rig.arm.joint_names, rig.q, None, None)

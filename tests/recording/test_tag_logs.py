@@ -1,4 +1,4 @@
-"""Logs from pictures and films of a tag: right where they are made, one line where not."""
+"""Logs from pictures and films of a tag, and a photo: right where made, one line where not."""
 
 import shutil
 from types import SimpleNamespace
@@ -8,8 +8,10 @@ import pytest
 
 pytest.importorskip("cv2")
 import cv2
+from PIL import Image
 from refusals import refused
 from rendering import Camera, Desk, board, tag, write_video
+from scenes import data_of, objects, page_of
 
 import calib
 from calib import CalibError, OptionError
@@ -18,6 +20,7 @@ from calib.recording.lens import load_lens
 from calib.recording.motion_tables import read_joints
 from calib.recording.tag_logs import Setting, log_pictures, log_video
 from calib.samples.lens import Lens
+from calib.samples.tables import write_table
 
 CAMERA = Camera(size=(640, 480), focal=600.0)
 BOARD = parse_board("5x4:40mm:31mm:5x5_100")
@@ -46,16 +49,12 @@ def shot(tmp_path_factory):
     folder, scene = tmp_path_factory.mktemp("shot"), desk()
     rng = np.random.default_rng(0)
     (folder / "p").mkdir()
-    q = []
-    while len(q) < 16:
-        row = rng.uniform([0.0, 0.0, -1.2], [1.3, 1.4, 1.2])
-        p = scene.tip_pixels(row)[0]
-        if 30 < p[0] < 610 and 30 < p[1] < 450:
-            cv2.imwrite(str(folder / "p" / f"img_{len(q)}.png"), scene.picture(row, rng))
-            q.append(row)
+    q = scene.postures(16, rng, margin=30)
+    for k, row in enumerate(q):
+        cv2.imwrite(str(folder / "p" / f"img_{k}.png"), scene.picture(row, rng))
     np.savetxt(folder / "joints.csv", q, delimiter=",", header="a,b,c", comments="")
     LENS.save(folder / "lens.json")
-    return SimpleNamespace(folder=folder, scene=scene, q=np.array(q), pictures=folder / "p")
+    return SimpleNamespace(folder=folder, scene=scene, q=q, pictures=folder / "p")
 
 
 @pytest.fixture
@@ -270,3 +269,46 @@ def test_the_commands(run, shot, film, tmp_path):
     assert np.linalg.norm(log.x - truth_on_board(shot.scene, shot.q), axis=1).max() < 3e-3
     run.refused(2, "--joints-file", "log", shot.pictures, "--tag", 7, "-o", tmp_path / "n.csv")
     assert run("log", shot.pictures, *joints, "--still", "1", "-o", tmp_path / "n.csv").code == 2
+
+
+@pytest.fixture(scope="module")
+def photographed(tmp_path_factory, run):
+    """Models of pixels with and without a photo, whose right half is bright."""
+    folder = tmp_path_factory.mktemp("photo")
+    rng = np.random.default_rng(0)
+    q = rng.uniform([0.0, 0.2], [1.3, 1.6], (40, 2))
+    desk = Desk(Camera(), lengths=(0.18, 0.16), offsets=(0.0, 0.0))
+    x = desk.tip_pixels(q) + rng.normal(0, 0.05, (40, 2))
+    columns = {"a": q[:, 0], "b": q[:, 1], "x": x[:, 0], "y": x[:, 1]}
+    source = {"unit": "px", "size": [1280, 720], "reference": {"kind": "pixels"}}
+    write_table(folder / "log.csv", columns, about=source | {"photo": "seen.png"})
+    left, right = np.full((720, 640), 40, np.uint8), np.full((720, 640), 200, np.uint8)
+    Image.fromarray(np.hstack([left, right])).save(folder / "seen.png")
+    train = ("train", "--data", folder / "log.csv", "--joints", "a,b", "--size", 8)
+    shown = ("--photo", folder / "seen.png", "-o", folder / "with.calib")
+    wrong = run(*train, "--photo", folder / "log.csv", "-o", folder / "with.calib")
+    assert "log.csv is no picture or video" in wrong.err
+    for line in (shown, ("--no-photo", "-o", folder / "bare.calib")):
+        run.done(*train, *line)
+    return calib.load(folder / "with.calib"), calib.load(folder / "bare.calib"), x
+
+
+def test_the_map_is_drawn_over_the_photo(photographed):
+    model, bare, _ = photographed
+    assert bare.photo is None
+    grey = model.photo.pixels()[..., 0].astype(int)
+    middle = grey.shape[1] // 2
+    assert abs(grey[:, : middle - 9] - 40).max() < 9
+    assert abs(grey[:, middle + 9 :] - 200).max() < 9
+    assert "photo" not in calib.figures(bare)
+    ax = calib.figures(model)["photo"].axes[0]
+    assert ax.get_xlim() == (-0.5, 1279.5)
+    assert ax.get_ylim() == (719.5, -0.5)  # y down, clipped to the picture
+    (tips,) = ax.lines
+    np.testing.assert_allclose(np.column_stack(tips.get_data()), model.rows.x)
+    data = data_of(page_of(model))
+    assert data["layers"][0]["name"] == "Photo"
+    assert "Photo" not in [layer["name"] for layer in data_of(page_of(bare))["layers"]]
+    # the picture's first row is up, seen from where the camera of the page is
+    points = objects(data)["Photo/picture"]["points"]
+    assert points[-1][1] > points[0][1]

@@ -21,17 +21,6 @@ SMALL = Camera(size=(640, 480), focal=600.0)
 BOARD = parse_board("7x5:24mm:18mm:5x5_100")
 
 
-def postures(desk, n, rng, margin=40):
-    """Postures whose tag is within the picture."""
-    found = []
-    while len(found) < n:
-        q = rng.uniform([-0.2, 0.0, -1.2], [1.3, 1.4, 1.2])
-        p = desk.tip_pixels(q)[0]
-        if (p > margin).all() and (p < np.array(desk.camera.size) - margin).all():
-            found.append(q)
-    return np.array(found)
-
-
 def true_lens(camera):
     bent = np.array([camera.k1, camera.k2, 0.0, 0.0, 0.0])
     return Lens(camera.size, np.full(2, camera.focal), camera.centre, bent)
@@ -47,7 +36,7 @@ def test_the_tip_is_found_to_a_tenth_of_a_pixel_among_decoys():
     rng = np.random.default_rng(0)
     desk = Desk(SMALL, still=(tag(3, 0.03, (0.0, 0.25, 0, 0.3)), tag(12, 0.05, (0.4, 0.2, 0, 1))))
     finder = TagFinder(wanted=[7])
-    q = postures(desk, 12, rng)
+    q = desk.postures(12, rng)
     errors = []
     for row in q:
         found = finder.find(desk.picture(row, rng))

@@ -340,6 +340,8 @@ def test_positions_and_orientations_are_read_and_written(posed, tmp_path):
     rotation = Rotation.from_quat(read_log(write(**more), SPATIAL).orientation)
     expected = Rotation.from_euler("xyz", angles).as_matrix()
     np.testing.assert_allclose(rotation.as_matrix(), expected, atol=1e-12)
+    turned = {name: np.degrees(values) for name, values in more.items()}
+    unread(write(**turned), "give `degrees=True`", arm=SPATIAL, joints=None)
 
 
 def test_quaternions_that_are_none_are_told_in_one_line(posed):

@@ -57,7 +57,6 @@ def test_each_joint_came_from_the_side_of_its_last_motion_and_rows_at_one_pose_s
     assert rows.pose_index.tolist() == [0, 1, 2, 0, 0]
 
 
-NAMES = ("shoulder", "elbow")
 JOINTS = np.array([[0.3, 1.0], [0.5, 1.4], [0.9, 2.0]])
 
 
@@ -69,17 +68,11 @@ class Pandas(dict):
         return list(self)
 
 
-def record(q):
-    table = np.zeros(len(q), dtype=[("elbow", float), ("time", float), ("shoulder", float)])
-    table["shoulder"], table["elbow"] = q.T
-    return table
-
-
 SWAPPED = {
     "dict": lambda q: {"elbow": q[:, 1], "shoulder": q[:, 0]},
     "polars": lambda q: pl.DataFrame({"elbow": q[:, 1], "t": q[:, 0], "shoulder": q[:, 0]}),
     "pandas": lambda q: Pandas(elbow=q[:, 1], shoulder=q[:, 0]),
-    "record": record,
+    "record": lambda q: np.rec.fromarrays([q[:, 1], q[:, 0]], names="elbow,shoulder"),
 }
 
 
@@ -90,7 +83,9 @@ def test_named_columns_are_taken_by_name_wherever_joint_values_go(kind):
     np.testing.assert_array_equal(model.forward(swapped), model.forward(JOINTS))
     np.testing.assert_array_equal(model.expected_error(swapped), model.expected_error(JOINTS))
     np.testing.assert_array_equal(arm.forward(swapped), arm.forward(JOINTS))
-    s = calib.Samples(swapped, arm.forward(JOINTS), NAMES, arm.lower, arm.upper, arm.revolute)
+    s = calib.Samples(
+        swapped, arm.forward(JOINTS), arm.joint_names, arm.lower, arm.upper, arm.revolute
+    )
     np.testing.assert_array_equal(s.q, JOINTS)
 
 
@@ -145,6 +140,10 @@ def test_rows_wrong_by_centimetres_are_found_and_no_others(n, share):
     assert f"{wrong.sum():,} of {n:,} rows" in notes[0]
     first = np.flatnonzero(wrong)[:3] + 1
     assert all(str(row) in notes[0] for row in first)
+
+
+def test_where_more_than_a_quarter_of_the_rows_are_wrong_all_are_believed():
+    assert screen(spoiled(bare("two_link", 300, 1, noise=1e-3), 0.3)[0]) == (0, [])
 
 
 def test_a_patch_that_bends_away_or_a_row_far_from_all_others_is_no_outlier():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from models import L1, L2
+from models import L1, L2, two_link
 from refusals import refused
 
 from calib import OptionError, Simulation, babble
@@ -13,14 +13,6 @@ def q(arm):
     return np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 2))
 
 
-def planar(q, l1=L1, l2=L2, tip=(0.0, 0.0)):
-    """Tip of the 2R arm, the textbook's formula, with the tip moved in the last link's frame."""
-    a, b = q[:, 0], q[:, 0] + q[:, 1]
-    x = l1 * np.cos(a) + (l2 + tip[0]) * np.cos(b) - tip[1] * np.sin(b)
-    y = l1 * np.sin(a) + (l2 + tip[0]) * np.sin(b) + tip[1] * np.cos(b)
-    return np.stack([x, y], axis=1)
-
-
 def rotation(angle):
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
@@ -28,21 +20,21 @@ def rotation(angle):
 @pytest.mark.parametrize(
     ("change", "truth"),
     [
-        ("elbow.length=+20%", lambda q: planar(q, l2=1.2 * L2)),
-        ("elbow.length=0.1", lambda q: planar(q, l2=0.1)),
-        ("shoulder.length=-10%", lambda q: planar(q, l1=0.9 * L1)),
-        ("shoulder.offset=0.05", lambda q: planar(q + np.array([0.05, 0]))),
-        ("elbow.gear=1.02", lambda q: planar(q * [1, 1.02])),
-        ("elbow.lock=1.0", lambda q: planar(q * [1, 0] + [0, 1.0])),
-        ("tip.offset=0.01,0.02", lambda q: planar(q, tip=(0.01, 0.02))),
-        ("sensor.mirror=x", lambda q: planar(q) * [-1, 1]),
-        ("sensor.mirror=y", lambda q: planar(q) * [1, -1]),
-        ("sensor.scale=1.05", lambda q: 1.05 * planar(q)),
-        ("sensor.rotate=0.14", lambda q: planar(q) @ rotation(0.14).T),
-        ("sensor.shift=0.03,-0.02", lambda q: planar(q) + np.array([0.03, -0.02])),
-        ("elbow.noise=0.1", planar),
-        ("elbow.backlash=0.1", planar),
-        ("sensor.outliers=0.5", planar),
+        ("elbow.length=+20%", lambda q: two_link(q, l2=1.2 * L2)),
+        ("elbow.length=0.1", lambda q: two_link(q, l2=0.1)),
+        ("shoulder.length=-10%", lambda q: two_link(q, l1=0.9 * L1)),
+        ("shoulder.offset=0.05", lambda q: two_link(q + np.array([0.05, 0]))),
+        ("elbow.gear=1.02", lambda q: two_link(q * [1, 1.02])),
+        ("elbow.lock=1.0", lambda q: two_link(q * [1, 0] + [0, 1.0])),
+        ("tip.offset=0.01,0.02", lambda q: two_link(q, tip=(0.01, 0.02))),
+        ("sensor.mirror=x", lambda q: two_link(q) * [-1, 1]),
+        ("sensor.mirror=y", lambda q: two_link(q) * [1, -1]),
+        ("sensor.scale=1.05", lambda q: 1.05 * two_link(q)),
+        ("sensor.rotate=0.14", lambda q: two_link(q) @ rotation(0.14).T),
+        ("sensor.shift=0.03,-0.02", lambda q: two_link(q) + np.array([0.03, -0.02])),
+        ("elbow.noise=0.1", two_link),
+        ("elbow.backlash=0.1", two_link),
+        ("sensor.outliers=0.5", two_link),
     ],
 )
 def test_each_change_in_closed_form(arm, q, change, truth):
@@ -53,7 +45,7 @@ def test_each_change_in_closed_form(arm, q, change, truth):
 
 def test_sensor_changes_apply_as_mirror_scale_rotate_shift_in_any_order_given(arm, q):
     given = ["sensor.shift=1,2", "sensor.rotate=0.5", "sensor.scale=3", "sensor.mirror=y"]
-    expected = (3 * planar(q) * [1, -1]) @ rotation(0.5).T + [1, 2]
+    expected = (3 * two_link(q) * [1, -1]) @ rotation(0.5).T + [1, 2]
     for order in (given, given[::-1]):
         np.testing.assert_allclose(Simulation(arm, changes=order).exact(q), expected, atol=1e-12)
 
@@ -83,7 +75,7 @@ def test_backlash_delays_the_joint_in_a_measurement(arm):
     q = np.array([[0.2, 1.0], [0.2, 1.5], [0.2, 1.45], [0.2, 1.0]])
     sim = Simulation(arm, changes=["elbow.backlash=0.2"])
     stood = np.array([[0.2, 1.0], [0.2, 1.4], [0.2, 1.4], [0.2, 1.1]])
-    np.testing.assert_allclose(sim.measure(q, np.random.default_rng(0)), planar(stood))
+    np.testing.assert_allclose(sim.measure(q, np.random.default_rng(0)), two_link(stood))
 
 
 def test_babbling_stays_within_and_covers_the_range(arm):

@@ -87,7 +87,7 @@ def test_a_log_of_other_joints_is_refused_and_one_in_another_order_is_the_same_l
     assert calib.check(model, turned).score == calib.check(model, s).score
 
 
-def test_a_frame_that_moved_is_told_and_can_be_found_anew(tmp_path, run):
+def test_a_frame_that_moved_is_told_and_can_be_found_anew():
     model = calib.train(bare("two_link", 200, 1, noise=1e-4), size=8)
     fresh = bare("two_link", 200, 2, noise=1e-4)
     rotation = Rotation.from_rotvec([0.0, 0.0, 0.1]).as_matrix()[:2, :2]
@@ -99,11 +99,6 @@ def test_a_frame_that_moved_is_told_and_can_be_found_anew(tmp_path, run):
     assert kept.verdict.changed
     assert any("found anew" in note for note in free.notes)
     assert not any("frame" in note for note in calib.evaluate(model, fresh).notes)
-    model.save(tmp_path / "m.calib")
-    calib.write_log(moved, tmp_path / "moved.csv")
-    words = ["evaluate", tmp_path / "m.calib", "--data", tmp_path / "moved.csv", "--json"]
-    done = run(*words, "--frame", "free")
-    assert done.document["errors"]["local"]["forward"]["distance"]["mean"] < 3e-4
 
 
 def test_repeated_rows_count_once_where_they_are_few_too():

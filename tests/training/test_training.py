@@ -136,16 +136,6 @@ def test_a_simulated_hobby_arm_is_learned_wherever_random_chains_end():
     assert about.bound_holds
 
 
-def test_a_model_that_answers_few_of_its_fresh_samples_says_so_first(run, tmp_path):
-    """Four nodes without a body."""
-    path = tmp_path / "m.calib"
-    done = run(f"train two_link -n 600 --size 2 --body none -o {path}")
-    assert done.code == 3
-    assert done.out.startswith("TOO COARSE TO ANSWER")
-    assert run("info", path, "--json").document["bound_holds"] is False
-    assert calib.load(path).about.bound_holds is False
-
-
 @pytest.mark.parametrize("name", ["six_axis", "two_link"])
 def test_a_drawing_that_is_trusted_leaves_zeros_and_frame(name):
     arm = calib.load_arm(name)
@@ -180,6 +170,11 @@ def test_a_drawing_that_is_trusted_leaves_zeros_and_frame(name):
         ({"seed": -1}, "seed is -1, expected a whole number"),
         ({"map": "vsom"}, "map 'vsom': expected one of som, vdsom"),
         ({"rule": "magic"}, "rule 'magic': expected one of batch, online"),
+        ({"epochs": 0}, "epochs 0: at least 1"),
+        *(
+            ({"sigma": sigma}, "sigma .*: give .START, END. in nodes with START")
+            for sigma in [(1.0, 2.0), (np.nan, 1.0), (2, -1), (5,), 3.0, ("wide", 1)]
+        ),
         ({"body": "some"}, "body 'some': expected one of auto, none"),
         ({"view": "sideways"}, "view 'sideways': expected one of auto, base, rigid"),
         ({"view": "base"}, "view 'base' needs a measured log and the planar robot"),

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drifting import arm, log, model
-from models import bare, of_the_drawing, six, wide
+from models import arm, babbled, bare, model, of_the_drawing, six, wide
 from refusals import refused
 
 import calib
@@ -21,7 +20,7 @@ Q = np.random.default_rng(0).uniform([0.4, 0.7], [1.1, 2.0], (50, 2))
     [("elbow.length=+5%",), ("shoulder.offset=0.03", "elbow.offset=-0.02"), ("elbow.gear=1.02",)],
 )
 def test_the_real_arm_goes_where_the_nominal_one_would(changes):
-    samples = log(*changes, n=100, noise=0.0)
+    samples = babbled(*changes, n=100, noise=0.0)
     adapted = calib.adapt(model(), samples, cause="joints").model
     truth = samples.simulation.exact
     wanted = arm().forward(Q)
@@ -33,17 +32,17 @@ def test_the_real_arm_goes_where_the_nominal_one_would(changes):
 def test_a_sensor_that_moved_is_no_fault_of_the_arm():
     adapted = model()
     for changes in (("sensor.rotate=0.1", "sensor.shift=0.05,0"), ("sensor.mirror=x",)):
-        adapted = calib.adapt(adapted, log(*changes, n=100, noise=0.0)).model
+        adapted = calib.adapt(adapted, babbled(*changes, n=100, noise=0.0)).model
         assert np.abs(correct(adapted, Q).q - Q).max() < 1e-4
 
 
 def test_out_of_reach_is_nan_and_without_a_urdf_an_error():
-    adapted = calib.adapt(model(), log("elbow.length=-20%", n=60)).model
+    adapted = calib.adapt(model(), babbled("elbow.length=-20%", n=60)).model
     found = correct(adapted, [[0.3, 0.27], [0.6, 1.4]])
     assert found.reachable.tolist() == [False, True]
     assert np.isnan(found.q[0]).all()
     assert found.distance[0] > 0.03
-    undrawn = calib.train(replace(log(n=60), arm=None, simulation=None), size=10)
+    undrawn = calib.train(replace(babbled(n=60), arm=None, simulation=None), size=10)
     refused(OptionError, "no URDF", correct, undrawn, Q)
 
 
@@ -118,7 +117,7 @@ def test_command_answers_row_by_row_and_other_columns_go_along(tmp_path, run, tu
 
 def test_the_frame_of_a_tracker_is_not_corrected():
     """Rows of a log in a tracker's own frame moved by a median of 12 degrees."""
-    changed = log("elbow.length=+2%", "elbow.offset=0.01", n=400, noise=1e-4)
+    changed = babbled("elbow.length=+2%", "elbow.offset=0.01", n=400, noise=1e-4)
     truth = changed.simulation.exact
     turn = np.array([[0.6, -0.8], [0.8, 0.6]])
     seen = replace(changed, x=changed.x @ turn.T + [3.0, -2.0], simulation=None, arm=arm())

@@ -88,6 +88,9 @@ def questions(model, n):
 def test_the_header_agrees_with_the_model(kind, language, tmp_path):
     m = model(kind)
     assert (m.predictor.models.degree >= 0) == (kind == "local")
+    text = header(m, False)
+    tables = re.findall(r"static const \w+ (\w+)", text)
+    assert all(len(re.findall(rf"\b{name}\b", text)) > 1 for name in tables)  # each is read
     q = questions(m, 2_000)
     x, bound, slope, _ = answers(m, q, tmp_path, language)
     wanted = m.forward(q)
@@ -151,7 +154,7 @@ def test_six_joints_are_corrected_to_the_nominal_pose(tmp_path):
 
 def test_a_model_without_a_body_is_refused(run, tmp_path):
     trained(n=100, size=3, body="none").save(tmp_path / "m.calib")
-    run.refused(1, "body", f"export {tmp_path}/m.calib -o {tmp_path}/arm.h")
+    run.refused(1, "has no body", f"export {tmp_path}/m.calib -o {tmp_path}/arm.h")
 
 
 @needs_compiler

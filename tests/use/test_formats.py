@@ -1,19 +1,18 @@
 """The corrected arm in the files and figures of others: LeRobot, MuJoCo, UR, ISO 9283."""
 
 import json
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-import pinocchio
 import pytest
+from flange_worlds import motion
+from reference import ROBOTS, needs_robots
 from scipy.spatial.transform import Rotation
 
 import calib
 
 DEGREES = {"shoulder_pan": 4.0, "elbow": -2.5}
 MOTOR = {"drive_mode": 0, "homing_offset": 100, "range_min": 800, "range_max": 3200}
-ROBOTS = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
 # ur_description/config/ur10/default_kinematics.yaml, in its order: x, y, z [m], roll, pitch, yaw
 UR10 = {
     "shoulder": (0.0, 0.0, 0.1273, 0.0, 0.0, 0.0),
@@ -68,15 +67,8 @@ def test_a_zero_beyond_the_motors_register_is_refused(corrected, run):
     assert not (folder / "none.json").exists()
 
 
-def transform(xyz, turn):
-    matrix = np.eye(4)
-    matrix[:3, :3] = turn.as_matrix()
-    matrix[:3, 3] = xyz
-    return matrix
-
-
 def about(axis, angle):
-    return transform(np.zeros(3), Rotation.from_rotvec(np.array(axis, float) * angle))
+    return motion(Rotation.from_rotvec(np.array(axis, float) * angle), np.zeros(3))
 
 
 def test_mujoco_bodies_are_where_the_arm_is(corrected):
@@ -86,7 +78,7 @@ def test_mujoco_bodies_are_where_the_arm_is(corrected):
     values = dict(zip(arm.joint_names, q, strict=True))
     while (body := body.find("body")) is not None:
         w, x, y, z = map(float, body.get("quat").split())
-        pose = pose @ transform(body.get("pos").split(), Rotation.from_quat([x, y, z, w]))
+        pose = pose @ motion(Rotation.from_quat([x, y, z, w]), body.get("pos").split())
         if (joint := body.find("joint")) is not None:
             pose = pose @ about(joint.get("axis").split(), values[joint.get("name")])
         last = body
@@ -108,7 +100,7 @@ def entries(text):
 
 
 def of_entry(row):
-    return transform(row[:3], Rotation.from_euler("xyz", row[3:]))
+    return motion(Rotation.from_euler("xyz", row[3:]), row[:3])
 
 
 def test_entries_of_universal_robots_move_as_the_corrected_arm_does(corrected):
@@ -122,13 +114,13 @@ def test_entries_of_universal_robots_move_as_the_corrected_arm_does(corrected):
         pose = np.diag([-1.0, -1.0, 1.0, 1.0])  # base_link_inertia in base_link
         for name, angle in zip(UR10, row, strict=True):
             pose = pose @ placed[name] @ about([0.0, 0.0, 1.0], angle)
-        tools.append(np.linalg.inv(pose) @ transform(x, Rotation.from_quat(quaternion)))
+        tools.append(np.linalg.inv(pose) @ motion(Rotation.from_quat(quaternion), x))
     assert np.allclose(tools, tools[0], atol=1e-6)
     # the tool's frame is the last joint's: it is turned by the zeros of the joints before
     assert np.allclose(tools[0][:3, :3], np.round(tools[0][:3, :3]), atol=1e-6)
 
 
-@pytest.mark.skipif(not ROBOTS.is_dir(), reason="example-robot-data is not installed")
+@needs_robots
 def test_a_drawing_with_other_axes_becomes_the_description_s_own_entries(run, tmp_path):
     """The joints of this URDF turn about y: its origins, copied, put the arm metres away."""
     exported(run, tmp_path, ROBOTS / "ur_description/urdf/ur10_robot.urdf")

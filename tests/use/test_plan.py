@@ -35,7 +35,7 @@ def test_a_written_plan_is_no_log_by_mistake(arm, tmp_path):
     path = tmp_path / "poses.csv"
     plan = calib.plan(arm, 12)
     plan.write(path)
-    refused(calib.LogError, "x", calib.read_log, path, arm)
+    refused(calib.LogError, "has no positions", calib.read_log, path, arm)
     log = calib.read_log(path, arm, columns={"x": "expected_x", "y": "expected_y"})
     np.testing.assert_array_equal(log.q, plan.q)
     np.testing.assert_array_equal(log.x, plan.x)
@@ -50,8 +50,6 @@ def test_a_plan_for_a_camera_keeps_the_tip_in_its_picture():
 
 
 START = (0.0, 0.7, 1.0, 0.0, 1.0, 0.0)
-
-
 SIX = calib.load_arm("six_axis")
 
 
@@ -107,6 +105,7 @@ def test_a_model_of_pictures_knows_camera_and_board(run, tmp_path, in_hand):
 def test_what_cannot_be_aimed_at_is_told(run, tmp_path):
     refused(OptionError, "no posture", calib.plan, SIX, touch=(4, 0, 0))
     refused(OptionError, "start", calib.plan, SIX, handeye=SPEC)
+    refused(OptionError, "one of", calib.plan, SIX, handeye=SPEC, touch=(0.4, 0, 0.3))
     refused(OptionError, "in space", calib.plan, calib.load_arm("two_link"), touch=(0.3, 0.1, 0))
     path = tmp_path / "poses.csv"
     assert run(f"plan six_axis --board {SPEC} -o {path}").code == 2

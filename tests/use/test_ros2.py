@@ -4,6 +4,7 @@ import ast
 import json
 import sys
 from types import ModuleType, SimpleNamespace
+from unittest.mock import Mock
 from xml.etree import ElementTree
 
 import numpy as np
@@ -43,13 +44,7 @@ class Node:
         self.sent[topic] = []
         return SimpleNamespace(publish=self.sent[topic].append)
 
-    def create_subscription(self, *options):
-        pass
-
-    create_timer = create_subscription
-
-    def get_clock(self):
-        return SimpleNamespace(now=lambda: SimpleNamespace(to_msg=lambda: 0))
+    create_subscription = create_timer = get_clock = Mock()
 
 
 class Status(Message):

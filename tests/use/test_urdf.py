@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from chains import FOLLOWED, MIXED
-from drifting import arm, log, model
-from models import bare, in_pixels, in_space, log_of
+from models import arm, babbled, bare, in_pixels, in_space, log_of, model, no_arm
 from reference import pinocchio_pose, random_joints
 from scipy.spatial.transform import Rotation
 
@@ -40,7 +39,7 @@ def written(run, tmp_path):
     ],
 )
 def test_kinematics_of_the_changed_planar_arm(written, changes):
-    samples = log(*changes, n=100, noise=0.0)
+    samples = babbled(*changes, n=100, noise=0.0)
     done, path = written(calib.adapt(model(), samples, cause="joints").model)
     assert done.code == 0, done.err
     q = random_joints(arm(), 200)
@@ -50,9 +49,7 @@ def test_kinematics_of_the_changed_planar_arm(written, changes):
 
 def no_chain():
     """Another arm's log once gave an elbow offset of 6,844 degrees and 277 mm rms, exit 0."""
-    q = random_joints(arm(), 400)
-    x = np.stack([np.sin(3 * q[:, 0]) * q[:, 1], np.cos(2 * q[:, 1]) + q[:, 0] ** 2], axis=1)
-    return calib.train(log_of(arm(), q, x), size=12)
+    return calib.train(replace(no_arm(400), arm=arm()), size=12)
 
 
 def another_arm():

@@ -1,6 +1,5 @@
 /* What the model says, wherever q is; `plain` without curves, bending and local models. */
-static inline void calib_model(int plain, const calib_real q[CALIB_DOF], calib_real *x,
-                               calib_real *J) {
+static inline void calib_model(int plain, const calib_joints q, calib_real *x, calib_real *J) {
   calib_seen(&calib_body, plain, q, x, J);
 #if @local_terms@
   if (!plain) calib_local(q, x, J);
@@ -9,7 +8,7 @@ static inline void calib_model(int plain, const calib_real q[CALIB_DOF], calib_r
 
 #if @play@
 /* How far the tip may be with all joints at the worst side of their play. */
-static inline calib_real calib_play_reach(const calib_real q[CALIB_DOF]) {
+static inline calib_real calib_play_reach(const calib_joints q) {
   calib_real x[CALIB_OUT], J[CALIB_OUT * CALIB_DOF], reach = 0;
   int i, k;
   calib_model(0, q, x, J);
@@ -23,7 +22,7 @@ static inline calib_real calib_play_reach(const calib_real q[CALIB_DOF]) {
 #endif
 
 /* Joints within their ranges; 0 where there is no answer. */
-static inline int calib_answers(const calib_real q[CALIB_DOF], calib_real inside[CALIB_DOF]) {
+static inline int calib_answers(const calib_joints q, calib_joints inside) {
   if (!calib_inside(q, inside)) return 0;
 #if @position_bound@
   if (!(calib_blended(calib_position_bound, q) <= @most_bound@)) return 0;
@@ -32,13 +31,11 @@ static inline int calib_answers(const calib_real q[CALIB_DOF], calib_real inside
 }
 
 /* Position; where J is not null also its derivative, J[coordinate * DOF + joint]. */
-static inline int calib_position(const calib_real q[CALIB_DOF], calib_real *x, calib_real *J) {
+static inline int calib_position(const calib_joints q, calib_real *x, calib_real *J) {
   calib_real inside[CALIB_DOF];
   if (!calib_answers(q, inside)) {
-    int i;
-    for (i = 0; i < CALIB_OUT; ++i) x[i] = calib_not_a_number();
-    for (i = 0; J && i < CALIB_OUT * CALIB_DOF; ++i) J[i] = calib_not_a_number();
-    return 0;
+    calib_unknown(J ? CALIB_OUT * CALIB_DOF : 0, J);
+    return calib_unknown(CALIB_OUT, x);
   }
   calib_model(0, inside, x, J);
   return 1;
@@ -54,9 +51,9 @@ CALIB_API int calib_jacobian(const calib_real *q, calib_real *J) {
 }
 
 /* 95 % bound on the @bound_of@, or without `noise`, that of a single reading, on the true position. */
-static inline int calib_bound_of(const calib_real q[CALIB_DOF], int noise, calib_real *bound) {
+static inline int calib_bound_of(const calib_joints q, int noise, calib_real *bound) {
   calib_real inside[CALIB_DOF];
-  *bound = calib_not_a_number();
+  calib_unknown(1, bound);
   if (!calib_answers(q, inside)) return 0;
 #if @belief_scale@
   *bound = calib_posterior(inside, noise ? calib_more : calib_less);
@@ -81,12 +78,10 @@ CALIB_API int calib_model_error(const calib_real *q, calib_real *bound) {
 #if @placed@
 
 /* Position, and the tip's orientation in the sensor's frame: a matrix, row by row. */
-static inline int calib_pose(const calib_real q[CALIB_DOF], calib_real *x, calib_real R[9]) {
+static inline int calib_pose(const calib_joints q, calib_real *x, calib_rotation R) {
   calib_real inside[CALIB_DOF], p[3], turn[9], G[6 * CALIB_DOF];
-  const int valid = calib_position(q, x, 0) && calib_inside(q, inside);
-  int i;
-  for (i = 0; i < 9; ++i) R[i] = calib_not_a_number();
-  if (!valid) return 0;
+  if (!calib_position(q, x, 0)) return calib_unknown(9, R);
+  calib_inside(q, inside);
   calib_chain(&calib_placed, 0, inside, p, turn, G);
   calib_product(3, calib_aim, 3, turn, R);
   return 1;
@@ -94,7 +89,7 @@ static inline int calib_pose(const calib_real q[CALIB_DOF], calib_real *x, calib
 
 /* Quaternion x, y, z, w of a rotation, with w >= 0: of four formulas (Shepperd 1978) the one that
  * divides by most. */
-static inline void calib_quaternion(const calib_real R[9], calib_real q[4]) {
+static inline void calib_quaternion(const calib_rotation R, calib_real q[4]) {
   const calib_real four[4] = {1 + R[0] - R[4] - R[8], 1 - R[0] + R[4] - R[8],
                               1 - R[0] - R[4] + R[8], 1 + R[0] + R[4] + R[8]};
   calib_real size = 0;
@@ -116,17 +111,14 @@ static inline void calib_quaternion(const calib_real R[9], calib_real q[4]) {
 }
 
 /* The rotation of a quaternion x, y, z, w of any length. */
-static inline void calib_matrix(const calib_real q[4], calib_real R[9]) {
-  const calib_real x = q[0], y = q[1], z = q[2], w = q[3];
-  const calib_real s = 2 / (x * x + y * y + z * z + w * w);
-  R[0] = 1 - s * (y * y + z * z);
-  R[1] = s * (x * y - z * w);
-  R[2] = s * (x * z + y * w);
-  R[3] = s * (x * y + z * w);
-  R[4] = 1 - s * (x * x + z * z);
-  R[5] = s * (y * z - x * w);
-  R[6] = s * (x * z - y * w);
-  R[7] = s * (y * z + x * w);
-  R[8] = 1 - s * (x * x + y * y);
+static inline void calib_matrix(const calib_real q[4], calib_rotation R) {
+  const calib_real s = 2 / (calib_dot(q, q) + q[3] * q[3]);
+  int i;
+  for (i = 0; i < 3; ++i) {
+    const int j = (i + 1) % 3, k = (i + 2) % 3;
+    R[4 * i] = 1 - s * (q[j] * q[j] + q[k] * q[k]);
+    R[3 * i + j] = s * (q[i] * q[j] - q[k] * q[3]);
+    R[3 * j + i] = s * (q[i] * q[j] + q[k] * q[3]);
+  }
 }
 #endif

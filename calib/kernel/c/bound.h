@@ -5,9 +5,12 @@ enum {
   CALIB_BELIEFS = @beliefs@, CALIB_TOGETHER = @together@
 };
 
+/* Amounts of what beliefs vary together in. */
+typedef calib_real calib_ways[CALIB_TOGETHER];
+
 /* Radius of 95 % of a Gaussian of covariance S (xx, xy, xz, yy, yz, zz) and more (3). */
 static inline calib_real calib_radius_95(const calib_real S[6], calib_real share,
-                                         const calib_real more[3]) {
+                                         const calib_vector more) {
   const calib_real a = share * S[0] + more[0], d = share * S[3] + more[1];
   const calib_real f = share * S[5] + more[2], trace = a + d + f;
   const calib_real off = share * share * (S[1] * S[1] + S[2] * S[2] + S[4] * S[4]);
@@ -20,44 +23,37 @@ static inline calib_real calib_radius_95(const calib_real S[6], calib_real share
 }
 
 /* Adds an amount of a row of what beliefs vary together in. */
-static inline void calib_add_row(calib_real amount, const calib_real row[CALIB_TOGETHER],
-                                 calib_real sum[CALIB_TOGETHER]) {
+static inline void calib_add_row(calib_real amount, const calib_ways row, calib_ways sum) {
   int r;
   for (r = 0; r < CALIB_TOGETHER; ++r) sum[r] += amount * row[r];
 }
 
 /* The same of a motion's three coordinates. */
-static inline void calib_spread(const calib_real by[3], const calib_real row[CALIB_TOGETHER],
-                                calib_real z[3 * CALIB_TOGETHER]) {
+static inline void calib_spread(const calib_vector by, const calib_ways row, calib_real *z) {
   int k;
   for (k = 0; k < 3; ++k) calib_add_row(by[k], row, z + k * CALIB_TOGETHER);
 }
 
 /* Adds how the tip moves as the origins of joints shift and turn along their own axes. */
-static inline void calib_origins_off(const calib_frame at[CALIB_CHAIN + 1],
-                                     calib_real z[3 * CALIB_TOGETHER]) {
+static inline void calib_origins_off(const calib_frame *at, calib_real *z) {
   calib_real arrow[3], along[3], swept[3];
   int i, a, k;
   for (i = 0; i <= CALIB_CHAIN; ++i)
     for (a = 0; a < 3; ++a) {
       for (k = 0; k < 3; ++k) along[k] = at[i].before[3 * k + a];
       calib_spread(along, calib_by_shift[3 * i + a], z);
-    }
-  for (i = 0; i < CALIB_CHAIN; ++i) {
-    for (k = 0; k < 3; ++k) arrow[k] = at[CALIB_CHAIN].origin[k] - at[i].origin[k];
-    for (a = 0; a < 3; ++a) {
+      if (i == CALIB_CHAIN) continue;
       for (k = 0; k < 3; ++k) along[k] = at[i].after[3 * k + a];
+      for (k = 0; k < 3; ++k) arrow[k] = at[CALIB_CHAIN].origin[k] - at[i].origin[k];
       calib_cross(along, arrow, swept);
       calib_spread(swept, calib_by_turn[3 * i + a], z);
     }
-  }
 }
 #if @gravity@
 
 /* Adds how the tip moves as loads bend joints more, and as gravity tilts. */
-static inline void calib_loads_off(const calib_real q[CALIB_DOF],
-                                   calib_real moves[CALIB_CHAIN][3],
-                                   calib_real z[3 * CALIB_TOGETHER]) {
+static inline void calib_loads_off(const calib_joints q, calib_real moves[CALIB_CHAIN][3],
+                                   calib_real *z) {
   calib_frame at[CALIB_CHAIN + 1];
   calib_real moved[CALIB_CHAIN][3], tilted[2][3] = {{0}}, by[3];
   int i, j, k, n;
@@ -78,8 +74,7 @@ static inline void calib_loads_off(const calib_real q[CALIB_DOF],
 #endif
 
 /* How much joints are off in each direction of beliefs, and the variance of their curves alone. */
-static inline void calib_joints_off(const calib_real q[CALIB_DOF],
-                                    calib_real off[CALIB_DOF][CALIB_TOGETHER],
+static inline void calib_joints_off(const calib_joints q, calib_ways *off,
                                     calib_real alone[CALIB_BELIEFS][CALIB_DOF]) {
   int b, i, r;
 #if @by_cos@
@@ -130,14 +125,13 @@ static inline void calib_joints_off(const calib_real q[CALIB_DOF],
 }
 
 /* How the sensor sees the tip move in each direction of beliefs, and with each joint. */
-static inline void calib_moves(const calib_real q[CALIB_DOF],
-                               calib_real off[CALIB_DOF][CALIB_TOGETHER],
-                               calib_real z[3 * CALIB_TOGETHER], calib_real joints[3 * CALIB_DOF]) {
+static inline void calib_moves(const calib_joints q, calib_ways *off, calib_real *z,
+                               calib_real *joints) {
   calib_frame at[CALIB_CHAIN + 1];
-  calib_real slope[CALIB_CHAIN][CALIB_DOF], moves[CALIB_CHAIN][3], by_joint[CALIB_DOF][3];
+  calib_real slope[CALIB_CHAIN][CALIB_DOF], moves[CALIB_CHAIN][3], by[3];
   calib_real there[3 * CALIB_TOGETHER] = {0}, motion[3 * CALIB_DOF], arrow[3];
   const calib_real *p = at[CALIB_CHAIN].origin;
-  int i, k, n, r;
+  int i, k, n;
   calib_posture(&calib_body, 0, q, at, slope);
   calib_origins_off(at, there);
   for (i = 0; i < CALIB_CHAIN; ++i) {
@@ -150,11 +144,11 @@ static inline void calib_moves(const calib_real q[CALIB_DOF],
 #endif
   for (n = 0; n < CALIB_DOF; ++n) {
     for (k = 0; k < 3; ++k) {
-      by_joint[n][k] = 0;
-      for (i = 0; i < CALIB_CHAIN; ++i) by_joint[n][k] += calib_coupling[i][n] * moves[i][k];
-      motion[k * CALIB_DOF + n] = by_joint[n][k];
+      by[k] = 0;
+      for (i = 0; i < CALIB_CHAIN; ++i) by[k] += calib_coupling[i][n] * moves[i][k];
+      motion[k * CALIB_DOF + n] = by[k];
     }
-    calib_spread(by_joint[n], off[n], there);
+    calib_spread(by, off[n], there);
   }
   calib_product(3, calib_view, CALIB_TOGETHER, there, z);
   calib_product(3, calib_view, CALIB_DOF, motion, joints);
@@ -167,8 +161,8 @@ static inline void calib_moves(const calib_real q[CALIB_DOF],
     calib_real at_view[3], x[2], L[9] = {0}, u[2], in_view[3 * CALIB_TOGETHER];
     for (k = 0; k < 3; ++k) at_view[k] = calib_shift[k] + calib_dot(calib_view + 3 * k, p);
     calib_pinhole(at_view, x, L, u);
-    for (r = 0; r < 3 * CALIB_TOGETHER; ++r) in_view[r] = z[r];
-    for (r = 0; r < 3 * CALIB_DOF; ++r) motion[r] = joints[r];
+    for (n = 0; n < 3 * CALIB_TOGETHER; ++n) in_view[n] = z[n];
+    for (n = 0; n < 3 * CALIB_DOF; ++n) motion[n] = joints[n];
     calib_product(3, L, CALIB_TOGETHER, in_view, z);
     calib_product(3, L, CALIB_DOF, motion, joints);
     for (k = 0; k < 2; ++k) {
@@ -180,13 +174,9 @@ static inline void calib_moves(const calib_real q[CALIB_DOF],
     }
   }
 #endif
-  for (k = CALIB_OUT; k < 3; ++k) {
-    for (r = 0; r < CALIB_TOGETHER; ++r) z[k * CALIB_TOGETHER + r] = 0;
-    for (n = 0; n < CALIB_DOF; ++n) joints[k * CALIB_DOF + n] = 0;
-  }
 }
 
-static inline calib_real calib_posterior(const calib_real q[CALIB_DOF], const calib_real more[3]) {
+static inline calib_real calib_posterior(const calib_joints q, const calib_vector more) {
   enum { WAYS = CALIB_TOGETHER / CALIB_BELIEFS };
   calib_real off[CALIB_DOF][CALIB_TOGETHER], alone[CALIB_BELIEFS][CALIB_DOF];
   calib_real z[3 * CALIB_TOGETHER], joints[3 * CALIB_DOF], bound = 0;

@@ -6,12 +6,11 @@ typedef struct {
 } calib_frame;
 
 /* Frames of an arm's joints at their values, and of its tip. */
-static inline void calib_frames(const calib_arm *arm, const calib_real value[CALIB_CHAIN],
-                                calib_frame at[CALIB_CHAIN + 1]) {
+static inline void calib_frames(const calib_arm *arm, const calib_values value, calib_frame *at) {
   calib_real p[3] = {0, 0, 0}, cosine[CALIB_CHAIN], sine[CALIB_CHAIN];
   int i, k;
   calib_waves(CALIB_CHAIN, value, cosine, sine);
-  calib_unit(at[0].before);
+  for (k = 0; k < 9; ++k) at[0].before[k] = k % 4 == 0 ? 1 : 0;
   for (i = 0; i <= CALIB_CHAIN; ++i) {
     calib_add(at[i].before, arm->stride[i], p);
     calib_product(3, at[i].before, 3, arm->turned[i], at[i].after);
@@ -29,9 +28,8 @@ static inline void calib_frames(const calib_arm *arm, const calib_real value[CAL
 }
 
 /* Values of an arm's joints without curves and bending, and their derivatives. */
-static inline void calib_coupled(const calib_real motor[CALIB_DOF], const calib_real rate[CALIB_DOF],
-                                 calib_real value[CALIB_CHAIN],
-                                 calib_real slope[CALIB_CHAIN][CALIB_DOF]) {
+static inline void calib_coupled(const calib_joints motor, const calib_joints rate,
+                                 calib_values value, calib_slopes slope) {
   int i, k;
   for (i = 0; i < CALIB_CHAIN; ++i) {
     value[i] = calib_bias[i];
@@ -43,8 +41,7 @@ static inline void calib_coupled(const calib_real motor[CALIB_DOF], const calib_
 
 /* Adds the error curves of all joints and their derivatives: of each the series of cosines and that of
  * sines, by the recurrence of Clenshaw (1955), all side by side. */
-static inline void calib_curves(const calib_real q[CALIB_DOF], calib_real value[CALIB_DOF],
-                                calib_real rate[CALIB_DOF]) {
+static inline void calib_curves(const calib_joints q, calib_joints value, calib_joints rate) {
   enum { LANES = 4 * CALIB_DOF };
   calib_real c[CALIB_DOF], s[CALIB_DOF], twice[LANES], sum[LANES] = {0}, last[LANES] = {0};
   int i, n;
@@ -67,7 +64,7 @@ static inline void calib_curves(const calib_real q[CALIB_DOF], calib_real value[
 
 /* How each joint from one on moves weights on the links beyond it, as much as each weighs; a weight
  * of a link is a mass and its moment in the link's frame. */
-static inline void calib_levers(const calib_frame at[CALIB_CHAIN + 1], int first,
+static inline void calib_levers(const calib_frame *at, int first,
                                 const calib_real weight[CALIB_CHAIN][4],
                                 calib_real moved[CALIB_CHAIN][3]) {
   calib_real arm[3] = {0, 0, 0}, mass = 0;
@@ -82,16 +79,14 @@ static inline void calib_levers(const calib_frame at[CALIB_CHAIN + 1], int first
 }
 
 /* Frames of the arm as it is drawn, at which its weights bend it. */
-static inline void calib_drawn_frames(const calib_real q[CALIB_DOF],
-                                      calib_frame at[CALIB_CHAIN + 1]) {
+static inline void calib_drawn_frames(const calib_joints q, calib_frame *at) {
   calib_real value[CALIB_CHAIN], slope[CALIB_CHAIN][CALIB_DOF];
   calib_coupled(q, q, value, slope);
   calib_frames(&calib_drawn, value, at);
 }
 
 /* Adds how much each joint bends under the weights, and the derivatives. */
-static inline void calib_sag(const calib_real q[CALIB_DOF], calib_real value[CALIB_CHAIN],
-                             calib_real slope[CALIB_CHAIN][CALIB_DOF]) {
+static inline void calib_sag(const calib_joints q, calib_values value, calib_slopes slope) {
   calib_frame at[CALIB_CHAIN + 1];
   calib_real across[CALIB_CHAIN][3], moved[CALIB_CHAIN][3];
   int i, j, k;
@@ -116,8 +111,7 @@ static inline void calib_sag(const calib_real q[CALIB_DOF], calib_real value[CAL
 
 /* Adds what bends a planar arm whose gravity is unknown: waves of the sums of all angles up to each
  * joint. */
-static inline void calib_flex(const calib_real q[CALIB_DOF], calib_real value[CALIB_CHAIN],
-                              calib_real slope[CALIB_CHAIN][CALIB_DOF]) {
+static inline void calib_flex(const calib_joints q, calib_values value, calib_slopes slope) {
   calib_real angle[CALIB_DOF], cosine[CALIB_DOF], sine[CALIB_DOF], sum = 0;
   int i, k, n;
   for (k = 0; k < CALIB_DOF; ++k) angle[k] = sum += calib_way[k] * q[k];
@@ -132,9 +126,8 @@ static inline void calib_flex(const calib_real q[CALIB_DOF], calib_real value[CA
 #endif
 
 /* Frames of an arm and the derivatives of its joints' values; `plain` without curves and bending. */
-static inline void calib_posture(const calib_arm *arm, int plain, const calib_real q[CALIB_DOF],
-                                 calib_frame at[CALIB_CHAIN + 1],
-                                 calib_real slope[CALIB_CHAIN][CALIB_DOF]) {
+static inline void calib_posture(const calib_arm *arm, int plain, const calib_joints q,
+                                 calib_frame *at, calib_slopes slope) {
   const int bends = arm->own && !plain;
   calib_real motor[CALIB_DOF], rate[CALIB_DOF], value[CALIB_CHAIN];
   int k;
@@ -168,8 +161,8 @@ static inline void calib_posture(const calib_arm *arm, int plain, const calib_re
 
 /* Position and orientation of the tip in the root's frame, and the geometric Jacobian, of which
  * three rows are velocities and three angular velocities. */
-static inline void calib_chain(const calib_arm *arm, int plain, const calib_real q[CALIB_DOF],
-                               calib_real p[3], calib_real R[9], calib_real G[6 * CALIB_DOF]) {
+static inline void calib_chain(const calib_arm *arm, int plain, const calib_joints q,
+                               calib_vector p, calib_rotation R, calib_real G[6 * CALIB_DOF]) {
   calib_frame at[CALIB_CHAIN + 1];
   calib_real slope[CALIB_CHAIN][CALIB_DOF], arrow[3];
   int i, k, o;
@@ -190,7 +183,7 @@ static inline void calib_chain(const calib_arm *arm, int plain, const calib_real
 
 /* What is seen of a point before the sensor, its derivative by the point, and the point at
  * depth 1; the lens is focal length, centre and k1. */
-static inline void calib_pinhole(const calib_real at[3], calib_real x[2], calib_real L[6],
+static inline void calib_pinhole(const calib_vector at, calib_real x[2], calib_real L[6],
                                  calib_real u[2]) {
   const calib_real depth = at[2] > @least_depth@ ? at[2] : @least_depth@, f = calib_lens[0];
   const calib_real a = at[0] / depth, b = at[1] / depth, r2 = a * a + b * b;
@@ -209,8 +202,8 @@ static inline void calib_pinhole(const calib_real at[3], calib_real x[2], calib_
 #endif
 
 /* What the sensor sees of an arm, and where J is not null its derivative (row by row). */
-static inline void calib_seen(const calib_arm *arm, int plain, const calib_real q[CALIB_DOF],
-                              calib_real x[CALIB_OUT], calib_real *J) {
+static inline void calib_seen(const calib_arm *arm, int plain, const calib_joints q, calib_place x,
+                              calib_real *J) {
   calib_real p[3], R[9], G[6 * CALIB_DOF], at[3];
   int i;
   calib_chain(arm, plain, q, p, R, G);

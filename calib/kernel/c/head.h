@@ -26,6 +26,12 @@ enum {
   CALIB_TRIES = @tries@, CALIB_RUNS = @runs@, CALIB_PULL = @pull@
 };
 
+/* Values of the joints, what a sensor sees, vectors, matrices row by row; values of the chain's joints
+ * and their derivatives. */
+typedef calib_real calib_joints[CALIB_DOF], calib_place[CALIB_OUT], calib_vector[3];
+typedef calib_real calib_rotation[9], calib_values[CALIB_CHAIN];
+typedef calib_real calib_slopes[CALIB_CHAIN][CALIB_DOF];
+
 /* An arm: joint values are gain q + offset + curve, and bend with their posture. */
 typedef struct {
   calib_real gain[CALIB_DOF], offset[CALIB_DOF];
@@ -34,7 +40,11 @@ typedef struct {
   int own; /* whether it has curves and bends */
 } calib_arm;
 @tables@
-static inline calib_real calib_not_a_number(void) { return (calib_real)NAN; }
+/* Numbers that are not known; returns 0. */
+static inline int calib_unknown(int count, calib_real *out) {
+  while (count > 0) out[--count] = (calib_real)NAN;
+  return 0;
+}
 
 /* Where a joint is in its range, of which it is 1 from end to end. */
 static inline calib_real calib_share_of(int k, calib_real value) {
@@ -48,7 +58,7 @@ static inline calib_real calib_short(int k, calib_real way) {
 
 /* Joints with those of full turns moved into their range; 0 where they are outside of what the model
  * was learned for. */
-static inline int calib_inside(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
+static inline int calib_inside(const calib_joints q, calib_joints out) {
   int i, inside = 1;
   for (i = 0; i < CALIB_DOF; ++i) {
     const calib_real u = calib_share_of(i, q[i]);
@@ -59,19 +69,19 @@ static inline int calib_inside(const calib_real q[CALIB_DOF], calib_real out[CAL
   return inside;
 }
 
-static inline void calib_cross(const calib_real a[3], const calib_real b[3], calib_real out[3]) {
+static inline void calib_cross(const calib_vector a, const calib_vector b, calib_vector out) {
   const calib_real x = a[1] * b[2] - a[2] * b[1], y = a[2] * b[0] - a[0] * b[2];
   out[2] = a[0] * b[1] - a[1] * b[0];
   out[0] = x;
   out[1] = y;
 }
 
-static inline calib_real calib_dot(const calib_real a[3], const calib_real b[3]) {
+static inline calib_real calib_dot(const calib_vector a, const calib_vector b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
 /* out += R v, with the rows of R. */
-static inline void calib_add(const calib_real R[9], const calib_real v[3], calib_real out[3]) {
+static inline void calib_add(const calib_rotation R, const calib_vector v, calib_vector out) {
   int i;
   for (i = 0; i < 3; ++i) out[i] += calib_dot(R + 3 * i, v);
 }
@@ -110,8 +120,8 @@ static inline void calib_waves(int count, const calib_real *angle, calib_real *c
 }
 
 /* R, turned about its own unit axis by an angle of cosine c and sine s (Rodrigues). */
-static inline void calib_turn(const calib_real R[9], const calib_real axis[3], calib_real c,
-                              calib_real s, calib_real out[9]) {
+static inline void calib_turn(const calib_rotation R, const calib_vector axis, calib_real c,
+                              calib_real s, calib_rotation out) {
   calib_real swept[3], along;
   int i, j;
   for (i = 0; i < 3; ++i) {
@@ -119,9 +129,4 @@ static inline void calib_turn(const calib_real R[9], const calib_real axis[3], c
     along = (1 - c) * calib_dot(R + 3 * i, axis);
     for (j = 0; j < 3; ++j) out[3 * i + j] = c * R[3 * i + j] + s * swept[j] + along * axis[j];
   }
-}
-
-static inline void calib_unit(calib_real R[9]) {
-  int i;
-  for (i = 0; i < 9; ++i) R[i] = i % 4 == 0 ? 1 : 0;
 }

@@ -9,7 +9,7 @@ static inline calib_real calib_heard(calib_real share) {
 }
 
 /* Local models of what the body leaves over, added to position and derivative. */
-static inline void calib_local(const calib_real q[CALIB_DOF], calib_real *x, calib_real *J) {
+static inline void calib_local(const calib_joints q, calib_real *x, calib_real *J) {
   calib_real weight[CALIB_NEAR], u[CALIB_DOF], gap[CALIB_NEAR][CALIB_DOF], loud = 0;
   int node[CALIB_NEAR], i, k, t, o;
   calib_near(q, node, weight, u);

@@ -1,7 +1,7 @@
 
 /* (J J' + damping trace) y = r by Cholesky, for n residuals. */
-static inline int calib_forces(int n, const calib_real *J, const calib_real *r,
-                               calib_real damping, calib_real y[6]) {
+static inline int calib_forces(int n, const calib_real *J, const calib_real *r, calib_real damping,
+                               calib_real y[6]) {
   calib_real a[6][6], trace = 0;
   int i, j, k;
   for (i = 0; i < n; ++i) {
@@ -35,8 +35,7 @@ static inline int calib_forces(int n, const calib_real *J, const calib_real *r,
 
 /* From b to a in shares of the joints' ranges, the short way round where they go round; returns
  * the length. */
-static inline calib_real calib_apart(const calib_real a[CALIB_DOF], const calib_real b[CALIB_DOF],
-                                     calib_real *way) {
+static inline calib_real calib_apart(const calib_joints a, const calib_joints b, calib_real *way) {
   calib_real squared = 0;
   int k;
   for (k = 0; k < CALIB_DOF; ++k) {
@@ -48,7 +47,7 @@ static inline calib_real calib_apart(const calib_real a[CALIB_DOF], const calib_
 }
 
 /* Joints within their limits; those of full turns go round.  Returns whether no limit holds any. */
-static inline int calib_clipped(calib_real q[CALIB_DOF]) {
+static inline int calib_clipped(calib_joints q) {
   int k, inside = 1;
   for (k = 0; k < CALIB_DOF; ++k) {
     const calib_real u = calib_share_of(k, q[k]);
@@ -64,9 +63,8 @@ static inline int calib_clipped(calib_real q[CALIB_DOF]) {
 
 /* A move of the joints, in shares of their ranges: of all that bring the residuals to zero the one
  * that ends nearest to a wish; joints that a limit holds stay. */
-static inline int calib_move(int n, const calib_real *J, const calib_real *r,
-                             const calib_real q[CALIB_DOF], const calib_real *wish,
-                             calib_real damping, calib_real move[CALIB_DOF]) {
+static inline int calib_move(int n, const calib_real *J, const calib_real *r, const calib_joints q,
+                             const calib_real *wish, calib_real damping, calib_joints move) {
   const calib_real slack = wish ? @slack@ : 0;
   calib_real own[6 * CALIB_DOF], lacking[6], y[6];
   int i, k, pass, held = 0, again;
@@ -93,7 +91,7 @@ static inline int calib_move(int n, const calib_real *J, const calib_real *r,
 }
 
 /* Whether joints lie so close to one of some ways that they hardly lead to another. */
-static inline int calib_beside(const calib_real q[CALIB_DOF], const calib_real *ways, int count,
+static inline int calib_beside(const calib_joints q, const calib_real *ways, int count,
                                calib_real share) {
   int j;
   for (j = 0; j < count; ++j)
@@ -101,15 +99,14 @@ static inline int calib_beside(const calib_real q[CALIB_DOF], const calib_real *
   return 0;
 }
 
-static inline void calib_copy(const calib_real from[CALIB_DOF], calib_real to[CALIB_DOF]) {
+static inline void calib_copy(const calib_joints from, calib_joints to) {
   int k;
   for (k = 0; k < CALIB_DOF; ++k) to[k] = from[k];
 }
 
 /* Joints a move on, of which none goes further than a step may, within their limits.  Returns whether
  * no limit holds any. */
-static inline int calib_moved(const calib_real q[CALIB_DOF], const calib_real move[CALIB_DOF],
-                               calib_real out[CALIB_DOF]) {
+static inline int calib_moved(const calib_joints q, const calib_joints move, calib_joints out) {
   calib_real largest = @longest@;
   int k;
   for (k = 0; k < CALIB_DOF; ++k)
@@ -119,9 +116,8 @@ static inline int calib_moved(const calib_real q[CALIB_DOF], const calib_real mo
 }
 
 /* What of the way to `near` leaves the task as it is; returns its length. */
-static inline calib_real calib_pull(const calib_task *task, const calib_real near[CALIB_DOF],
-                                    const calib_real q[CALIB_DOF], const calib_gap *gap,
-                                    calib_real pull[CALIB_DOF]) {
+static inline calib_real calib_pull(const calib_task *task, const calib_joints near,
+                                    const calib_joints q, const calib_gap *gap, calib_joints pull) {
   const calib_real none[6] = {0, 0, 0, 0, 0, 0};
   calib_real wish[CALIB_DOF], squared = 0;
   int k;
@@ -133,9 +129,8 @@ static inline calib_real calib_pull(const calib_task *task, const calib_real nea
 
 /* Share of the pull that the next slide goes, by how the pull turned on the last one (Barzilai and
  * Borwein 1988). */
-static inline calib_real calib_share(const calib_real slid[CALIB_DOF],
-                                     const calib_real before[CALIB_DOF],
-                                     const calib_real after[CALIB_DOF]) {
+static inline calib_real calib_share(const calib_joints slid, const calib_joints before,
+                                     const calib_joints after) {
   calib_real along = 0, squared = 0, share;
   int k;
   for (k = 0; k < CALIB_DOF; ++k) {
@@ -165,22 +160,20 @@ typedef struct {
 } calib_slides;
 
 /* Adds the next slide to a move; 0 where joints have settled. */
-static inline int calib_slide(const calib_search *search, const calib_real q[CALIB_DOF],
+static inline int calib_slide(const calib_search *search, const calib_joints q,
                               const calib_gap *gap, calib_real settled, calib_slides *slides,
-                              calib_real move[CALIB_DOF]) {
+                              calib_joints move) {
   const calib_real length = calib_pull(search->task, search->from, q, gap, slides->pull);
   calib_real part = 1;
   int k;
   if (slides->moved) slides->share = calib_share(slides->slid, slides->before, slides->pull);
   if (length <= settled || slides->share < @stuck@ || slides->count >= CALIB_SLIDES) return 0;
   ++slides->count;
-  for (k = 0; k < CALIB_DOF; ++k) {
-    move[k] += slides->share * slides->pull[k];
-    if (fabs(move[k]) * part > @longest@) part = @longest@ / fabs(move[k]);
-  }
   for (k = 0; k < CALIB_DOF; ++k) { /* no joint beyond its limit */
     const calib_real u = calib_share_of(k, q[k]);
-    const calib_real room = move[k] > 0 ? 1 - u : u;
+    calib_real room;
+    move[k] += slides->share * slides->pull[k];
+    room = move[k] > 0 ? 1 - u : u;
     if (!calib_periodic[k] && room > @slack@ && fabs(part * move[k]) > room)
       part = room / fabs(move[k]);
   }
@@ -191,7 +184,7 @@ static inline int calib_slide(const calib_search *search, const calib_real q[CAL
 /* Joints from a start (in q) to a task by damped Newton steps, `plain` roughly, without curves,
  * bending and local models.  More joints than residuals slide once they are close.  Returns whether
  * they are there; the gap is theirs.  What leads to one of `count` ways is given up. */
-static inline int calib_descend(calib_search *search, int plain, int count, calib_real q[CALIB_DOF],
+static inline int calib_descend(calib_search *search, int plain, int count, calib_joints q,
                                 calib_gap *gap) {
   const calib_task *task = search->task;
   const calib_real size = calib_size(task), close = @close@ * size, rough = @rough@ * size;
@@ -246,7 +239,7 @@ static inline int calib_descend(calib_search *search, int plain, int count, cali
 
 /* The same from a start on, first roughly where `rough`; a way that would be further than the nearest
  * is given up. */
-static inline int calib_reach(calib_search *search, int rough, int count, calib_real q[CALIB_DOF],
+static inline int calib_reach(calib_search *search, int rough, int count, calib_joints q,
                               calib_gap *gap) {
   calib_clipped(q);
   if (rough && @bent@) {
@@ -260,8 +253,7 @@ static inline int calib_reach(calib_search *search, int rough, int count, calib_
 
 /* The direction y of residuals that joints hardly reach, and the motion v that hardly moves the tip;
  * returns how little it does, as a share of the joints' ranges, or 0 far from a fold. */
-static inline calib_real calib_flat(int n, const calib_real *J, calib_real y[6],
-                                    calib_real v[CALIB_DOF]) {
+static inline calib_real calib_flat(int n, const calib_real *J, calib_real y[6], calib_joints v) {
   calib_real r[6], size, squared = 0, power = 0;
   int i, k, step;
   for (i = 0; i < n; ++i) y[i] = (calib_real)(1 + i) / n;
@@ -283,8 +275,8 @@ static inline calib_real calib_flat(int n, const calib_real *J, calib_real y[6],
 
 /* Where the joints may stand on the other side of a nearby fold: as far beyond it as q is before
  * it, along the motion that hardly moves the tip.  0 where no fold is near. */
-static inline int calib_twin(const calib_task *task, const calib_real q[CALIB_DOF],
-                             const calib_gap *here, calib_real out[CALIB_DOF]) {
+static inline int calib_twin(const calib_task *task, const calib_joints q, const calib_gap *here,
+                             calib_joints out) {
   const int n = calib_rows(task);
   calib_real y[6], v[CALIB_DOF], reach, rate = 0;
   const calib_real size = calib_flat(n, here->J, y, v);

@@ -3,8 +3,7 @@
 enum { CALIB_NODES = @nodes@, CALIB_NEAR = @near@ };
 
 /* The nodes that speak for q and their weights, which sum to one. */
-static inline void calib_near(const calib_real *q, int *node, calib_real *weight,
-                           calib_real u[CALIB_DOF]) {
+static inline void calib_near(const calib_real *q, int *node, calib_real *weight, calib_joints u) {
   calib_real far[CALIB_NEAR + 1], total = 0;
   int place[CALIB_NEAR + 1], found = 0, i, n, k;
   for (i = 0; i < CALIB_DOF; ++i) {
@@ -38,7 +37,7 @@ static inline void calib_near(const calib_real *q, int *node, calib_real *weight
 }
 
 /* Values of the nodes, blended at q. */
-static inline calib_real calib_blended(const calib_real *values, const calib_real q[CALIB_DOF]) {
+static inline calib_real calib_blended(const calib_real *values, const calib_joints q) {
   int node[CALIB_NEAR], k;
   calib_real weight[CALIB_NEAR], u[CALIB_DOF], sum = 0;
   calib_near(q, node, weight, u);

@@ -10,8 +10,7 @@ typedef struct {
 #if @grid@
 
 /* Starts of a position: those of its cell and, after them, of the cells beside. */
-static inline calib_starts calib_position_starts(const calib_real x[CALIB_OUT],
-                                                 const calib_real near[CALIB_DOF],
+static inline calib_starts calib_position_starts(const calib_place x, const calib_joints near,
                                                  short row[CALIB_STARTS + 1]) {
   calib_starts starts = {calib_start_q[0], row, 0, 0, CALIB_TRIES, @margin@ / 2};
   int cell[CALIB_OUT], around = 1, i, n, ring;
@@ -42,8 +41,7 @@ static inline calib_starts calib_position_starts(const calib_real x[CALIB_OUT],
 #else
 
 /* Starts of a position: those that are near to it and to joints, the nearest first. */
-static inline calib_starts calib_position_starts(const calib_real x[CALIB_OUT],
-                                                 const calib_real near[CALIB_DOF],
+static inline calib_starts calib_position_starts(const calib_place x, const calib_joints near,
                                                  short row[CALIB_STARTS + 1]) {
   const int count = CALIB_TRIES < CALIB_STARTS ? CALIB_TRIES : CALIB_STARTS;
   calib_starts starts = {calib_start_q[0], row, count, count / 6, CALIB_TRIES, @margin@ / 2};
@@ -74,7 +72,7 @@ static inline int calib_allowed(int k, calib_real value) {
 }
 
 /* Joints by whole turns as near to others as their limits allow. */
-static inline void calib_on_turn(const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF]) {
+static inline void calib_on_turn(const calib_joints near, calib_joints q) {
   int k;
   for (k = 0; k < CALIB_DOF; ++k) {
     if (!calib_periodic[k]) continue;
@@ -88,7 +86,7 @@ static inline void calib_on_turn(const calib_real near[CALIB_DOF], calib_real q[
 
 /* Adds the way that a start leads to, and what lies across a fold beside it, or replaces a way that
  * is further; returns whether it did. */
-static inline int calib_try(calib_search *search, const calib_real start[CALIB_DOF]) {
+static inline int calib_try(calib_search *search, const calib_joints start) {
   calib_real trial[CALIB_DOF], way[CALIB_DOF];
   calib_gap gap;
   int fold, gain = 0;
@@ -120,10 +118,10 @@ static inline int calib_try(calib_search *search, const calib_real start[CALIB_D
 }
 
 /* A search for ways to a task from joints on, with room for `most`. */
-static inline calib_search calib_begin(const calib_task *task, const calib_real from[CALIB_DOF],
-                                       int most, int budget, calib_real *way) {
+static inline calib_search calib_begin(const calib_task *task, const calib_joints from, int most,
+                                       int budget, calib_real *way) {
   calib_search search = {task, {0}, way, 0, most, budget, 0, {0}, 0};
-  search.left = calib_not_a_number();
+  calib_unknown(1, &search.left);
   calib_copy(from, search.from);
   return search;
 }
@@ -131,8 +129,7 @@ static inline calib_search calib_begin(const calib_task *task, const calib_real 
 /* Begins a search for the way to a task that is nearest to joints; 0 where they are none.  1 where no
  * other way can be nearer than what they lead to, or what lies across a fold beside it; else 2. */
 static inline int calib_try_near(calib_search *search, const calib_task *task,
-                                 const calib_real near[CALIB_DOF], int budget,
-                                 calib_real way[CALIB_DOF]) {
+                                 const calib_joints near, int budget, calib_joints way) {
   const int spare = CALIB_DOF > calib_rows(task);
   int k;
   *search = calib_begin(task, near, 1, budget, way);
@@ -170,15 +167,13 @@ static inline int calib_every(const calib_task *task, const calib_starts *starts
 }
 
 /* Puts the way that was found on the turn nearest to `near`; returns `sure`, or without a way 0 or 3. */
-static inline int calib_answered(const calib_search *search, const calib_real near[CALIB_DOF],
-                                 int sure) {
-  int k;
+static inline int calib_answered(const calib_search *search, const calib_joints near, int sure) {
   if (search->count) calib_on_turn(near, search->way);
-  for (k = 0; k < CALIB_DOF && !search->count; ++k) search->way[k] = calib_not_a_number();
+  else calib_unknown(CALIB_DOF, search->way);
   return search->count || sure == 3 ? sure : 0;
 }
 
-static inline void calib_position_task(const calib_real x[CALIB_OUT], calib_task *task) {
+static inline void calib_position_task(const calib_place x, calib_task *task) {
   int i;
   task->kind = CALIB_POSITION;
   task->axis = -1;
@@ -187,8 +182,7 @@ static inline void calib_position_task(const calib_real x[CALIB_OUT], calib_task
 }
 
 /* All ways to a position that the table of starts leads to, at most `most`; returns how many. */
-static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
-                                    calib_real q[][CALIB_DOF]) {
+static inline int calib_inverse_all(const calib_place x, int most, calib_real q[][CALIB_DOF]) {
   calib_task task;
   short row[CALIB_STARTS + 1];
   calib_starts starts = calib_position_starts(x, calib_start_q[0], row);
@@ -198,9 +192,8 @@ static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
 }
 
 /* As calib_inverse, with a budget of steps. */
-static inline int calib_inverse_within(const calib_real x[CALIB_OUT],
-                                       const calib_real near[CALIB_DOF], int budget,
-                                       calib_real q[CALIB_DOF]) {
+static inline int calib_inverse_within(const calib_place x, const calib_joints near, int budget,
+                                       calib_joints q) {
   calib_task task;
   calib_search search;
   calib_real bound, most = @sure@ * @extent@;
@@ -228,15 +221,14 @@ static inline int calib_inverse_within(const calib_real x[CALIB_OUT],
 /* Joints that bring the tip to a position: of several ways the one nearest to `near`, in shares of
  * the joints' ranges.  1, or 2 where another way might be nearer; 0 where none was found, 3 where
  * nothing reaches the position. */
-static inline int calib_inverse(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
-                                calib_real q[CALIB_DOF]) {
+static inline int calib_inverse(const calib_place x, const calib_joints near, calib_joints q) {
   return calib_inverse_within(x, near, CALIB_BUDGET, q);
 }
 #if @placed@
 
 /* The task of a pose of the sensor's frame (R row by row); `axis` is -1, or an axis of the tip, 0 to
  * 2, about which its turn is left open. */
-static inline void calib_pose_task(const calib_real x[3], const calib_real R[9], int axis,
+static inline void calib_pose_task(const calib_vector x, const calib_rotation R, int axis,
                                    calib_task *task) {
   int i, j, k;
   task->kind = axis < 0 ? CALIB_POSE : CALIB_AXIS;
@@ -254,8 +246,8 @@ static inline void calib_pose_task(const calib_real x[3], const calib_real R[9],
 
 /* Joints that bring the tip to a pose of the sensor's frame (R row by row), as calib_inverse; `axis`
  * is -1, or an axis of the tip, 0 to 2, about which its turn is left open. */
-static inline int calib_inverse_pose(const calib_real x[3], const calib_real R[9], int axis,
-                                     const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF]) {
+static inline int calib_inverse_pose(const calib_vector x, const calib_rotation R, int axis,
+                                     const calib_joints near, calib_joints q) {
   calib_task task;
   calib_search search;
   int sure;
@@ -266,15 +258,15 @@ static inline int calib_inverse_pose(const calib_real x[3], const calib_real R[9
 #endif
 
 /* One damped Newton step of the joints towards a position; returns the distance before it. */
-static inline calib_real calib_newton_step(const calib_real target[CALIB_OUT], calib_real damping,
-                                           calib_real q[CALIB_DOF]) {
+static inline calib_real calib_newton_step(const calib_place target, calib_real damping,
+                                           calib_joints q) {
   calib_task task;
   calib_gap gap;
   calib_real move[CALIB_DOF];
   int i;
   calib_position_task(target, &task);
   calib_left(&task, 0, q, &gap);
-  if (!calib_move(CALIB_OUT, gap.J, gap.r, q, 0, damping, move)) return calib_not_a_number();
+  if (!calib_move(CALIB_OUT, gap.J, gap.r, q, 0, damping, move)) return (calib_real)NAN;
   for (i = 0; i < CALIB_DOF; ++i) q[i] += calib_span[i] * move[i];
   return gap.left;
 }
@@ -282,7 +274,7 @@ static inline calib_real calib_newton_step(const calib_real target[CALIB_OUT], c
 
 /* Joints that bring the real tip to where the nominal arm would be with q, near q; with six joints
  * or more also its orientation.  0 where none do, or a joint would change by more than usual. */
-CALIB_API int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
+CALIB_API int calib_correct(const calib_joints q, calib_joints out) {
   calib_real start[CALIB_DOF], G[6 * CALIB_DOF];
   calib_task task = {@correcting@, -1, &calib_body, {0}, {0}};
   calib_search search;
@@ -309,7 +301,6 @@ CALIB_API int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CALIB_
       if (calib_allowed(k, q[k]) && !calib_allowed(k, out[k])) good = 0;
     }
   }
-  for (k = 0; !good && k < CALIB_DOF; ++k) out[k] = calib_not_a_number();
-  return good;
+  return good ? good : calib_unknown(CALIB_DOF, out);
 }
 #endif

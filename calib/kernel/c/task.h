@@ -22,8 +22,8 @@ static inline calib_real calib_size(const calib_task *task) {
 
 /* Turn that is left from R to another orientation S, or from one axis of R to that of S, a rotation
  * vector. */
-static inline void calib_turn_left(const calib_real R[9], const calib_real S[9], int axis,
-                                   calib_real turn[3]) {
+static inline void calib_turn_left(const calib_rotation R, const calib_rotation S, int axis,
+                                   calib_vector turn) {
   const int first = axis < 0 ? 0 : axis, last = axis < 0 ? 3 : axis + 1;
   calib_real a[3], b[3], across[3], sine, angle, cosine = 0;
   int i, k;
@@ -54,11 +54,11 @@ typedef struct {
   calib_real r[6], J[6 * CALIB_DOF], left;
 } calib_gap;
 
-static inline void calib_left(const calib_task *task, int plain, const calib_real q[CALIB_DOF],
+static inline void calib_left(const calib_task *task, int plain, const calib_joints q,
                               calib_gap *gap) {
   const int rows = calib_rows(task);
   calib_real *r = gap->r, *J = gap->J, squared = 0, p[3], R[9], turn[3];
-  int i, j, k;
+  int i, k;
   if (task->kind == CALIB_POSITION) {
     calib_model(plain, q, r, J);
     for (i = 0; i < CALIB_OUT; ++i) r[i] = task->x[i] - r[i];
@@ -72,18 +72,12 @@ static inline void calib_left(const calib_task *task, int plain, const calib_rea
     for (i = 3 * CALIB_DOF; i < 6 * CALIB_DOF; ++i) J[i] *= @lever@;
   }
   if (task->kind == CALIB_AXIS) { /* along the tip's two other axes */
-    calib_real old[6 * CALIB_DOF];
-    for (i = 0; i < 6 * CALIB_DOF; ++i) old[i] = J[i];
-    for (j = 0; j < 2; ++j) {
-      const int side = (task->axis + 1 + j) % 3;
-      r[3 + j] = 0;
-      for (i = 0; i < 3; ++i) r[3 + j] += @lever@ * R[3 * i + side] * turn[i];
-      for (k = 0; k < CALIB_DOF; ++k) {
-        J[(3 + j) * CALIB_DOF + k] = 0;
-        for (i = 0; i < 3; ++i)
-          J[(3 + j) * CALIB_DOF + k] += R[3 * i + side] * old[(3 + i) * CALIB_DOF + k];
-      }
-    }
+    calib_real sides[6], spin[3 * CALIB_DOF];
+    for (i = 0; i < 6; ++i) sides[i] = R[3 * (i % 3) + (task->axis + 1 + i / 3) % 3];
+    for (i = 0; i < 3; ++i) turn[i] = r[3 + i];
+    for (i = 0; i < 3 * CALIB_DOF; ++i) spin[i] = J[3 * CALIB_DOF + i];
+    calib_product(2, sides, 1, turn, r + 3);
+    calib_product(2, sides, CALIB_DOF, spin, J + 3 * CALIB_DOF);
   }
   for (i = 0; i < rows; ++i) {
     squared += r[i] * r[i];
