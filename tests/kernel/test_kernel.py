@@ -225,6 +225,15 @@ def test_a_small_posterior_is_as_sure_as_the_whole_where_rows_were(waves):
     assert 0.85 < ratio.min() < ratio.max() < 1.25
 
 
+def test_a_small_posterior_of_noisy_samples_is_as_sure_as_the_whole():
+    # all geometry is known alike, so that a few directions are a part of the variance
+    arm = calib.load_arm("six_axis")
+    model = calib.train(calib.babble(arm, 500, noise=1e-3, seed=1), size=4)
+    q = draw(model, 200)
+    ratio = model.model_error(q) / model.body.bound(q, noise=False)
+    assert 0.95 < ratio.min() < ratio.max() < 1.05
+
+
 def test_a_position_a_hair_beyond_a_limit_is_no_answer():
     """Once a last step that a limit cut short was not looked at, and its miss called a solution."""
     model = trained("polar")
