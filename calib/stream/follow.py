@@ -170,12 +170,14 @@ class OnlineAdapter:
             self._expected = expected
         weight = min(1.0, len(u) / FOLLOW.window)
         self._mean = self._mean + weight * (latest - self._mean)
-        self._expected = self._expected + weight * (expected - self._expected)
+        step = expected - self._expected
+        self._expected = self._expected + weight * step
         threshold, largest_error = self._thresholds(sensory)
         self._seen += len(u)
         mean_motor, mean_sensory, error = self._mean.tolist()
-        departed = mean_sensory > threshold or error > largest_error
-        departed = departed and self._seen >= FOLLOW.window / 2
+        departed = False
+        if self._seen >= FOLLOW.window / 2:
+            departed = mean_sensory > threshold or error > largest_error
 
         rows = slice(None)
         if self._since < 0 and (self._force or departed):
@@ -222,11 +224,16 @@ class OnlineAdapter:
         span = model.sensory.scale.span
         v = model.sensory.scale.to_unit(model.predictor.value(u))
         noise = self._baseline.noise
-        distance = model.sensory.nearest(v)[0]
-        zeta = (distance**2).mean() + ((noise / span) ** 2).sum()
-        links = model.association.forward(u[:: FOLLOW.glance], "activity")
-        residual = (links - v[:: FOLLOW.glance]) * span
-        return np.array([zeta, np.linalg.norm(residual, axis=1).mean() + noise])
+        distance, _ = model.sensory.nearest(v)
+        noise_in_box = noise / span
+        zeta = (distance**2).mean()
+        zeta += (noise_in_box**2).sum()
+        rows = slice(None, None, FOLLOW.glance)
+        residual = model.association.forward(u[rows], "activity")
+        residual -= v[rows]
+        residual *= span
+        error = np.linalg.norm(residual, axis=1).mean()
+        return np.array([zeta, error + noise])
 
     def _thresholds(self, sensory: Map) -> tuple[float, float]:
         """Sensory distortion and error that an unchanged arm exceeds by chance next to never."""
@@ -236,7 +243,8 @@ class OnlineAdapter:
         size = (sensory.spacing / self._model.sensory.spacing) ** 2
         at_rest = FOLLOW.at_rest if self._since >= 0 else 1.0
         zeta, error = self._expected.tolist()
-        return zeta * size * at_rest * chance, FOLLOW.unusual * error
+        largest_zeta = zeta * size * at_rest * chance
+        return largest_zeta, FOLLOW.unusual * error
 
     def _learn(
         self, u: Array, v: Array, rows: slice

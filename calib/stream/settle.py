@@ -61,6 +61,9 @@ def settled_model(
     x = x[first]
 
     body, predictor, judged, errors = _readout(model, motor, sensory, u, x)
+    local = NO_MODELS
+    if predictor is not None:
+        local = predictor.models
     if links is None:
         association = _association(model, motor, sensory, u, x, predictor)
     else:
@@ -71,7 +74,7 @@ def settled_model(
     settled = replace(
         model,
         association=association,
-        local=NO_MODELS if predictor is None else predictor.models,
+        local=local,
         body=body,
         visited=motor.visited_by(u),
         rows=rows,
@@ -96,7 +99,8 @@ def _readout(
     smooth = BodyInBox(body_fit.body, motor.scale)
     held_out = body_fit.held_out
     predictor, residual = select(motor, judged, x[fitted], smooth, held_out)
-    return body_fit.body, predictor, judged, np.linalg.norm(residual, axis=1)
+    errors = np.linalg.norm(residual, axis=1)
+    return body_fit.body, predictor, judged, errors
 
 
 def _association(
