@@ -33,44 +33,44 @@ def report_error(error: Exception, as_json: bool) -> int:
 
 def describe_error(error: Exception) -> tuple[int, dict[str, object]]:
     """Return the exit code of what ended a command, and its description as `--json` prints it."""
-    report: dict[str, object] = {
-        "type": type(error).__name__,
-        "message": "",
-        "hint": None,
-        "parameter": None,
-        "value": None,
-    }
     code = FAILED
+    kind = type(error).__name__
     text = str(error)
+    hint: str | None = None
+    parameter: str | None = None
+    value: object = None
     if isinstance(error, CalibError):
         # clocks that no offset brings together are an answer about the recording
-        code = NO if report["type"] == "ClockError" else FAILED
+        code = NO if kind == "ClockError" else FAILED
         text = as_typed(error.message)
-        report["hint"] = error.hint and as_typed(error.hint)
-        report["parameter"] = error.parameter and option_of(error.parameter)
-        report["value"] = error.value
+        hint = error.hint and as_typed(error.hint)
+        parameter = error.parameter and option_of(error.parameter)
+        value = error.value
     elif isinstance(error.__cause__, KeyboardInterrupt):
         code = INTERRUPTED  # while Python made a class
         text = "interrupted"
     elif isinstance(error, typer.TyperException):
         code = USAGE
+        kind = "UsageError"
         text = error.format_message().rstrip(".").replace("Value error, ", "")
         context = getattr(error, "ctx", None)
         if context is not None:
             text += f" (see {context.command_path} --help)"
-        report["type"] = "UsageError"
         if isinstance(error, BadOption):
-            report["parameter"] = error.option
-            report["value"] = error.value
+            parameter = error.option
+            value = error.value
     elif isinstance(error, OSError):
         place = f"{error.filename}: " if error.filename else ""
         text = f"{place}{error.strerror or error}"
     elif isinstance(error, MemoryError):  # NumPy has one of its own
         text = "not enough memory; use a smaller --size or fewer --samples"
     else:
-        text = (
-            f"internal error, {report['type']}: {error}; {TRACEBACK}=1 shows where, please report "
-            "it"
-        )
-    report["message"] = one_line(" ".join(text.split()))
+        text = f"internal error, {kind}: {error}; {TRACEBACK}=1 shows where, please report it"
+    report: dict[str, object] = {
+        "type": kind,
+        "message": one_line(" ".join(text.split())),
+        "hint": hint,
+        "parameter": parameter,
+        "value": value,
+    }
     return code, report

@@ -168,7 +168,7 @@ def _arm_of_log(
         others,
         columns=columns,
         degrees=selection.degrees,
-        prismatic=[name for name in others if not revolute.get(name, True)],
+        prismatic=[name for name in others if not revolute[name]],
     )
     say(notes)
     return selection.load(robot, locked, header) if locked else arm
@@ -245,19 +245,13 @@ def _sensor_of_log(model: calib.Model, source: Source) -> str:
 
     It is the first one's where neither says another.
     """
-    from calib.errors import LogError
     from calib.samples.tables import names_of_sensors
 
     if len(model.sensors) == 1:
         return ""
-    names = names_of_sensors(source) or (Path(source.label).stem,)
+    names = (*names_of_sensors(source), Path(source.label).stem)
     sensors = [name for name in names if name in model.sensors]
-    if len(sensors) > 1:
-        raise LogError(
-            f"{source.label} has rows of {', '.join(sensors)}: expected a log of one sensor",
-            hint="write the rows of each sensor to a file of its own",
-        )
-    return [*sensors, model.sensors[0]][0]
+    return sensors[0] if sensors else model.sensors[0]
 
 
 def log_of(

@@ -165,7 +165,7 @@ Epochs = Annotated[
     ),
 ]
 Sigma = Annotated[
-    parsing.RadiusSchedule | None,
+    parsing.Numbers | None,
     value(
         "--sigma START:END",
         "Neighbourhood radius, start and end [nodes]; the full lattice alone is trained then.",

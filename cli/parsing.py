@@ -26,13 +26,6 @@ class OfJoint(NamedTuple):
     high: float  # the same of a single value
 
 
-class RadiusSchedule(NamedTuple):
-    """Neighbourhood radius of a training, as in `5:0.5`."""
-
-    start: float  # [nodes]
-    end: float  # [nodes]
-
-
 class BadOption(typer.BadParameter):
     """Wrong usage, told in one line; `value` is what was typed, if an option has a wrong one."""
 
@@ -152,11 +145,6 @@ def _lattice_size(text: str) -> str:
     return text if min(sides) > 1 else ""
 
 
-def _radius_schedule(text: str) -> RadiusSchedule:
-    start, end = text.split(":")
-    return RadiusSchedule(finite_number(start), finite_number(end))
-
-
 number = parser("a number", finite_number)
 above_zero = parser(
     "a number above zero", finite_number, lambda value: value > 0.0
@@ -192,13 +180,18 @@ quaternion = parser(
 )
 sigma = parser(
     "START:END above zero such as 5:0.5 [nodes]",
-    _radius_schedule,
-    lambda radius: min(radius) > 0.0,
+    lambda text: tuple(map(finite_number, text.split(":"))),
+    lambda radii: len(radii) == 2 and min(radii) > 0.0,
 )
 names = parser(
     "names with commas between them such as a,b, each once",
     lambda text: tuple(name.strip() for name in text.split(",")),
     lambda names: all(names) and len(set(names)) == len(names),
+)
+frames = parser(
+    "two frames SENSOR,TIP",
+    names,
+    lambda pair: len(pair) == 2,
 )
 lattice_size = parser(
     "whole numbers of 2 or more such as 70 or 70x70", _lattice_size, bool
@@ -247,7 +240,7 @@ def check_file(
         if not stream:
             raise bad_value(path, "a file name", option)
         return
-    if endings and Path(path).suffix and not path.lower().endswith(endings):
+    if Path(path).suffix and not path.lower().endswith(endings):
         raise bad_value(
             path, f"a name that ends in {' or '.join(endings)}", option
         )

@@ -41,6 +41,15 @@ class JointFile:
     prismatic: Sequence[str]
 
 
+@dataclass(frozen=True)
+class Moving:
+    """Which rows of a motion are taken, and when."""
+
+    max_gap: float  # [s], between joints
+    still: float | None  # [rad/s], beyond which rows are left out
+    time_offset: float | None  # [s]
+
+
 def read_setting(
     output: str,
     *,
@@ -93,10 +102,7 @@ def record_tag(
     setting: Setting,
     joints: JointFile,
     picture: str | None,
-    *,
-    max_gap: float,
-    still: float | None,
-    time_offset: float | None,
+    moving: Moving,
 ) -> calib.Samples:
     """Make a log of pictures or a video, and draw what was seen if that is wanted."""
     from calib.recording.motion_tables import read_joints
@@ -120,9 +126,7 @@ def record_tag(
             path,
             table,
             setting,
-            max_gap=max_gap,
-            still=still,
-            time_offset=time_offset,
+            **vars(moving),
         )
     else:
         log = log_pictures(sources, table, setting)

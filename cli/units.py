@@ -32,7 +32,7 @@ class JointFormat:
 
     def __init__(self, about: About | Arm, degrees: bool) -> None:
         self.names = about.joint_names
-        self._about = about
+        self.about = about
         self.degrees = degrees
         units = [
             unit_of_joint(revolute, degrees) for revolute in about.revolute
@@ -87,7 +87,7 @@ class JointFormat:
 
     def change(self, k: int, value: float) -> str:
         """Return a change of joint `k` [rad or m] in words, in deg or mm."""
-        return f"{self.names[k]} {with_unit(abs(value), self._about.units_of_joints[k])}"
+        return f"{self.names[k]} {with_unit(abs(value), self.about.units_of_joints[k])}"
 
 
 def in_si(

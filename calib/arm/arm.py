@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..common.arrays import Array, freeze_copies
 from ..common.inputs import query_rows
 from ..common.scale import TURN
-from ..common.wording import listing, quoted, suggestion
+from ..common.wording import by_name, listing, quoted, suggestion
 from ..errors import OptionError
 from .gravity import GRAVITY
 from .plane import Plane
@@ -120,7 +120,7 @@ class Arm:
     def link_lengths(self) -> dict[str, float]:
         """Distance [m] from each joint to the next, the last to the tip, at zero."""
         lengths = np.linalg.norm(self._links(), axis=1)
-        return dict(zip(self.joint_names, map(float, lengths), strict=True))
+        return by_name(self.joint_names, map(float, lengths))
 
     def with_link_length(self: _A, joint: str, length: float) -> _A:
         """Return the arm with the link from a joint to the next (or the tip) at a new length [m].

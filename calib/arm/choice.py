@@ -149,12 +149,14 @@ def _no_arm(
     if len(free) + len(stuck) > 1:
         check_limits(stuck)
     hint = "name other `joints`, `tip` or `lock`"
+    what = "are free"
     if columns is not None:
         hint = "if columns have other names, give `columns={'JOINT': 'COLUMN'}`"
+        what = "are free and columns of the log"
     movable = listing(joint.name for joint in urdf.joints if joint.movable)
     return RobotError(
         f"no arm{f' to {quoted(tip)}' if tip else ''}: it needs two joints in one chain; of "
-        f"the movable joints {movable} these are free: {listing(j.name for j in free)}",
+        f"the movable joints {movable} these {what}: {listing(j.name for j in free)}",
         hint=hint,
     )
 

@@ -120,10 +120,9 @@ def arm_from_urdf(
     lock = dict(lock or {})
     check_lock(urdf, lock)
     ranges = dict(ranges or {})
-    neutral = posture_of(urdf, lock)
     choice, notes = choose_joints(
         urdf,
-        neutral,
+        posture_of(urdf, lock),
         joints=joints,
         tip=tip,
         lock=lock,
@@ -137,26 +136,27 @@ def arm_from_urdf(
     at_zero = posture_of(urdf, {**lock, **dict.fromkeys(moving, 0.0)})
     normal = _normal(choice, moving, at_zero, planar)
     chain = chain_of(urdf, moving, names, choice.tip, at_zero)
-    make: Callable[..., PlanarArm | SpatialArm] = SpatialArm
+    make: Callable[..., PlanarArm | SpatialArm]
     if normal is None:
+        make = SpatialArm
         chain = with_masses(chain, urdf, at_zero, moving)
     else:
         plane = plane_of(normal, at_zero.place(choice.tip))
         make = partial(PlanarArm, plane=plane)
+
     without_range = [joint for joint in active if joint.name not in ranges]
     check_limits(without_range)
     locked, locked_notes = _locked_joints(urdf, choice, moving, lock)
-    notes += locked_notes
-    notes += notes_of_turns(
-        {joint.name: joint.travel for joint in without_range if joint.revolute}
-    )
+    turning = {j.name: j.travel for j in without_range if j.revolute}
+    notes += [*locked_notes, *notes_of_turns(turning)]
     travel = tuple(joint.travel for joint in active)
     learned = [learned_range(joint.travel, joint.revolute) for joint in active]
+    lower, upper = np.transpose(learned)
     arm = make(
         name=urdf.name,
         joint_names=tuple(names),
-        lower=np.array([lower for lower, _ in learned]),
-        upper=np.array([upper for _, upper in learned]),
+        lower=lower,
+        upper=upper,
         revolute=tuple(joint.revolute for joint in active),
         tip=choice.tip,
         locked=locked,

@@ -127,7 +127,7 @@ class Urdf:
             link = path[-1].parent
         return tuple(reversed(path))
 
-    def mimic_of(self, joint: Joint, stops: Collection[str] = ()) -> Mimic:
+    def mimic_of(self, joint: Joint, stops: Collection[str]) -> Mimic:
         """How a joint follows another, over mimic joints in between that are none of `stops`.
 
         A joint that follows none, or is one of `stops`, follows itself.
@@ -179,7 +179,7 @@ class Urdf:
         }
 
 
-def read_urdf_tree(robot: ET.Element, name: str = "robot") -> Urdf:
+def read_urdf_tree(robot: ET.Element, name: str) -> Urdf:
     """Check the root element of a URDF and return its links and joints.
 
     name : name to use where the URDF gives its robot none

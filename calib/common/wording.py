@@ -44,17 +44,17 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
-def one_line(text: str, most: int = 1_500) -> str:
+def one_line(text: str) -> str:
     """Return a message as one printable line, its middle left out where that is long."""
     line = printable(text)
-    if len(line) <= most:
+    if len(line) <= 1_500:
         return line
-    return f"{line[: most // 2]} ... {line[-most // 3 :]}"
+    return f"{line[:750]} ... {line[-500:]}"
 
 
-def clipped(name: str, most: int = 60) -> str:
+def clipped(name: str) -> str:
     """Return a name that may be long, short enough for a line with several of them."""
-    return name if len(name) <= most else name[: most - 3] + "..."
+    return name if len(name) <= 60 else name[:57] + "..."
 
 
 def quoted(name: str) -> str:

@@ -272,11 +272,12 @@ def compile_source(text: str, dof: int, outputs: int) -> Library:
     folder = tempfile.TemporaryDirectory(prefix="calib-")
     path = Path(folder.name) / "kernel.so"
     exported = '#define CALIB_API __attribute__((visibility("default")))\n'
-    path.with_suffix(".c").write_text(exported + text, encoding="ascii")
+    code = path.with_suffix(".c")
+    code.write_text(exported + text, encoding="ascii")
     beside = threading.current_thread() is not threading.main_thread()
     if beside and shutil.which("nice"):
         command = ["nice", "-n", str(COMPILER.patience), *command]
-    files = ("-o", str(path), str(path.with_suffix(".c")), "-lm")
+    files = ("-o", str(path), str(code), "-lm")
     complaint = ""
     for flags in ((*COMPILER.flags, *COMPILER.quick), COMPILER.flags):
         complaint = _complaint([*command, *flags, *files])

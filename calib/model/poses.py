@@ -123,10 +123,11 @@ class Goals:
         if not in_base:
             position, rotation = space.to_sensor(position, rotation)
             distance = space.sensor[2] * distance
+        turn = quaternion_of(rotation)
         place = position, distance
-        turn = quaternion_of(rotation), angle
         unknown = np.full(len(q), np.nan)
-        return Answer(q, *place, unknown, unknown, reached, target, *turn)
+        bounds = unknown, unknown
+        return Answer(q, *place, *bounds, reached, target, turn, angle)
 
 
 def pose_in_sensor(

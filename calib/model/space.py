@@ -96,13 +96,12 @@ class Space:
         turn[lost] = np.nan
         return position, turn
 
-    def bound(self, q: ArrayLike) -> Array:
-        """95 % bound (n,) in the base frame [m], which stands where the belief has it.
+    def bound(self, q: Array) -> Array:
+        """95 % bound (n,) at joints (n, dof) in the base frame [m], where the belief has it.
 
         Its turn about and its shift along the first joint's axis are a convention.
         """
-        rows = np.atleast_2d(np.asarray(q, dtype=float))
-        return self.body.bound(rows, noise=False)
+        return self.body.bound(q, noise=False)
 
     # What its sensor sees.
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Index
 from ..common.rows import finite_rows
+from ..common.wording import by_name
 from .tables import open_source
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ class Batch:
         }
         return {
             **columns,
-            **dict(zip(self.names, self.values.T, strict=True)),
+            **by_name(self.names, self.values.T),
             **added,
         }
 
@@ -51,18 +52,17 @@ class Batch:
 def read_batch(
     path: str | os.PathLike[str],
     names: Sequence[str],
-    more: Sequence[Sequence[str]] = (),
-    columns: Mapping[str, str] | None = None,
+    more: Sequence[Sequence[str]],
+    column_of: Mapping[str, str],
 ) -> Batch:
     """Read a batch of queries and all that stands beside them; bad rows do not stop it.
 
     more : groups of names of which those count that the table has as a whole
-    columns : columns that have other names, by what they hold; the batch has the latter
+    column_of : columns that have other names, by what they hold; the batch has the latter
     """
     import polars as pl
 
     source = open_source(path)
-    column_of = columns or {}
     wanted = list(names)
     for group in more:
         if {column_of.get(name, name) for name in group} <= {*source.header}:

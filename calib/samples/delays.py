@@ -161,23 +161,16 @@ def estimate_delay(
         [weight[:, None] * columns[rows].reshape(rest.size, -1), np.diag(root)]
     )
 
-    def explain(cause: Array) -> tuple[Array, Array, Array]:
-        """Pseudoinverse (j + k, rows) of a cause (n * m, j), its values, and what it leaves."""
-        features = np.zeros((len(target), cause.shape[1] + len(root)))
-        features[: rest.size, : cause.shape[1]] = weight[:, None] * cause
-        features[:, cause.shape[1] :] = beside
-        scale = np.linalg.norm(features, axis=0) + 1e-300
-        inverse = np.linalg.pinv(features / scale) / scale[:, None]
-        values = inverse @ target
-        return inverse, values, target - features @ values
-
-    inverse, values, remainder = explain(late)
+    inverse, values, remainder = _explain(
+        target, weight[:, None] * late, beside
+    )
     variance = float(inverse[0] @ inverse[0])  # of noise of 1
     squares = float(remainder @ remainder)
     gain = float(values[0]) ** 2 / variance
     share = gain / (squares + gain)
     if play is not None:
-        by_play = explain(play[rows].reshape(rest.size, -1))[2]
+        cause = weight[:, None] * play[rows].reshape(rest.size, -1)
+        by_play = _explain(target, cause, beside)[2]
         if by_play @ by_play <= squares:
             share = 0.0
     # independent rows beside blocks of neighbouring ones (a sandwich): beside smooth columns the
@@ -193,6 +186,21 @@ def estimate_delay(
     # what the prior leaves open no exact row tells: along one line a delay is an offset
     sd = float(np.hypot(noise, np.linalg.norm(by_prior)))
     return Delay(float(values[0]), sd, unit, share), values[1:]
+
+
+def _explain(
+    target: Array, cause: Array, beside: Array
+) -> tuple[Array, Array, Array]:
+    """Fit a target (r,) by a cause (n, j) of its first n rows, and by what is `beside` (r, k).
+
+    Returns the pseudoinverse (j + k, r), the values (j + k,), and what they leave (r,).
+    """
+    below = np.zeros((len(target) - len(cause), cause.shape[1]))
+    features = np.hstack([np.vstack([cause, below]), beside])
+    scale = np.linalg.norm(features, axis=0) + 1e-300
+    inverse = np.linalg.pinv(features / scale) / scale[:, None]
+    values = inverse @ target
+    return inverse, values, target - features @ values
 
 
 def _weights(residual: Array, least: float) -> Array:

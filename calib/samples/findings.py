@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.wording import by_name
 from ..errors import LogError
 
 
@@ -25,16 +26,15 @@ class Finding:
     mistake: bool = True
 
 
-def refuse_mistakes(
-    findings: Sequence[Finding], label: str = "the log"
-) -> list[str]:
+def refuse_mistakes(findings: Sequence[Finding], label: str = "") -> list[str]:
     """Refuse a log for the first finding that is a mistake; return the others as notes.
 
+    label : what the log is called, "" where that is known
     Raises LogError.
     """
     notes = []
     for finding in findings:
-        words = f"{label}: {finding.words}"
+        words = f"{label}: {finding.words}" if label else finding.words
         hint = finding.hint
         if finding.mistake:
             raise LogError(
@@ -56,9 +56,9 @@ def still_columns(q: Array, x: Array, names: Sequence[str]) -> list[Finding]:
     if len(q) < 2:
         words = "one usable row; learning needs two or more"
         findings.append(Finding("still", words))
-    columns = dict(zip(names, q.T, strict=True))
+    columns = by_name(names, q.T)
     if x.shape[1] == 2:
-        columns |= dict(zip("xy", x.T, strict=True))
+        columns |= by_name("xy", x.T)
     for name, column in columns.items():
         if not np.ptp(column):
             words = f"{name} is {column[0]:g} in every row; what does not move cannot be learned"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -12,29 +11,28 @@ from ..common.wording import for_people
 from ..errors import LogError
 from .header import find_column, joint_factor
 from .settings import SLIDING, TURNING
-from .tables import Source, open_source
+from .tables import Source
 
 
 def locked_joint_values(
-    path: str | os.PathLike[str] | Source,
+    source: Source,
     names: Sequence[str],
     *,
-    columns: Mapping[str, str] | None = None,
-    degrees: bool = False,
-    prismatic: Sequence[str] = (),
+    columns: Mapping[str, str],
+    degrees: bool,
+    prismatic: Sequence[str],
 ) -> tuple[dict[str, float], list[str]]:
     """Find where the locked joints stood while a log was recorded.
 
-    path, columns, degrees, prismatic : as of `read_log`
+    columns, degrees, prismatic : as of `read_log`
     names : joints that are not active. Those without a column are passed over.
     Returns values : [rad or m], the median of each joint's column, for `load_arm(..., lock=values)`
     Returns notes : a warning for each joint that moved more than 0.5 deg or 1 mm from it
     """
-    source = open_source(path)
     values: dict[str, float] = {}
     notes: list[str] = []
     for name in names:
-        typed = (columns or {}).get(name)
+        typed = columns.get(name)
         column = find_column(source.header, typed or name) or typed
         if column is None:
             continue

@@ -13,7 +13,7 @@ from ..arm.plane import Plane, fit_plane
 from ..arm.urdf import Range
 from ..common.arrays import Array
 from ..common.scale import METRES
-from ..common.wording import listing, vector
+from ..common.wording import by_name, listing, vector
 from ..errors import LogError, OptionError
 from .cells import (
     Cells,
@@ -31,7 +31,13 @@ from .roles import Roles, find_roles, log_columns, quaternions
 from .samples import Readings, Samples
 from .settings import READING
 from .sockets import Touches
-from .tables import Document, Source, open_source, write_table
+from .tables import (
+    Document,
+    Source,
+    names_of_sensors,
+    open_source,
+    write_table,
+)
 
 
 def read_log(
@@ -85,12 +91,13 @@ def read_log(
     source = open_source(path)
     label = source.label
     ranges = ranges or {}
-    roles = find_roles(source, arm, joints, columns or {})
-    unit = _unit(source, roles, unit)
     if arm is not None:
         outputs = outputs or arm.outputs
+    roles = find_roles(source, arm, joints, columns or {})
+    unit = _unit(source, roles, unit)
+    _check_sensors(source)
     _check_axes(label, roles, unit, outputs)
-    names = dict(zip(roles.joints, roles.columns(roles.joints), strict=True))
+    names = by_name(roles.joints, roles.columns(roles.joints))
     joint_columns = columns_of_joints(
         label, names, arm, ranges, prismatic, degrees=degrees
     )
@@ -108,35 +115,34 @@ def read_log(
     else:
         readings, words = _positions(sound, roles, unit, arm, outputs, degrees)
         notes += words
-        # what can be nothing but a mistake is refused, what may be intended told
         refuse_mistakes(still_columns(q, readings.x, roles.joints), label)
-    about = source.about if lens is None else {**source.about, "lens": lens}
-    revolute = tuple(joint.revolute for joint in joint_columns)
-    units = {joint.degrees for joint in joint_columns if joint.revolute}
+
+    turning = [joint.degrees for joint in joint_columns if joint.revolute]
     samples = Samples(
         q,
         joint_names=roles.joints,
         lower=lower,
         upper=upper,
-        revolute=revolute,
+        revolute=tuple(joint.revolute for joint in joint_columns),
         arm=arm and replace(arm, lower=lower, upper=upper),
         side=sound.side,
         time=sound.time,
         episode=sound.episode,
         rows=sound.numbers,
         columns=roles.column_of,
-        degrees=units == {True},
-        source=about,
+        degrees=any(turning) and all(turning),
+        source=source.about if lens is None else {**source.about, "lens": lens},
         dropped=cells.total - len(complete.numbers),
         left_out=len(inside.numbers) - len(sound.numbers),
         **vars(readings),
     )
-    if samples.camera is not None:
-        notes += filter(None, [samples.camera.note])
-    elif lens is not None:
+    camera = samples.camera
+    if camera is None and lens is not None:
         raise OptionError(
             "`lens` is for pixels of an arm in space: expected columns u and v"
         )
+    if camera is not None and camera.note:
+        notes.append(camera.note)
     if arm is not None and not roles.touched:
         notes += refuse_mistakes(_diagnosis(samples, arm), label)
     samples = replace(samples, notes=tuple(notes))
@@ -222,6 +228,16 @@ def _unit(source: Source, roles: Roles, unit: str | None) -> str:
             value=unit,
         )
     return unit or stated or ("px" if roles.pixels else "m")
+
+
+def _check_sensors(source: Source) -> None:
+    """Raise LogError for the rows of several sensors."""
+    sensors = names_of_sensors(source)
+    if len(sensors) > 1:
+        raise LogError(
+            f"{source.label} has rows of several sensors, {listing(sensors)}: expected a log of "
+            "one; write the rows of each to a file of its own"
+        )
 
 
 def _check_axes(

@@ -11,7 +11,7 @@ import numpy as np
 from ..arm.rotations import exponential, quaternion_of
 from ..common.arrays import Array
 from ..common.rows import row_lengths
-from ..common.wording import listing
+from ..common.wording import by_name, listing
 from ..errors import LogError, OptionError
 from .header import find_column
 from .samples import POSITION, Samples
@@ -198,18 +198,18 @@ def parse_columns(text: str) -> dict[str, str]:
 
 def log_columns(samples: Samples) -> dict[str, Array]:
     """Columns of a log by name: joints, positions, and what else is known of the rows."""
-    columns = dict(zip(samples.joint_names, samples.q.T, strict=True))
-    columns |= dict(zip(samples.axes, samples.x.T, strict=True))
+    columns = by_name(samples.joint_names, samples.q.T)
+    columns |= by_name(samples.axes, samples.x.T)
     if len(columns) < samples.dof + len(samples.axes):
         raise OptionError(
             f"joints {listing(samples.joint_names)} cannot be told from the positions"
         )
     if samples.orientation is not None:
-        columns |= dict(zip(QUATERNION, samples.orientation.T, strict=True))
+        columns |= by_name(QUATERNION, samples.orientation.T)
     if samples.covariance is not None:
         row, column = np.triu_indices(6)
         triangle = samples.covariance[:, row, column]
-        columns |= dict(zip(COVARIANCE, triangle.T, strict=True))
+        columns |= by_name(COVARIANCE, triangle.T)
     for name, further in zip(
         FURTHER, (samples.time, samples.episode), strict=True
     ):

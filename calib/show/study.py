@@ -156,7 +156,7 @@ class Study:
         ]
 
 
-def studies_of(model: Model, log: Samples | None = None) -> list[Study]:
+def studies_of(model: Model, log: Samples | None) -> list[Study]:
     """Return a study for each sensor; a log is that of one of them."""
     measured = None if log is None else model.by(log.sensor).about.sensor
     return [

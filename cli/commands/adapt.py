@@ -52,7 +52,7 @@ def adapt(
     loaded = calib.load(model)
     stem = Path(model).name.removesuffix(".calib").removesuffix(".adapted")
     path = output or str(Path(model).with_name(f"{stem}.adapted.calib"))
-    check_file(path, ())  # before the work whose result would be lost
+    check_file(path, (".calib",))  # before the work whose result would be lost
     log = log_for(loaded, data, LogFormat(columns, unit, time_offset, degrees))
     result = calib.adapt(
         loaded, log, method=method, cause=cause, free=free, progress=progress

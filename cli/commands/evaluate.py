@@ -65,7 +65,9 @@ def evaluate(
     if log is not None:
         warnings = _warnings_of_log(result)
     limit = []
-    if not warnings:
+    # what limited a simulation does not limit a log
+    is_known = log is None or loaded.about.source == "log"
+    if is_known and not warnings:
         limit = [standing.limiting_factor(loaded, result.errors)]
     if result.touch:
         document["touch"] = result.touch

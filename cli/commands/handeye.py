@@ -10,6 +10,7 @@ from typing import Annotated
 
 from typer import Argument
 
+import calib
 from calib.common.choices import EYES, ROTATIONS
 from calib.use import standing
 
@@ -88,24 +89,22 @@ def handeye(
         ),
     ] = None,
 ) -> Outcome:
-    import calib
     from calib.recording.board import parse_board
     from calib.recording.lens import load_lens
 
     check_file(output, (".calib",), option="-o")
     check_file(transform, (".json",), option="--transform")
-    arm = None
+    if poses_file is None and len(names) != 2:
+        raise BadOption(
+            f"{len(names)} names: expected ROBOT PICTURES, or PICTURES with --poses-file"
+        )
+    if poses_file is not None and (len(names) != 1 or joints_file is not None):
+        raise BadOption(
+            "--poses-file takes PICTURES alone: no ROBOT, no --joints-file"
+        )
     pictures = names[-1]
-    if poses_file is not None:
-        if len(names) != 1 or joints_file is not None:
-            raise BadOption(
-                "--poses-file takes PICTURES alone: no ROBOT, no --joints-file"
-            )
-    else:
-        if len(names) != 2:
-            raise BadOption(
-                f"{len(names)} names: expected ROBOT PICTURES, or PICTURES with --poses-file"
-            )
+    arm = None
+    if poses_file is None:
         selection = Selection(joints, tip, lock=lock, degrees=degrees)
         arm = selection.load(names[0])
         need_joints(pictures, joints_file)
@@ -127,13 +126,7 @@ def handeye(
         rotation=rotation,
     )
     say(rig.notes)
-    warnings = []
-    if output is not None and rig.poses is None:
-        rig.save(output)
-    elif output is not None and rig.poses is not None:
-        model = calib.train(rig.poses)
-        model.save(output)
-        warnings = standing.bound_warnings(model.about)
+    warnings = [] if output is None else _save(rig, output)
     if transform is not None:
         from calib.common.atomic import atomic_write
         from calib.recording.rig import transform_files
@@ -143,6 +136,16 @@ def handeye(
             note(f"where all is stands in {path}")
     document = {**rig.to_json(), "units": UNITS}
     return Outcome(document, [*warnings, *rig.lines()], code=code_of(warnings))
+
+
+def _save(rig: calib.HandEye, path: str) -> list[str]:
+    """Write a rig, or the model of its joints; return what contradicts the model's bound."""
+    if rig.poses is None:
+        rig.save(path)
+        return []
+    model = calib.train(rig.poses)
+    model.save(path)
+    return standing.bound_warnings(model.about)
 
 
 def _eyes(text: str) -> str | dict[str, str]:

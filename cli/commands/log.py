@@ -5,7 +5,7 @@ Exit code 3 if no clock offset, or more than one, fits a video to its joints.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument
@@ -19,6 +19,7 @@ from ..output import Outcome, say
 from ..parsing import TABLES, BadOption, above_zero, check_file, refuse
 from ..pictures import (
     JointFile,
+    Moving,
     is_film,
     is_of_camera,
     read_setting,
@@ -50,7 +51,7 @@ def log(
     ] = None,
     frames: Annotated[
         Sequence[str] | None,
-        opt.value("--frames SENSOR,TIP", "Of tf, if many.", parsing.names),
+        opt.value("--frames SENSOR,TIP", "Of tf, if many.", parsing.frames),
     ] = None,
     joints: opt.JointNames = None,
     max_gap: Annotated[
@@ -82,62 +83,47 @@ def log(
 
     check_file(output, TABLES, stream=True)
     sliding = prismatic or ()
-    units = "[rad, m, s]"
+    moving = Moving(max_gap, still, time_offset)
     of_tag = (tag, tags_at, tag_size, tag_height, picture)
     of_pictures = (*of_tag, joints_file, board, lens, camera, eye)
     is_bag = not any(map(is_of_camera, bag)) and all(
         option is None for option in of_pictures
     )
+    joint_file = JointFile(joints_file, joints, degrees, sliding)
+    if not is_bag:
+        topics = {"joints_topic": joints_topic, "tip_topic": tip_topic}
+        _check_pictures(bag, eye, {**topics, "frames": frames}, moving)
     if is_bag:
         from calib.recording.bags import read_bag
 
-        _check_bag(bag, frames)
+        if len(bag) > 1:
+            why = "names are for pictures: expected one bag"
+            raise BadOption(f"{len(bag)} {why}")
         rows = read_bag(
             bag[0],
             joints_topic=joints_topic,
             tip_topic=tip_topic,
             frames=frames,
             joints=joints,
-            max_gap=max_gap,
-            still=still,
-            time_offset=time_offset,
+            **vars(moving),
         )
         say(rows.notes)
+    elif eye is not None:
+        rows = record_board(bag[0], board, eye, lens, joint_file, camera)
     else:
-        topics = {"joints_topic": joints_topic, "tip_topic": tip_topic}
-        of_bags = {**topics, "frames": frames}
-        refuse(of_bags, "is for bags, not for pictures and videos")
-        if not is_film(bag):
-            moving = {"still": still, "time_offset": time_offset}
-            refuse(moving, "is for videos and bags, not pictures")
-        if len(bag) > 1 and (is_film(bag) or eye is not None):
-            raise BadOption(
-                f"{len(bag)} names: expected one video or dataset, or pictures"
-            )
-        joint_file = JointFile(joints_file, joints, degrees, sliding)
-        if eye is not None:
-            rows = record_board(bag[0], board, eye, lens, joint_file, camera)
-        else:
-            setting = read_setting(
-                output,
-                tag=tag,
-                dictionary=dictionary,
-                board=board,
-                tags_at=tags_at,
-                lens=lens,
-                tag_size=tag_size,
-                tag_height=tag_height,
-            )
-            rows = record_tag(
-                bag,
-                output,
-                setting,
-                joint_file,
-                picture,
-                max_gap=max_gap,
-                still=still,
-                time_offset=time_offset,
-            )
+        setting = read_setting(
+            output,
+            tag=tag,
+            dictionary=dictionary,
+            board=board,
+            tags_at=tags_at,
+            lens=lens,
+            tag_size=tag_size,
+            tag_height=tag_height,
+        )
+        rows = record_tag(bag, output, setting, joint_file, picture, moving)
+    units = "[rad, m, s]"
+    if not is_bag:
         units = f"[rad, {rows.unit}]{_noise(rows)}"
     write_log(rows, output)
     names = rows.joint_names
@@ -160,12 +146,21 @@ def log(
     return Outcome(document, [line])
 
 
-def _check_bag(bags: Sequence[str], frames: Sequence[str] | None) -> None:
-    """Refuse several bags, and frames that are not two."""
-    if len(bags) > 1:
-        raise BadOption(f"{len(bags)} names are for pictures: expected one bag")
-    if frames is not None and len(frames) != 2:
-        raise BadOption("--frames names two frames: expected SENSOR,TIP")
+def _check_pictures(
+    names: Sequence[str],
+    eye: str | None,
+    of_bags: Mapping[str, object],
+    moving: Moving,
+) -> None:
+    """Refuse options of bags, of a video where pictures are named, and several videos."""
+    refuse(of_bags, "is for bags, not for pictures and videos")
+    if not is_film(names):
+        of_videos = {"still": moving.still, "time_offset": moving.time_offset}
+        refuse(of_videos, "is for videos and bags, not pictures")
+    if len(names) > 1 and (is_film(names) or eye is not None):
+        raise BadOption(
+            f"{len(names)} names: expected one video or dataset, or pictures"
+        )
 
 
 def _noise(rows: Samples) -> str:

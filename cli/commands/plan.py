@@ -24,7 +24,6 @@ from ..units import JointFormat, in_si
 
 if TYPE_CHECKING:
     from calib.arm.arm import Arm
-    from calib.model.about import About
 
 
 def plan(
@@ -101,24 +100,22 @@ def plan(
         if is_rig(robot):
             return _flange_poses(robot, output, poses, seed)
     source: Arm | calib.Model
-    facts: Arm | About
     within = None
     if is_model:
         why = "is for ROBOT: a model has its joints and its tip already"
         refuse({"joints": joints, "tip": tip, "lock": lock}, why)
         model = calib.load(robot)
         source = model
-        facts = model.about
+        shown = JointFormat(model.about, degrees)
         # an arm was loaded with its ranges, which it may need where it states no limits
-        revolute = by_name(facts.joint_names, facts.revolute)
+        revolute = by_name(shown.names, model.about.revolute)
         within = in_si("--range", ranges, revolute, degrees)
     else:
         selection = Selection(joints, tip, planar, lock, ranges, degrees)
         arm = selection.load(robot)
         say(arm.notes)
         source = arm
-        facts = arm
-    shown = JointFormat(facts, degrees)
+        shown = JointFormat(arm, degrees)
     margins = None
     if margin is not None:
         margins = [margin / factor for factor in shown.to_typed]
@@ -149,7 +146,7 @@ def plan(
         "poses": result.columns(),
         **fields(result, "start", "length", "unit", "why"),
         "units": {
-            "joints": by_name(names, facts.units_of_joints),
+            "joints": by_name(names, shown.about.units_of_joints),
             "positions": result.unit,
         },
     }

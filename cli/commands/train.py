@@ -99,7 +99,7 @@ def train(
         of_simulation={"samples": samples, "noise": noise, "change": change},
     )
     path = output or _default_path(robot or (data or [""])[0])
-    check_file(path, ())
+    check_file(path, (".calib",))
     if data:
         from calib.samples.tables import sources_by_sensor
 

@@ -222,6 +222,7 @@ REFUSED = [  # a text or a bundled robot, what is asked of it, and what the line
     ("two_link", {"lock": {"nope": 1}}, "`lock` 'nope'"),
     ("two_link", {"lock": {"elbow": 1.0}, "joints": ["shoulder", "elbow"]}, "own once: 'shoulder'"),
     ("two_link", {"lock": {"elbow": 1.0}}, "no arm free: shoulder"),
+    ("two_link", {"columns": ["0.5", "1"]}, "no arm columns of the log: (none)"),
     (NO_TIP, {}, "'j2' lies on its axis tip link"),
     (NO_TIP, {"tip": "tip"}, "'tip' lies on its axis tip link"),
     (TWO, {"tip": "l2"}, "'l2' lies on its axis another tip"),

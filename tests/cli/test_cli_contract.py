@@ -319,6 +319,15 @@ def test_a_log_of_another_unit_or_frame_is_told(run, tmp_path, factor, offset):
     assert "`" not in looked.out
 
 
+def test_a_log_of_a_simulated_arm_is_judged_as_a_log(run, tmp_path):
+    log = calib.babble(calib.load_arm("two_link"), 40, seed=8, noise=1e-3)
+    rows = np.hstack([log.q, log.x])
+    path = table(tmp_path / "log.csv", ["shoulder", "elbow", "x", "y"], rows)
+    assert "simulated noise" not in run(f"evaluate m.calib --data {path}").out
+    path = table(path, ["elbow", "shoulder", "x", "y"], rows)
+    run.refused(1, "error: the log fits the robot only if", f"check m.calib --data {path}")
+
+
 def test_a_planar_log_without_a_tip_is_told_whose_positions_it_has(run, tmp_path):
     """A wrist that was measured and a tool that was taken are an offset of the elbow."""
     log = calib.babble(calib.load_arm("three_link", ["shoulder", "elbow"], "tip"), 60, noise=1e-4)

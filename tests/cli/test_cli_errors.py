@@ -66,6 +66,8 @@ CASES = [
     ("report good.calib --figures few.csv", 2, "--figures 'few.csv' folder"),
     # endings that are not of what is written: SVG was written into tag.png
     ("tag 7 -o tag.png", 2, "tag.png"),
+    ("train two_link -n 20 -o few.csv", 2, "few.csv .calib"),  # a log became a model
+    ("adapt good.calib --data missing.csv -o few.csv", 2, "few.csv .calib"),
     ("query inverse good.calib --input few.csv --output k.xlsx", 2, "k.xlsx"),
     ("babble two_link -n 5 -o log.json", 2, "log.json"),
     ("export good.calib -o arm.py", 2, "arm.py"),

@@ -77,6 +77,7 @@ BAD = [  # what a file holds, what is asked of it, and what the refusal says
     ("a,b,x,y\n1,,3,4\n,3,3,5\n", {}, "2 of 2 rows miss a finite number .* of a, b"),
     ("a,b,x,y\n1,2,3,4\n1,3,4,5\n", {}, "a is 1 in every row"),
     ("a,b,x,y\n1,2,3,4\n2,3,3,5\n", {}, "x is 3 in every row"),
+    ("a,b,x,y,sensor\n1,2,3,4,l\n2,3,4,5,r\n", {}, "several sensors, l, r: expected a log of one"),
     (b"a,b,x,y,c\n1,2,3,4,\xb0\n", {}, "UTF-8"),
     (b"PAR1 and nothing else", {}, "cannot be read"),
     (MODEL, {}, "is a model, not a log; .log. takes a log .CSV or Parquet."),

@@ -227,7 +227,7 @@ def joints(study: Study) -> Figure | None:
     return figure
 
 
-def order(study: Study, window: int = 15) -> Figure | None:
+def order(study: Study) -> Figure | None:
     """Held-out errors in the order of the log, where drift and steps show."""
     rows = study.rows
     if rows is None or study.model.about.simulation is not None:
@@ -238,6 +238,7 @@ def order(study: Study, window: int = 15) -> Figure | None:
     numbers = np.arange(1, len(errors) + 1)
     figure, (ax,) = panels([1.7])
     ax.plot(numbers, errors, ".", color=GREY, rasterized=True)
+    window = 15
     if len(errors) >= 2 * window:
         windows = np.lib.stride_tricks.sliding_window_view(errors, window)
         middles = numbers[window // 2 :][: len(windows)]
