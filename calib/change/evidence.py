@@ -5,6 +5,7 @@ Orientations say how the tool is turned beside them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -140,8 +141,8 @@ def _fit_to_poses(
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
-    """A log beside a belief, before a cause is looked for."""
+class Evidence:
+    """What a log says of a belief; what follows from explanations is there after `weigh`."""
 
     rows: LogRows
     # {"sensor", "joints", "offsets"} or None, what is known about the change
@@ -151,6 +152,17 @@ class Comparison:
     observations: Observations
     tests: GroupTests
     bound: BoundTest
+    unnamed: float  # evidence of a smooth change that no cause names [nats]
+    explanations: tuple[Explanation, ...] = ()  # the best first
+    # typical distance of the rows from the best explanation, over that from their middle
+    misfit: float = math.inf
+    # whether that comes near the rows: to a part of their spread, or the bound
+    is_explained: bool = False
+    score: float = 0.0  # above 1 the arm or its sensor changed
+    # whether it changed, and a change explains the rows clearly better than none
+    is_attributed: bool = False
+    # beside the best explanation of the positions, as far as sure
+    tool: ToolTurn = ToolTurn()
 
     @property
     def unit(self) -> str:
@@ -172,6 +184,13 @@ class Comparison:
         """Whether causes are worth a search."""
         return self.test_score > 1.0 or self.bound.fails
 
+    @property
+    def is_one_place(self) -> bool:
+        """Whether the tip moves by less than the best explanation leaves: any may be as good."""
+        predicted = self.rows.predicted
+        moved = median_length(predicted - np.median(predicted, axis=0))
+        return moved < median_length(self.best.residual)
+
     def is_within_bound(self, distance: float) -> bool:
         """Whether rows are as near as told that are typically so far off [unit].
 
@@ -180,22 +199,6 @@ class Comparison:
         count = len(self.rows) + self.rows.wrong
         few = self.rows.wrong <= EVIDENCE.few_wrong * count
         return few and distance < self.bound.usual < np.inf
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence(Comparison):
-    """What a log says of a belief."""
-
-    explanations: tuple[Explanation, ...]  # the best first
-    # typical distance of the rows from the best explanation, over that from their middle
-    misfit: float
-    # whether that comes near the rows: to a part of their spread, or the bound
-    is_explained: bool
-    score: float  # above 1 the arm or its sensor changed
-    # whether it changed, and a change explains the rows clearly better than none
-    is_attributed: bool
-    # beside the best explanation of the positions, as far as sure
-    tool: ToolTurn
 
     @property
     def best(self) -> Explanation:
@@ -220,7 +223,7 @@ class Evidence(Comparison):
 
 
 def weigh(
-    comparison: Comparison, explanations: tuple[Explanation, ...]
+    evidence: Evidence, explanations: tuple[Explanation, ...]
 ) -> Evidence:
     """Weigh the tests and the bound of a log with its explanations, the best first.
 
@@ -229,29 +232,31 @@ def weigh(
     A log that nothing explains has the score 1 + misfit, one that a change explains better than
     none 1 + share of the rows beyond a bound that fails.
     """
-    rows = comparison.rows
-    reference = comparison.reference
-    bound = comparison.bound
-    best = explanations[0]
+    evidence = replace(evidence, explanations=explanations)
+    rows = evidence.rows
+    reference = evidence.reference
+    bound = evidence.bound
+    best = evidence.best
 
     # how near does the best explanation come?
     distance = median_length(best.residual)
     spread = median_length(rows.x - np.median(rows.x, axis=0))
     misfit = distance / max(spread, 1e-300)
     is_explained = misfit < EVIDENCE.unexplained
-    is_explained = is_explained or comparison.is_within_bound(distance)
+    is_explained = is_explained or evidence.is_within_bound(distance)
 
-    # is it better than no change?
+    # is it better than no change, and not clearly worse than one without a name?
     no_change = [e.evidence for e in explanations if e.is_no_change]
     gain = best.evidence - max(no_change, default=-np.inf)
-    is_better = reference.has_discrete_cause or gain > MARGIN
-    is_better = is_better and is_explained
+    is_better = gain > MARGIN and best.evidence > evidence.unnamed - MARGIN
+    is_better = is_better or reference.has_discrete_cause
+    is_better = is_better and is_explained and not evidence.is_one_place
 
     # did anything change?
-    score = comparison.test_score
-    if comparison.fired and not is_explained:
+    score = evidence.test_score
+    if evidence.fired and not is_explained:
         score = max(score, 1.0 + misfit)
-    if is_better and bound.fails and comparison.tests.noisy is None:
+    if is_better and bound.fails and evidence.tests.noisy is None:
         score = max(score, 1.0 + bound.beyond)
     is_attributed = is_better and score > 1.0
 
@@ -261,15 +266,8 @@ def weigh(
         tool = tool_turn(rows, structure, best.beta, best.deviation)
     else:
         tool = tool_turn(rows, structure, rows.body.beta)
-    return Evidence(
-        rows=rows,
-        cause=comparison.cause,
-        prior=comparison.prior,
-        reference=reference,
-        observations=comparison.observations,
-        tests=comparison.tests,
-        bound=bound,
-        explanations=explanations,
+    return replace(
+        evidence,
         misfit=misfit,
         is_explained=is_explained,
         score=score,

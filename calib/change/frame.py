@@ -160,6 +160,12 @@ def _best_placement(body: Body, q: Array, z: Array) -> _Placement:
     structure = body.structure
     extent = float(structure.extents[0])
     positions = z[:, : structure.blocks[0]]
+    predicted = structure.predict(q, body.beta)[:, : structure.blocks[0]]
+    moved = median_length(predicted - np.median(predicted, axis=0))
+    if moved < PLACING.far * extent:
+        # rows of one place come as near in any sense and unit
+        plain = _Sense(structure, body.beta, unit_is_open=False)
+        return _Placement.of(plain, q, positions)
     senses = [
         *_senses(structure, body.beta),
         *_stuck(structure, body.beta),

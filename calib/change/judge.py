@@ -31,8 +31,8 @@ from ..errors import LogError, ModelError, require
 from ..model.model import Model
 from ..samples.samples import Samples
 from .causes import as_built, as_drawn
-from .evidence import Comparison, weigh, with_orientations
-from .explain import explain
+from .evidence import Evidence, weigh, with_orientations
+from .explain import evidence_of_unnamed, explain
 from .frame import Reference, reference_of
 from .noise import find_play, noise_of, noise_with_joint
 from .rows import LogRows, Observations, rows_of, sound_observations
@@ -130,26 +130,28 @@ def _verdict_on_body(
     tests = group_tests(noise_with_joint(noise_in_model_frame), rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
     shared_variance = frame_variance(reference, observations)
-    comparison = Comparison(
+    bound = bound_test(rows, limit, shared_variance, tests)
+
+    # 4. p(y | causes): which sets of causes explain the rows?
+    systems = _systems(prior, reference, observations)
+    correlation_time = max(rows.body.kappa**2, 1.0, noise.correlation_time)
+    evidence = Evidence(
         rows=rows,
         cause=cause,
         prior=prior,
         reference=reference,
         observations=observations,
         tests=tests,
-        bound=bound_test(rows, limit, shared_variance, tests),
+        bound=bound,
+        unnamed=evidence_of_unnamed(systems[-1], correlation_time),
     )
-
-    # 4. p(y | causes): which sets of causes explain the rows?
-    systems = _systems(prior, reference, observations)
-    correlation_time = max(rows.body.kappa**2, 1.0, noise.correlation_time)
     explanations = explain(
         systems,
         cause,
         correlation_time=correlation_time,
-        calm=not comparison.fired,
+        calm=not evidence.fired,
     )
-    evidence = weigh(comparison, explanations)
+    evidence = weigh(evidence, explanations)
     evidence = with_orientations(evidence, systems, correlation_time)
 
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
@@ -167,10 +169,10 @@ def _verdict_on_body(
         changed=None if unsure else score > 1.0,
         causes=causes,
         score=score,
-        notes=(*notes_of(rows, comparison.bound, score), *notes),
+        notes=(*notes_of(rows, bound, score), *notes),
         rows=rows,
         tests=tests,
-        bound=comparison.bound,
+        bound=bound,
         update=better,
         evidence=evidence,
     )

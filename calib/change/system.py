@@ -252,6 +252,7 @@ class Nuisance:
     wave_size : of `WAVE_SIZES`
     creep_share : times the usual creep of the parameters
     change_sd : (d,), standard deviation by which parameters may have changed
+    residual_sd : (m,), that of the log's own smooth residual, the belief's if not given [unit]
     """
 
     def __init__(
@@ -260,14 +261,17 @@ class Nuisance:
         wave_size: float,
         creep_share: float = 1.0,
         change_sd: Array | None = None,
+        residual_sd: Array | None = None,
     ) -> None:
         reference = system.reference
-        sd = reference.body.kappa * reference.residual_sd
+        if residual_sd is None:
+            residual_sd = reference.body.kappa * reference.residual_sd
         active, root = prior_columns(
             reference, wave_size, creep_share, change_sd
         )
         of_arm = system.x_at_reference[:, active] @ root
-        columns = np.concatenate([system.log_columns(sd), of_arm], axis=1)
+        of_log = system.log_columns(residual_sd)
+        columns = np.concatenate([of_log, of_arm], axis=1)
         self.system = system
         self.axes, self.variances = principal_axes(columns)
 

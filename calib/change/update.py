@@ -6,7 +6,6 @@ The belief is judged by contiguous blocks of rows, each predicted from the other
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
@@ -24,7 +23,7 @@ from ..common.arrays import Array
 from ..common.rows import row_lengths, spread_rows
 from .causes import CREEP_WAVES
 from .evidence import Evidence, tool_turn
-from .explain import SEARCH
+from .explain import MARGIN, SEARCH
 from .explanation import POSTERIOR, Explanation, Posterior, with_least_waves
 from .significance import BEYOND
 
@@ -141,8 +140,8 @@ def _update_by_posterior(
     logged = evidence.rows.q[rows]
     residual = posterior.cross_residual()
     residual += body.predict(observations.q) - body.predict(logged)
-    if evidence.is_attributed:
-        body = _as_uncertain(body, explanation, evidence.explanations)
+    if evidence.score > 1.0 and not evidence.is_one_place:
+        body = _as_uncertain(body, explanation, evidence)
     body = _with_sound_bound(body, logged, row_lengths(residual))
     return _update(evidence, explanation, body, rows, residual)
 
@@ -163,6 +162,8 @@ def _with_tool(evidence: Evidence, belief: Update) -> Update:
 
 def _is_better(evidence: Evidence, belief: Update) -> bool:
     """Whether held-out rows gain by more than chance, and by the share that is needed."""
+    if evidence.is_one_place:
+        return False
     changed = evidence.score > 1.0
     gain = belief.before - belief.after
     share = UPDATING.changed if changed else UPDATING.refined
@@ -242,26 +243,43 @@ def _drawn_as_believed(
     return structure.with_fields(nominal=drawing, simulated=False)
 
 
-def _as_uncertain(
-    body: Body, best: Explanation, explanations: Sequence[Explanation]
-) -> Body:
+def _as_uncertain(body: Body, best: Explanation, evidence: Evidence) -> Body:
     """The belief with how far explanations are apart that the evidence does not rule out.
 
     Rows of a joint that did not move, or in a corner, hardly tell lengths from offsets: one of
     them alone was wrong by 2 mm elsewhere, under a bound of .5 mm.  Two causes pay twice for their
-    number: of those within 3 nats alone bounds in corners covered 40 %.
+    number: of those within 3 nats alone bounds in corners covered 40 %.  Where a change without a
+    name is as likely, the arm may be elsewhere as it was, or as far off as at the rows.
     """
-    least = max(e.evidence for e in explanations) - SEARCH.nats_near
-    differences = np.stack(
-        [
-            other.beta - best.beta
-            for other in explanations
-            if other.reference is best.reference and other.evidence > least
+    greatest = evidence.best.evidence
+    least = greatest - SEARCH.nats_near
+    near = [
+        other
+        for other in evidence.explanations
+        if other.reference is best.reference and other.evidence > least
+    ]
+    if evidence.is_attributed:
+        differences = [other.beta - best.beta for other in near]
+    else:
+        # the belief moves as no cause says: each cause is compared with all that moves beside it
+        observations = evidence.observations.some(UPDATING.rows)
+        sets = {other.causes: other for other in reversed(near)}
+        differences = [
+            Posterior(other, observations, 1.0).place.beta - body.beta
+            for other in sets.values()
         ]
-    )
-    changed = np.flatnonzero(differences.any(axis=0))
+    if evidence.unnamed > greatest - MARGIN:
+        differences.append(best.reference.beta - body.beta)
+    if evidence.unnamed > greatest:
+        missed = evidence.rows.x - evidence.rows.predicted
+        size = np.sqrt((missed**2).mean(axis=0))
+        body = replace(body, residual=np.maximum(body.residual, size))
+    if not differences:
+        return body
+    apart = np.stack(differences)
+    changed = np.flatnonzero(apart.any(axis=0))
     # each may be as likely as the best
-    scaled = differences[:, changed] / (math.sqrt(2.0) * body.kappa)
+    scaled = apart[:, changed] / (math.sqrt(2.0) * body.kappa)
     return body.with_covariance(changed, scaled.T @ scaled)
 
 

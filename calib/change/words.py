@@ -73,6 +73,10 @@ def causes_of(
             words = (
                 "no single change of the sensor, a joint or a link explains it"
             )
+            if evidence.is_one_place:
+                words = (
+                    "rows of one place do not tell what changed: move the arm"
+                )
             changes.append(Cause("unknown", "", words))
         causes += changes
     causes += _noises(evidence, drifted=drifted)
@@ -171,6 +175,8 @@ class _Estimate(NamedTuple):
 
 def _changes(evidence: Evidence) -> list[Cause]:
     """Causes of the parameters that are clearly away from where they were, largest effect first."""
+    if evidence.is_one_place:
+        return []
     best = evidence.explanations[0]
     structure = best.reference.structure
     estimate = _Estimate(structure, best.indices, best.beta, best.deviation)

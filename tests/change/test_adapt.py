@@ -180,6 +180,33 @@ def test_the_bound_holds_where_changes_are_hidden(learned, offset, scale, shift,
         assert off.mean() < 2e-4
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_corner_that_no_cause_explains_moves_the_rest_by_little(learned, seed):
+    """Waves of the joints were taken for gains and offsets: 2.9 times the error elsewhere."""
+    rng = np.random.default_rng(seed)
+    cycles, phase, corner = rng.integers(3, 16, 2), rng.uniform(0, 6.28, 2), 0.7 * rng.random(2)
+
+    def waved(q):
+        return arm().forward(q + 8e-3 * np.sin(cycles * q + phase))
+
+    adapted = calib.adapt(learned, rows_of(corner + 0.3 * rng.random((150, 2)), waved)).model
+    probes = drawn(1000, 9)
+    off, before = (miss(model, probes, waved(probes)) for model in (adapted, learned))
+    assert np.nanmean(off) < 1.12 * before.mean()
+    known = np.isfinite(off)
+    assert np.mean(off[known] <= adapted.model_error(probes[known])) > 0.95
+
+
+def test_rows_of_one_pose_name_no_cause(learned):
+    """A gain, a joint that turns the other way and another unit fitted them as well."""
+    for offset in ([0.0, 0.02], [0.1, 0.0]):
+        u = np.full((40, 2), 0.4)
+        found = calib.adapt(learned, rows_of(u, lambda q, o=offset: arm().forward(q + o)))
+        assert [cause.cause for cause in found.changed] == ["unknown"]
+        assert not found.improved
+        assert not np.any(found.model.expected_error(drawn(50, 9)) < found.before["mean"])
+
+
 def test_an_improvement_along_a_line_says_nothing_of_the_rest(simulated):
     """Strong waves along a line are not taken for lengths or a lens."""
     along = np.sort(np.random.default_rng(2).random(60))
