@@ -190,8 +190,8 @@ def test_a_corner_that_no_cause_explains_moves_the_rest_by_little(learned, seed)
         return arm().forward(q + 8e-3 * np.sin(cycles * q + phase))
 
     adapted = calib.adapt(learned, rows_of(corner + 0.3 * rng.random((150, 2)), waved)).model
-    probes = drawn(1000, 9)
-    off, before = (miss(model, probes, waved(probes)) for model in (adapted, learned))
+    probes = random_joints(arm(), 1000, 9)
+    off, before = (distances(model, probes, waved(probes)) for model in (adapted, learned))
     assert np.nanmean(off) < 1.12 * before.mean()
     known = np.isfinite(off)
     assert np.mean(off[known] <= adapted.model_error(probes[known])) > 0.95
@@ -204,7 +204,9 @@ def test_rows_of_one_pose_name_no_cause(learned):
         found = calib.adapt(learned, rows_of(u, lambda q, o=offset: arm().forward(q + o)))
         assert [cause.cause for cause in found.changed] == ["unknown"]
         assert not found.improved
-        assert not np.any(found.model.expected_error(drawn(50, 9)) < found.before["mean"])
+        assert not np.any(
+            found.model.expected_error(random_joints(arm(), 50, 9)) < found.before["mean"]
+        )
 
 
 def test_an_improvement_along_a_line_says_nothing_of_the_rest(simulated):
