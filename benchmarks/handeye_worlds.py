@@ -31,11 +31,6 @@ def places(world: World, rig: calib.HandEye) -> np.ndarray:
     return np.concatenate([misses(rig.hand, pair[0]), misses(rig.base, pair[1])])
 
 
-def place_of(camera: dict) -> dict:
-    """Where a camera is, in the hand or in the base."""
-    return camera[camera["eye"]]
-
-
 def coverage(worlds: int) -> None:
     """How often the truth is within the intervals."""
     inside, lens, square, seconds = [], [], [], []
@@ -101,12 +96,12 @@ def cameras(worlds: int) -> None:
         world = World(seed, seed % 2 == 0, second=True)
         truth = [world.camera, world.camera @ world.apart]
         shots = [world.shots(k) for k in (0, 1)]
-        one = [place_of(world.solve(shots=shots[k]).cameras[0]) for k in (0, 1)]
+        one = [world.solve(shots=shots[k]).cameras[0] for k in (0, 1)]
         rig = world.solve(shots={"left": shots[0], "right": shots[1]})
-        two = [place_of(camera) for camera in rig.cameras]
+        eye = rig.eye
         for k in (0, 1):
-            alone.append(np.subtract(one[k]["position"], truth[k][:3, 3]))
-            both.append(np.subtract(two[k]["position"], truth[k][:3, 3]))
+            alone.append(np.subtract(one[k][eye]["position"], truth[k][:3, 3]))
+            both.append(np.subtract(rig.cameras[k][eye]["position"], truth[k][:3, 3]))
         between.append(misses(rig.cameras[1]["from_first"], world.apart) < 1.0)
     rms = [1e3 * np.sqrt(np.mean(np.square(part))) for part in (alone, both)]
     better = np.linalg.norm(both, axis=1) < np.linalg.norm(alone, axis=1)
@@ -114,12 +109,7 @@ def cameras(worlds: int) -> None:
           f"{better.size}; between them covered {100 * np.mean(between):.0f} %")  # fmt: skip
 
 
-PARTS = {
-    "coverage": coverage,
-    "squares": squares,
-    "conventions": conventions,
-    "cameras": cameras,
-}
+PARTS = {part.__name__: part for part in (coverage, squares, conventions, cameras)}
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ from typing import ClassVar
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
-from ..errors import OptionError
+from ..errors import OptionError, QueryError
 from ..kernel.compiled import Flag
 from . import answers
 from .compiling import Query, Reading, kernel_for, kernel_of
@@ -86,7 +86,19 @@ class Compilable(Parts):
             return kernel.refusal(value, _NOWHERE)
         if flag not in unsure:
             return value
-        return kernel.refusal(value, why) if self.strict else None
+        if not self.strict:
+            return None
+        if len(values) > 1:  # the first of which is `near`
+            try:
+                answers.anchor(self, values[0], 1)
+            except QueryError as error:
+                why = str(error)
+        return kernel.refusal(value, why)
+
+    def _refusal(self, why: str) -> Array:
+        """Joints (dof,) of a strict model that refuses a question, and the reason."""
+        assert self.kernel is not None  # noqa: S101 - strict models have one
+        return self.kernel.refusal(self.about.lower, why)
 
     def _at(
         self, query: Reading, q: ArrayLike, approach: ArrayLike | None = None

@@ -305,10 +305,14 @@ class Model(Compilable):
         free: str | None,
     ) -> Array | None:
         """What the compiled C answers to one pose; None where the batch has to."""
-        from .poses import free_axis, pose_in_sensor
+        from .poses import free_axis, pose_in_sensor, wrong_length
 
         if quaternion is None and not self.strict:
             return None
+        if self.strict and quaternion is not None:
+            complaint = wrong_length(quaternion)
+            if complaint:
+                return self._refusal(complaint)
         if frame == "base":
             position, quaternion = pose_in_sensor(self, position, quaternion)
         if near is None:

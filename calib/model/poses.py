@@ -154,12 +154,21 @@ def free_axis(name: str | None) -> int | None:
 def _rotations(quaternion: ArrayLike, n: int) -> Array:
     """Matrices (n, 3, 3) of quaternions (n, 4)."""
     rows = rows_for(quaternion, QUATERNION, "quaternion", n)
+    complaint = wrong_length(rows, n)
+    if complaint:
+        raise QueryError(complaint)
+    return matrix_of(rows / row_lengths(rows)[:, None])
+
+
+def wrong_length(quaternion: ArrayLike, n: int = 1) -> str:
+    """Say which of some quaternions (n, 4) is none by its length; nothing where all are one."""
+    rows = rows_for(quaternion, QUATERNION, "quaternion", n)
     length = row_lengths(rows)
     off = np.abs(length - 1.0)
-    if (off > ROUNDING).any():  # files round to a few digits
-        row = int(np.argmax(off))
-        raise QueryError(
-            f"the quaternion of row {row + 1} has length {length[row]:.4g}: expected length "
-            "1, in the order qx, qy, qz, qw"
-        )
-    return matrix_of(rows / length[:, None])
+    if not (off > ROUNDING).any():  # files round to a few digits
+        return ""
+    row = int(np.argmax(off))
+    return (
+        f"the quaternion of row {row + 1} has length {length[row]:.4g}: expected length "
+        "1, in the order qx, qy, qz, qw"
+    )

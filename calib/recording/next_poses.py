@@ -23,8 +23,9 @@ from ..body.covariance import Z95
 from ..common.arrays import Array, Index, Mask
 from ..errors import OptionError
 from ..samples.lens import Lens
-from .bundle import POSE, SHAPE, Bundle, Motions, Unknowns
+from .bundle import LENS, POSE, SHAPE, Bundle, CornerLayout, Motions, Unknowns
 from .fit import Noise, information
+from .joint_motions import JointMotions
 from .rig import HandEye, frame_of
 
 
@@ -36,6 +37,8 @@ class DrawSettings:
     # least cosine between the line of sight and the board's normal
     upright: float = 0.5
     lever: float = 0.1  # from what is in the hand to where it is used [m]
+    # of information, over that before any picture, below which a direction tells nothing
+    least: float = 1e-2
     # times the corners' misses, that new ones are credited with: lens and board stay as open as
     # they are (in twelve worlds the intervals that came out were .8 to 1.15 of the promised)
     careful: float = 4.0
@@ -66,6 +69,8 @@ class ExpectedRig:
     around: Around
     noise: Noise  # of pictures to come, whose lens and board stay as they are
     precision: Array  # (12, 12), of steps of X and Y
+    # (LENS + SHAPE,), sd of the numbers of lens and board, none of what is known
+    sizes: Array
 
     @staticmethod
     def of(rig: HandEye) -> ExpectedRig:
@@ -97,6 +102,7 @@ class ExpectedRig:
             around=Around(),
             noise=noise_of(corner, turn, shift),
             precision=precision,
+            sizes=np.zeros(LENS + SHAPE),
         )
 
     def boards_at(self, flange: Array) -> Array:
@@ -134,35 +140,56 @@ class ExpectedRig:
         upright = turn_of(boards)[:, 2, 2] > DRAW.upright
         return np.asarray(ahead & upright & inside.all(axis=(1, 2)))
 
-    def best(self, flange: Array, count: int) -> tuple[Index, Array]:
-        """Flange poses (n, 4, 4) [m] that tell most, one after the other, (count,).
+    def best(self, motions: Motions, count: int) -> tuple[Index, Array]:
+        """Motions (count,) of some that tell most, one after the other.
 
         Returns the covariance (count, 6, 6) of steps of what is in the hand after each, too.
         """
         # normal equations of corners that are where the rig expects them
-        bundle = self._bundle(flange)
+        bundle = self._bundle(motions)
         layout = bundle.layout
         sight = bundle.look(self._unknowns(bundle))
         bundle = replace(bundle, pixels=sight.pixels)
         products, _ = information(bundle, self.noise, sight)
 
-        # of the two frames, less what errors of the motion take away
-        frames = layout.frames.ravel()
-        across = products[:, frames, layout.size :]
-        error_products = products[:, layout.size :, layout.size :]
+        # of all unknowns, less what errors of the motion take away
+        size = layout.size
+        across = products[:, :size, size:]
         error_precision = np.diag(self.noise.error**-2.0)
-        spread = np.linalg.inv(error_products + error_precision)
-        gains = products[:, frames[:, None], frames]
+        spread = np.linalg.inv(products[:, size:, size:] + error_precision)
+        gains = products[:, :size, :size]
         gains = gains - across @ spread @ np.swapaxes(across, 1, 2)
-        hand = layout.frames[0 if self.in_hand else 1]
-        return _greedy_by_trace(gains, self.precision, hand, count)
 
-    def _bundle(self, flange: Array) -> Bundle:
-        """The board's corners at flange poses (n, 4, 4) [m], with no pixels yet."""
-        count = len(flange)
+        # in units of what is known before
+        root = self._root(motions, layout)
+        values, axes = np.linalg.eigh(root.T @ gains @ root)
+        telling = values.max(axis=0) > DRAW.least
+        values = np.maximum(values[:, None, telling], 0.0)
+        directions = np.sqrt(values) * axes[:, :, telling]
+        hand = layout.frames[0 if self.in_hand else 1]
+        return _greedy_by_trace(
+            np.swapaxes(directions, 1, 2), root[hand], count
+        )
+
+    def _root(self, motions: Motions, layout: CornerLayout) -> Array:
+        """Root (s, s) of the covariance of all unknowns before any picture."""
+        sizes = np.zeros(layout.size)
+        sizes[2 * POSE : 2 * POSE + len(self.sizes)] = self.sizes
+        if isinstance(motions, JointMotions):
+            for scale in motions.scales(layout.arm):
+                sizes[scale.indices] = scale.start
+        root = np.diag(sizes)
+        frames = layout.frames.ravel()
+        covariance = np.linalg.inv(self.precision)
+        root[np.ix_(frames, frames)] = np.linalg.cholesky(covariance)
+        return root
+
+    def _bundle(self, motions: Motions) -> Bundle:
+        """The board's corners at some motions, with no pixels yet."""
+        count = motions.count
         corners = np.tile(self.points, (count, 1))
         return Bundle(
-            Motions(flange),
+            motions,
             in_hand=[self.in_hand],
             points=corners,
             bends=np.zeros((len(corners), 3, SHAPE - 1)),
@@ -190,26 +217,32 @@ def noise_of(corner: float, turn: float, shift: float) -> Noise:
 
 
 def _greedy_by_trace(
-    gains: Array, precision: Array, hand: Index, count: int
+    directions: Array, hand: Array, count: int
 ) -> tuple[Index, Array]:
     """Rows after which what is in the hand is best known, one by one, and its covariances.
 
-    gains : (n, 12, 12), information of each row;  precision : (12, 12), before
-    hand : (6,), its turn and shift among them
+    directions : (n, r, s), of each row, as :func:`calib.body.information.greedy` takes them
+    hand : (6, s), how turn and shift of what is in the hand follow these
     """
     # variance of the place where what is in the hand is used
     weight = np.repeat([DRAW.lever**2, 1.0], 3)
-    waiting = np.ones(len(gains), bool)
+    waiting = np.ones(len(directions), bool)
     chosen: list[int] = []
     covariances: list[Array] = []
     for _ in range(count):
-        after = np.linalg.inv(precision + gains)[:, hand[:, None], hand]
-        variances = after.diagonal(axis1=1, axis2=2) @ weight
-        best = int(np.where(waiting, variances, np.inf).argmin())
+        across = directions @ hand.T
+        spread = directions @ np.swapaxes(directions, 1, 2)
+        spread += np.eye(directions.shape[1])
+        explained = (across * np.linalg.solve(spread, across)).sum(axis=1)
+        best = int(np.where(waiting, explained @ weight, -1.0).argmax())
         waiting[best] = False
         chosen.append(best)
-        covariances.append(after[best])
-        precision = precision + gains[best]
+        # of sd one before, along each way that the row tells
+        axes, sizes, _ = np.linalg.svd(directions[best].T, full_matrices=False)
+        lost = axes * (1.0 - 1.0 / np.sqrt(1.0 + sizes**2))
+        directions = directions - directions @ lost @ axes.T
+        hand = hand - hand @ lost @ axes.T
+        covariances.append(hand @ hand.T)
     return np.array(chosen, dtype=np.intp), np.array(covariances)
 
 
@@ -229,7 +262,7 @@ def next_poses(
             f"{len(in_view)} of {len(flange)} poses near those of the pictures keep the board in "
             f"view: expected {count}"
         )
-    chosen, covariances = expected.best(in_view, count)
+    chosen, covariances = expected.best(Motions(in_view), count)
     along_parent = turn_of(frame_of(rig.hand))
     shifts = along_parent @ covariances[:, 3:, 3:] @ along_parent.T
     variances = shifts.diagonal(axis1=1, axis2=2)

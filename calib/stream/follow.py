@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..common.arrays import Array, Index
+from ..common.arrays import Array
 from ..common.choices import MAPS
 from ..errors import ModelError, OptionError
 from ..maps.density import gain_of
@@ -46,6 +46,8 @@ class FollowSettings:
     at_rest: float = 1.2
     # standard deviations of a running mean that are no chance
     no_chance: float = 4.0
+    # times its usual error, from which the links' is unusual
+    unusual: float = 2.0
 
 
 FOLLOW = FollowSettings()
@@ -130,6 +132,8 @@ class OnlineAdapter:
         self._starts = [FOLLOW.sigma_end, FOLLOW.sigma_end]
         # running means: distortions of the motor and the sensory map, and the error
         self._mean: Array | None = None
+        # of the last two, as an unchanged arm would show them
+        self._expected = np.zeros(2)
         # latest samples since the change, block by block
         self._q: list[Array] = []
         self._x: list[Array] = []
@@ -157,24 +161,28 @@ class OnlineAdapter:
     def _feed(self, u: Array, v: Array) -> Step:
         """Take one block, (n, dof) and (n, m) in the unit boxes."""
         motor, sensory = self._maps()
-        winner_distance, winner = sensory.nearest(v)
         zeta_motor = (motor.nearest(u)[0] ** 2).mean()  # eq. 9
-        zeta_sensory = (winner_distance[:, 0] ** 2).mean()
+        zeta_sensory = (sensory.nearest(v)[0] ** 2).mean()
         latest = np.array([zeta_motor, zeta_sensory, self._error(u, v)])
-        before = latest if self._mean is None else self._mean
+        expected = self._expected_at(u)
+        if self._mean is None:
+            self._mean = latest
+            self._expected = expected
         weight = min(1.0, len(u) / FOLLOW.window)
-        mean = before + weight * (latest - before)
-        self._mean = mean
-        threshold = self._largest_distortion(sensory, winner[:, 0])
+        self._mean = self._mean + weight * (latest - self._mean)
+        step = expected - self._expected
+        self._expected = self._expected + weight * step
+        threshold, largest_error = self._thresholds(sensory)
         self._seen += len(u)
-        mean_motor, mean_sensory, error = mean.tolist()
+        mean_motor, mean_sensory, error = self._mean.tolist()
+        departed = False
+        if self._seen >= FOLLOW.window / 2:
+            departed = mean_sensory > threshold or error > largest_error
 
         rows = slice(None)
-        if self._since < 0 and (
-            self._force or self._is_unusual(threshold, mean_sensory, error)
-        ):
+        if self._since < 0 and (self._force or departed):
             self._since = 0
-            self._reset_sigma(np.maximum(mean, latest))
+            self._reset_sigma(np.maximum(self._mean, latest))
             if not self._force:  # this block may have begun before the change
                 rows = slice(0)
         rates = (0.0, 0.0, 0.0)
@@ -207,25 +215,36 @@ class OnlineAdapter:
             radius = matching_sigma(network, math.sqrt(zeta[k]))
             self._starts[k] = max(FOLLOW.sigma_end, radius)
 
-    def _largest_distortion(self, sensory: Map, winner: Index) -> float:
-        """Sensory distortion that samples of some winners exceed by chance next to never."""
+    def _expected_at(self, u: Array) -> Array:
+        """Sensory distortion and error of an unchanged arm at joints (n, dof) in the unit box.
+
+        Where these are counts: along a path, or at rest, both may be twice those of all joints.
+        """
+        model = self._model
+        span = model.sensory.scale.span
+        v = model.sensory.scale.to_unit(model.predictor.value(u))
+        noise = self._baseline.noise
+        distance, _ = model.sensory.nearest(v)
+        noise_in_box = noise / span
+        zeta = (distance**2).mean()
+        zeta += (noise_in_box**2).sum()
+        rows = slice(None, None, FOLLOW.glance)
+        residual = model.association.forward(u[rows], "activity")
+        residual -= v[rows]
+        residual *= span
+        error = np.linalg.norm(residual, axis=1).mean()
+        return np.array([zeta, error + noise])
+
+    def _thresholds(self, sensory: Map) -> tuple[float, float]:
+        """Sensory distortion and error that an unchanged arm exceeds by chance next to never."""
         variance = self._baseline.spread[1] / FOLLOW.window
-        chance = FOLLOW.no_chance * math.sqrt(variance)
+        chance = 1.0 + FOLLOW.no_chance * math.sqrt(variance)
         # distances scale with the lattice: a larger arm's nodes stand further apart
         size = (sensory.spacing / self._model.sensory.spacing) ** 2
         at_rest = FOLLOW.at_rest if self._since >= 0 else 1.0
-        size *= at_rest * (1.0 + chance)
-        return float(self._baseline.sensory[winner].mean()) * size
-
-    def _is_unusual(self, threshold: float, zeta: float, error: float) -> bool:
-        """Whether the distortion (eq. 9) or the links' residual left what is usual."""
-        errors = self._model.about.errors
-        usual = math.inf
-        if errors:
-            usual = errors["activity"]["forward"]["distance"]["mean"]
-        largest_error = 2.0 * (usual + self._baseline.noise)
-        departed = zeta > threshold or error > largest_error
-        return departed and self._seen >= FOLLOW.window / 2
+        zeta, error = self._expected.tolist()
+        largest_zeta = zeta * size * at_rest * chance
+        return largest_zeta, FOLLOW.unusual * error
 
     def _learn(
         self, u: Array, v: Array, rows: slice

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..body.belief import Body
 from ..body.body_fit import BodyFit, fit
 from ..body.rows import Rows as Measured
 from ..common.arrays import Array
@@ -59,25 +60,10 @@ def settled_model(
     u = scale.to_unit(q[first])
     x = x[first]
 
-    # the readout, and its errors at held-out rows
-    fitted = slice(None, None, -(-len(u) // SETTLED.rows))
-    body_fit = _refitted(model, scale.from_unit(u[fitted]), x[fitted])
-    predictor: Predictor | None = None
-    if body_fit is None:
-        body = None
-        local = NO_MODELS
-        judged = u
-        errors = _errors_of_links(motor, sensory, wiring, u, x)
-    else:
-        body = body_fit.body
-        smooth = BodyInBox(body, scale)
-        judged = u[fitted]
-        predictor, residual = select(
-            motor, judged, x[fitted], smooth, body_fit.held_out
-        )
+    body, predictor, judged, errors = _readout(model, motor, sensory, u, x)
+    local = NO_MODELS
+    if predictor is not None:
         local = predictor.models
-        errors = np.linalg.norm(residual, axis=1)
-
     if links is None:
         association = _association(model, motor, sensory, u, x, predictor)
     else:
@@ -97,6 +83,24 @@ def settled_model(
     if model.about.bound_of == "true position":
         reading = position
     return replace(settled, bounds=reading, model_bounds=position)
+
+
+def _readout(
+    model: Model, motor: Map, sensory: Map, u: Array, x: Array
+) -> tuple[Body | None, Predictor | None, Array, Array]:
+    """Body and readout of samples (n, dof), (n, m), where it was judged (k, dof), errors (k,)."""
+    fitted = slice(None, None, -(-len(u) // SETTLED.rows))
+    judged = u[fitted]
+    body_fit = _refitted(model, motor.scale.from_unit(judged), x[fitted])
+    if body_fit is None:
+        wiring = model.association.wiring
+        errors = _errors_of_links(motor, sensory, wiring, u, x)
+        return None, None, u, errors
+    smooth = BodyInBox(body_fit.body, motor.scale)
+    held_out = body_fit.held_out
+    predictor, residual = select(motor, judged, x[fitted], smooth, held_out)
+    errors = np.linalg.norm(residual, axis=1)
+    return body_fit.body, predictor, judged, errors
 
 
 def _association(

@@ -141,26 +141,32 @@ def evaluate(
     if learned.any() and np.count_nonzero(~learned) < TESTING.fewest:
         return _of_held_out_rows(model, samples, learned)
 
+    evaluation = _of_unlearned_rows(model, samples, learned, frame)
+    return replace(
+        evaluation,
+        left_out=evaluation.left_out + samples.left_out,
+        learned=int(np.count_nonzero(learned)),
+    )
+
+
+def _of_unlearned_rows(
+    model: Model, samples: Samples, learned: Mask, frame: Frame
+) -> Evaluation:
+    """The errors of the rows of a log that the model has not learned (n,)."""
     notes: list[str] = []
     source = "measured rows of the log"
-    rows = samples
     if learned.any():
         count = f"{np.count_nonzero(learned)} of these rows"
         notes.append(
             f"{count} were learned by the model and tell nothing of it"
         )
-        rows = samples.take(~learned)
+        samples = samples.take(~learned)
         source = "measured rows of the log that were not learned"
     if frame == "free":
-        rows, frame_notes = _in_model_frame(model, rows)
+        samples, frame_notes = _in_model_frame(model, samples)
         notes += frame_notes
-    evaluation = _of_log(model, rows, source)
-    return replace(
-        evaluation,
-        left_out=evaluation.left_out + samples.left_out,
-        notes=(*notes, *evaluation.notes),
-        learned=int(np.count_nonzero(learned)),
-    )
+    evaluation = _of_log(model, samples, source)
+    return replace(evaluation, notes=(*notes, *evaluation.notes))
 
 
 def _of_touches(model: Model, samples: Samples, touch: Touches) -> Evaluation:

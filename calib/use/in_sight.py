@@ -9,25 +9,20 @@ import numpy as np
 from ..arm.arm import Arm, SpatialArm
 from ..arm.rigid import inverse, rigid, shift_of, turn_of
 from ..arm.rotations import exponential, logarithm
+from ..body.spatial import SpatialStructure
 from ..common.arrays import Array, Index
 from ..errors import OptionError
 from ..model.model import Model
 from ..recording.board import Pattern, parse_board
-from ..recording.bundle import POSE
+from ..recording.bundle import LENS, POSE, SHAPE
+from ..recording.joint_motions import JointMotions
 from ..recording.next_poses import Around, ExpectedRig, noise_of
 from ..samples.lens import Lens
 from .aimed import Candidates, chain_in_base, joints_towards
 from .pose_space import PoseSpace
 from .settings import AIMING, PLANNING
 
-KNOWN = Around(AIMING.tilt, nearer=(0.7, 1.4), edge=0.05)
-
-ASSUMED = Around(AIMING.tilt, nearer=(1.0, 1.8), edge=0.33)
-"""Of a camera that may be 4 cm and 8 deg from where it is assumed.
-
-It saw 73 % of the boards of poses that were aimed as those of a known one are, and sees 92 to 99 %
-so.
-"""
+AROUND = Around(AIMING.tilt, AIMING.nearer)
 
 
 def in_sight(
@@ -48,62 +43,89 @@ def in_sight(
     structure, beta = chain_in_base(source)
     for group in ("tool", "tool.rotation"):
         beta[structure.groups[group]] = 0.0
-
-    def flange_at(q: Array) -> Array:
-        """The tip in the base (n, 4, 4) [m] at joints (n, dof)."""
-        places, turns = structure.pose(q, beta)
-        return rigid(turns, places)
-
+    posed = structure.with_sensor(view="base pose")
     if not isinstance(source, SpatialArm):
         rig = rig_of_model(source)
+        others = []
     elif start is not None and not isinstance(board, bool):
-        (flange,) = flange_at(start[None])
-        rig = guessed_rig(flange, parse_board(board), eye == "hand")
+        flange = _flange_at(posed, beta, start[None])[0]
+        around = flange, parse_board(board), eye == "hand"
+        rig = guessed_rig(*around)
+        others = [guessed_rig(*around, rng) for _ in range(AIMING.guesses)]
     else:
         raise OptionError(
             "handeye: expected the board and `start`, joint values at which the camera sees it in "
             "the middle of its picture"
         )
 
-    def best(q: Array, count: int) -> Index:
-        """Rows (count,) of postures (n, dof) that tell most of the camera."""
-        return rig.best(flange_at(q), count)[0]
-
     # joints that bring the board where it is drawn, and see it
-    flange = rig.draw(AIMING.drawn, rng)
-    targets = np.concatenate(
-        [shift_of(flange), logarithm(turn_of(flange))], axis=1
-    )
     begin = rng.uniform(space.lower, space.upper, (AIMING.drawn, structure.dof))
     if start is not None:
         begin[: AIMING.drawn // 2] = start
-    posed = structure.with_sensor(view="base pose")
+    drawn = rig.draw(AIMING.drawn, rng)
+    targets = np.concatenate(
+        [shift_of(drawn), logarithm(turn_of(drawn))], axis=1
+    )
     q, _ = joints_towards(posed, beta, begin, targets, space)
-    q = np.unique(q[rig.sees(flange_at(q))].round(4), axis=0)
-    q = q[rng.permutation(len(q))[: AIMING.most]]
+    q = np.unique(q.round(4), axis=0)
+    flange = _flange_at(posed, beta, q)
+    seen = rig.sees(flange)
+    # those first that see it wherever camera and board may be
+    views = [seen & guess.sees(flange) for guess in others]
+    chance = np.sum([seen, *views], axis=0)
+    order = np.lexsort([rng.random(len(q)), -chance])
+    q = q[order[: min(AIMING.most, np.count_nonzero(seen))]]
     if len(q) < 3:
         raise OptionError(
             f"handeye: the camera sees the board in {len(q)} of the postures about the start; "
             "give `start` where it does, further from the joints' limits"
         )
+
+    def best(q: Array, count: int) -> Index:
+        """Rows (count,) of postures (n, dof) that tell most of the camera."""
+        motions = JointMotions(q, structure.with_sensor(view="pose"))
+        return rig.best(motions, count)[0]
+
     why = "the board in the picture from many sides, chosen to tell most of the camera"
     return Candidates(q, best, why)
 
 
-def guessed_rig(flange: Array, board: Pattern, in_hand: bool) -> ExpectedRig:
-    """The rig of a camera that sees the middle of a board where the flange is (4, 4) [m]."""
+def _flange_at(posed: SpatialStructure, beta: Array, q: Array) -> Array:
+    """The tip in the base (n, 4, 4) [m] at joints (n, dof)."""
+    places, turns = posed.pose(q, beta)
+    return rigid(turns, places)
+
+
+def guessed_rig(
+    flange: Array,
+    board: Pattern,
+    in_hand: bool,
+    rng: np.random.Generator | None = None,
+) -> ExpectedRig:
+    """The rig of a camera that sees the middle of a board where the flange is (4, 4) [m].
+
+    rng : of one that is off by what the user does not know; by default it is as assumed
+    """
     lens = Lens.of(AIMING.picture, np.array(AIMING.lens))
     facing = _facing(board, lens)
-    camera = np.eye(4)
+    off = np.eye(4)
+    if rng is not None:
+        turns = exponential(AIMING.off_turn * rng.standard_normal((2, 3)))
+        middle = board.points().mean(axis=0)
+        facing = facing @ rigid(turns[0], middle - turns[0] @ middle)
+        facing[:3, 3] *= rng.uniform(*AIMING.off_distance)
+        off = rigid(turns[1], AIMING.off_shift * rng.standard_normal(3))
     if in_hand:
-        frame = flange @ facing
+        camera = off
+        frame = flange @ off @ facing
     else:
         # the print faces along the tip's z axis, its middle at the tip
         half_turn = np.diag([1.0, -1.0, -1.0])
         middle = board.points().mean(axis=0)
-        frame = rigid(half_turn, -half_turn @ middle)
+        frame = off @ rigid(half_turn, -half_turn @ middle)
         camera = flange @ frame @ inverse(facing)
-    return _rig(in_hand, np.stack([camera, frame]), lens, board, ASSUMED)
+    sizes = np.concatenate([AIMING.lens_sd, np.full(SHAPE, AIMING.board_sd)])
+    return _rig(in_hand, np.stack([camera, frame]), lens, board, sizes)
 
 
 def rig_of_model(source: Arm | Model) -> ExpectedRig:
@@ -132,7 +154,7 @@ def rig_of_model(source: Arm | Model) -> ExpectedRig:
     frames = np.stack([hand, base] if in_hand else [base, hand])
     lens = Lens.from_json(described["lens"])
     board = parse_board(described["board"])
-    return _rig(in_hand, frames, lens, board, KNOWN)
+    return _rig(in_hand, frames, lens, board, np.zeros(LENS + SHAPE))
 
 
 def _facing(board: Pattern, lens: Lens) -> Array:
@@ -143,7 +165,7 @@ def _facing(board: Pattern, lens: Lens) -> Array:
 
 
 def _rig(
-    in_hand: bool, frames: Array, lens: Lens, board: Pattern, around: Around
+    in_hand: bool, frames: Array, lens: Lens, board: Pattern, sizes: Array
 ) -> ExpectedRig:
     """The rig of frames X and Y (2, 4, 4) [m] that may be anywhere."""
     return ExpectedRig(
@@ -152,7 +174,8 @@ def _rig(
         lens,
         board.points(),
         _facing(board, lens)[None],
-        around,
+        AROUND,
         noise_of(AIMING.noise, AIMING.turn, AIMING.shift),
         np.eye(2 * POSE) / PLANNING.widest**2,
+        sizes,
     )

@@ -188,12 +188,8 @@ def plan(
         if above is not None:
             allowed += f" and above {above:g} m"
         raise OptionError(f"{allowed}; ask for fewer, or allow more")
-    nodes = np.vstack([begin, q[candidates.best(q, n)]])
-    # by the span alone: the upper end of a whole turn is not its lower end to a cable
-    moves = np.abs(nodes[:, None] - nodes[None]) / space.scale.span
-    distances = moves.max(axis=-1)
-    order = shortest_tour(distances)
-    route = nodes[order]
+    chosen = q[candidates.best(q, n)]
+    route, length = _route(space, np.vstack([begin, chosen]))
     expected_error = None
     unit = "m"
     if not isinstance(source, Arm):
@@ -206,11 +202,20 @@ def plan(
         expected_error,
         start=begin,
         travel=np.abs(np.diff(route, axis=0)).sum(axis=0),
-        length=float(distances[order[:-1], order[1:]].sum()),
+        length=length,
         unit=unit,
         why=(f"{n} poses, {candidates.why}",),
         notes=tuple(notes),
     )
+
+
+def _route(space: PoseSpace, nodes: Array) -> tuple[Array, float]:
+    """Postures (n, dof) in an order of short moves from the first on, and the moves' length."""
+    # by the span alone: the upper end of a whole turn is not its lower end to a cable
+    moves = np.abs(nodes[:, None] - nodes[None]) / space.scale.span
+    distances = moves.max(axis=-1)
+    order = shortest_tour(distances)
+    return nodes[order], float(distances[order[:-1], order[1:]].sum())
 
 
 def all_over(

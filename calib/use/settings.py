@@ -51,16 +51,28 @@ class AimingSettings:
     picture: tuple[int, int] = (1280, 720)
     # focal lengths and centre of that [px], k1, k2, p1, p2, k3
     lens: tuple[float, ...] = (900, 900, 640, 360, 0, 0, 0, 0, 0)
+    # sd of its numbers, where the lens may be fitted
+    lens_sd: tuple[float, ...] = (270, 270, 60, 60, 0.2, 0.2, 0.01, 0.01, 0.2)
+    # sd of what a board is printed or bent off by [1, half diagonals]
+    board_sd: float = 3e-3
     # noise of a corner [px]
-    noise: float = 0.2
-    # noise of the turns of the arm's poses [rad]
-    turn: float = 1e-5
-    # noise of their shifts [m]
-    shift: float = 1e-5
+    noise: float = 0.3
+    # an arm's repeatability in turns [rad] and shifts [m]
+    turn: float = 2e-4
+    shift: float = 1e-4
     # share of the picture's width that a board fills
     filled: float = 0.25
     # most that a board turns about its axes before the camera [rad]
     tilt: tuple[float, float, float] = (0.8, 0.8, 2.0)
+    # times the distance at which it fills its share
+    nearer: tuple[float, float] = (0.6, 1.8)
+    # places of camera and board in which a posture may show the board, beside the assumed one
+    guesses: int = 31
+    # sd of turn [rad] and shift [m] of what is in the hand, and turn of the board at the start
+    off_turn: float = 0.14
+    off_shift: float = 0.04
+    # the board's distance at the start, over the assumed one
+    off_distance: tuple[float, float] = (0.8, 1.25)
 
 
 @dataclass(frozen=True)

@@ -171,6 +171,17 @@ def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond():
     np.testing.assert_allclose(model.forward(model.inverse(position)), position, atol=1e-7)
     assert np.isnan(model.inverse(position + 9.0)).all()
     assert "nothing reaches" in model.unanswered
+    # what is no question has the words of the batch as its reason
+    for wrong, beside, words in (
+        (0.5 * turn, q, "length 0.5: expected length 1"),
+        (0.0 * turn, q, "length 0: expected length 1"),
+        (turn, q + 50.0, "expected a value in its range"),
+    ):
+        for frame in ("sensor", "base"):
+            assert np.isnan(model.inverse_pose(position, wrong, beside, frame=frame)).all()
+            assert words in model.unanswered
+    assert np.isnan(model.inverse(position, near=q + 50.0)).all()
+    assert "expected a value in its range" in model.unanswered
     # in another process, too
     again = cold(model)
     assert np.isnan(again.inverse_pose(position + 9.0, turn, q)).all()

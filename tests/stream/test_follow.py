@@ -3,9 +3,10 @@
 from dataclasses import replace
 from functools import partial
 
+import models
 import numpy as np
 import pytest
-from models import arm, babbled, error, model, trained
+from models import arm, babbled, error, model, trained, two_link
 from reference import random_joints
 from refusals import refused
 from small_maps import UNIT_BOX
@@ -78,6 +79,19 @@ def test_distortion_is_the_running_mean_of_equation_9_and_a_calm_stream_changes_
         np.testing.assert_allclose(told, mean, rtol=1e-3)
         assert (step.adapting, step.sigma, step.eta, step.beta) == (False, 0.0, 0.0, 0.0)
     assert adapter.model() is small()
+
+
+@pytest.mark.parametrize("path", [True, False])
+def test_a_calm_stream_is_no_change_to_the_maps_of_few_rows(path):
+    """They lie where those rows do, and along a path distortions are not those of all joints."""
+    samples = models.log(1000, noise=1e-3, seed=4)
+    if path:
+        swing = 0.5 - 0.5 * np.cos(np.arange(1000)[:, None] / np.array([40.0, 57.0]))
+        q = samples.lower + swing * (samples.upper - samples.lower)
+        away = samples.x - two_link(samples.q)
+        samples = replace(samples, q=q, x=two_link(q) + away)
+    one = calib.train(models.log(300, noise=1e-3))
+    assert not any(step.adapting for step in followed(one, samples, 1500)[0])
 
 
 def test_between_two_epochs_the_radius_is_interpolated_geometrically():

@@ -79,12 +79,13 @@ def test_the_board_is_in_the_picture_from_many_sides(eye, spec):
     assert np.degrees(np.arccos(np.clip((spread[:, 2, 2]), -1, 1))).max() > 30
 
 
-def test_poses_from_a_drawing_tell_where_the_camera_is():
-    """Those that tell most of all numbers alike left it open to .46 mm."""
-    rig = Rig(True, seed=1)
+@pytest.mark.parametrize(("seed", "in_view"), [(1, 1.0), (2, 0.9)])
+def test_poses_from_a_drawing_tell_where_the_camera_is(seed, in_view):
+    """Those for an arm without errors left it open to .27 and .31 mm."""
+    rig = Rig(True, seed=seed)
     rig.look(calib.plan(rig.arm, 12, handeye=SPEC, start=rig.start[0]).q, np.random.default_rng(0))
-    assert ((rig.seen > 0) & (rig.seen < (1280, 720))).all()
-    assert max(rig.solve().hand["position_95_up_to_gauge"]) < 3.5e-4
+    assert ((rig.seen > 0) & (rig.seen < (1280, 720))).mean() >= in_view
+    assert max(rig.solve().hand["position_95_up_to_gauge"]) < 2.68e-4
 
 
 @pytest.mark.parametrize("in_hand", [True, False])
