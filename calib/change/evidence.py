@@ -186,10 +186,11 @@ class Evidence:
 
     @property
     def is_one_place(self) -> bool:
-        """Whether the tip moves by less than the best explanation leaves: any may be as good."""
+        """Whether the tip hardly moves beside what the mean of the rows leaves to the noise."""
         predicted = self.rows.predicted
         moved = median_length(predicted - np.median(predicted, axis=0))
-        return moved < median_length(self.best.residual)
+        noise = median_length(self.best.residual) / math.sqrt(len(predicted))
+        return moved < noise
 
     def is_within_bound(self, distance: float) -> bool:
         """Whether rows are as near as told that are typically so far off [unit].
