@@ -18,9 +18,6 @@ Array = Any
 JOINTS = ["shoulder_lift_joint", "elbow_joint"]
 SERIES = ("a", "c")
 
-ROUGH = 0.15
-"""Two standard errors of a mean of two blocks: of C from 30 rows all ten have .30 +- .03 mm."""
-
 
 @cache
 def series(folder: Path, name: str) -> calib.Samples:
@@ -120,7 +117,7 @@ def gaps(folder: Path, quick: bool) -> Iterator[Row]:
 
 
 def _blocks_error(log: calib.Samples, n: int | None, quick: bool) -> float:
-    """Mean distance [mm] on held-out blocks, quick: on two, learned from n rows of the others."""
+    """Mean distance [mm] on held-out blocks, learned from n rows of the others."""
     blocks, errors = np.array_split(np.arange(len(log)), 10), []
     for k, held in enumerate(blocks):
         if quick and k % 5 != 2:
@@ -148,7 +145,6 @@ def rows(folder: Path, quick: bool) -> Iterator[Row]:
                 _blocks_error(series(folder, name), n, quick),
                 "mm",
                 most=most,
-                rough=ROUGH if quick else 0.0,
             )
 
 
@@ -160,7 +156,6 @@ def few(folder: Path, quick: bool) -> Iterator[Row]:
             _blocks_error(series(folder, name), 30, quick),
             "mm",
             most=most,
-            rough=ROUGH if quick else 0.0,
         )
 
 

@@ -104,8 +104,5 @@ def distance(said: Array, truth: Array) -> Array:
 
 
 def row(what: str, measured: float, unit: str = "", **more: Any) -> Row:
-    """A row of the table; `least` and `most` are its bar, `more` is said behind it.
-
-    `rough` is two standard errors of a quick mean, as a share of it: so near it misses no bar.
-    """
+    """A row of the table; `least` and `most` are its bar, `more` is said behind it."""
     return {"what": what, "measured": measured, "unit": unit, **more}

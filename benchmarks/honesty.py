@@ -7,8 +7,7 @@ FOLDER holds the laser-tracker logs series_a.csv, series_c.csv, full_a.csv and f
 PART is one of coverage, gaps, adapt, adapt-space, check, rows, few, urdf, sessions, real-streams
 (real rows) and paths, places, power, change, clocks, noisier, encoders, encoders-space,
 repeats, few-rows, approach, streams (own generators, see honest_worlds.py).
-``--quick`` takes fewer splits and seeds: each part then ends within about a minute.  A mean of too
-few of them to tell is said to be so where it is not far beyond its bar.
+``--quick`` takes fewer splits and seeds: each part then ends within about a minute.
 """
 
 import sys
@@ -55,12 +54,10 @@ OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
 
 
 def judged(row: Row) -> Row:
-    """Add whether a measured figure keeps its bar, None where nothing says."""
+    """Add whether a measured figure keeps its bar."""
     value, low, high = row["measured"], row.get("least"), row.get("most")
     kept = value == value and (low is None or value >= low) and (high is None or value <= high)
-    close = high is not None and value <= high * (1 + row.get("rough", 0.0))
-    judgeable = (low, high) != (None, None) and (kept or not close)
-    return {**row, "kept": bool(kept) if judgeable else None}
+    return {**row, "kept": bool(kept) if (low, high) != (None, None) else None}
 
 
 def shown(row: Row) -> str:
@@ -70,8 +67,7 @@ def shown(row: Row) -> str:
         for key, word in (("least", "at least"), ("most", "at most"))
         if row.get(key) is not None
     )
-    unknown = "quick: too few to judge" if row.get("rough") else ""
-    verdict = {True: "kept", False: "MISSED", None: unknown}[row["kept"]]
+    verdict = {True: "kept", False: "MISSED", None: ""}[row["kept"]]
     more = f"  ({row['more']})" if row.get("more") else ""
     return f"{row['what']:<58} {row['measured']:>9.4g} {row['unit']:<4} {bar:<28} {verdict}{more}"
 
