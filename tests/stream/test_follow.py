@@ -176,12 +176,7 @@ def test_a_calm_stream_raises_no_alarm(trained_noise, noise):
 
 @pytest.mark.parametrize(
     "change",
-    [
-        "shoulder.length=-5%",
-        "elbow.offset=0.0174533",
-        "sensor.rotate=0.0174533",
-        "elbow.lock=1.0",
-    ],
+    ["shoulder.length=-5%", "elbow.offset=0.0174533", "sensor.rotate=0.0174533", "elbow.lock=1.0"],
 )
 def test_a_change_within_a_stream(change):
     monitor = calib.monitor(model(1e-3))
