@@ -121,7 +121,7 @@ def train(
         map=map,
         rule=rule,
         epochs=epochs,
-        sigma=sigma,
+        sigma=None if sigma is None else (sigma[0], sigma[1]),
         body=body,
         view=view,
         free=free,
