@@ -24,14 +24,14 @@ from ..common.rows import median_length, spread_rows
 from ..common.wording import quantity
 from ..model.alignment import Alignment
 from ..samples.diagnosis import rows_behind
-from .causes import Cause, indices_of, is_sensors
+from .causes import CREEP_WAVES, Cause, indices_of, is_sensors
 from .explain import MARGIN, explain
 from .explanation import Explanation
 from .frame import Reference
 from .noise import FALSE_ALARM
 from .rows import LogRows, Observations
 from .significance import BoundTest, GroupTests
-from .system import System
+from .system import Nuisance, System
 
 TOOL = "tool"  # the group of where it is
 
@@ -47,6 +47,8 @@ class EvidenceSettings:
     few_wrong: float = 0.05
     # score of a mirror, another sense or another unit, which are no matter of chance
     discrete: float = 2.0
+    # sizes of a change that no cause names, over what the rows are missed by
+    unnamed: tuple[float, ...] = (1.0, 2.0, 4.0)
     # most rows that tell how the tool is turned
     tool_rows: int = 600
 
@@ -221,6 +223,23 @@ class Evidence:
             f"nothing explains the log: its positions are {100 * self.misfit:.0f} % of their "
             f"spread away from any change of the arm or the sensor; {check}"
         )
+
+
+def evidence_of_unnamed(system: System, correlation_time: float) -> float:
+    """Evidence of a smooth change that no cause names, of its most likely size [nats].
+
+    A sensor that was put elsewhere is no such change.
+    """
+    if system.reference.is_fitted:
+        return -np.inf
+    missed = np.sqrt((system.y**2).mean()) * system.reference.sizes
+    evidences = []
+    for times in EVIDENCE.unnamed:
+        nuisance = Nuisance(system, CREEP_WAVES, residual_sd=times * missed)
+        statistics = nuisance.statistics(system.y, system.x[:, :0])
+        _, likelihood = statistics.noises()
+        evidences.append(float(likelihood.max()) / correlation_time)
+    return max(evidences)
 
 
 def weigh(

@@ -27,7 +27,6 @@ from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..common.arrays import Array
 from .causes import (
-    CREEP_WAVES,
     FRAME,
     SETS,
     WAVE_SIZES,
@@ -38,7 +37,7 @@ from .causes import (
     single_causes,
 )
 from .explanation import Explanation, Place, climb
-from .system import Nuisance, System
+from .system import System
 
 # Nats by which a change must be better than none, and within which a fit is as good as promised
 MARGIN = 5.0
@@ -66,8 +65,6 @@ class SearchSettings:
     steps: int = 12
     # nats that a step must gain
     enough: float = 5e-3
-    # sizes of a change that no cause names, over what the rows are missed by
-    unnamed: tuple[float, ...] = (1.0, 2.0, 4.0)
 
 
 SEARCH = SearchSettings()
@@ -366,23 +363,6 @@ def explain(
         else:
             explanations += _with_best_sets(search, nothing)
     return tuple(sorted(explanations, key=_evidence, reverse=True))
-
-
-def evidence_of_unnamed(system: System, correlation_time: float) -> float:
-    """Evidence of a smooth change that no cause names, of its most likely size [nats].
-
-    A sensor that was put elsewhere is no such change.
-    """
-    if system.reference.is_fitted:
-        return -np.inf
-    missed = np.sqrt((system.y**2).mean()) * system.reference.sizes
-    evidences = []
-    for times in SEARCH.unnamed:
-        nuisance = Nuisance(system, CREEP_WAVES, residual_sd=times * missed)
-        statistics = nuisance.statistics(system.y, system.x[:, :0])
-        _, likelihood = statistics.noises()
-        evidences.append(float(likelihood.max()) / correlation_time)
-    return max(evidences)
 
 
 def _with_best_sets(

@@ -31,8 +31,13 @@ from ..errors import LogError, ModelError, require
 from ..model.model import Model
 from ..samples.samples import Samples
 from .causes import as_built, as_drawn
-from .evidence import Evidence, weigh, with_orientations
-from .explain import evidence_of_unnamed, explain
+from .evidence import (
+    Evidence,
+    evidence_of_unnamed,
+    weigh,
+    with_orientations,
+)
+from .explain import explain
 from .frame import Reference, reference_of
 from .noise import find_play, noise_of, noise_with_joint
 from .rows import LogRows, Observations, rows_of, sound_observations
