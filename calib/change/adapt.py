@@ -119,12 +119,13 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
     report(0.8, "maps", math.nan)
     rows = verdict.rows
     model = model_around(rows.model, update.body, rows.u)
-    if not update.improved:
+    answers = np.isfinite(model.expected_error(rows.log.q)).any()
+    if not answers:
+        unchanged = unchanged.with_note(TOO_WIDE)
+    if not update.improved or not answers:
         if _is_contradicted(verdict):
             return _with_wider_bound(verdict, unchanged, model)
         return unchanged
-    if not np.isfinite(model.expected_error(rows.log.q)).any():
-        return unchanged.with_note(TOO_WIDE)
 
     # the equations are linear and the model is not: what is written has to keep the promise
     error = row_lengths(rows.x - predict(model, rows.log).value)[update.rows]

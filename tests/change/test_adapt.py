@@ -197,6 +197,17 @@ def test_a_corner_that_no_cause_explains_moves_the_rest_by_little(learned, seed)
     assert np.mean(off[known] <= adapted.model_error(probes[known])) > 0.95
 
 
+def test_a_correction_that_knows_nothing_leaves_no_bound_that_fails(simulated):
+    """The old model stayed as it was, sure to a hair and 5 mm off."""
+    rng = np.random.default_rng(20)
+    cycles, phase = rng.integers(3, 16, 2), rng.uniform(0, 6.28, 2)
+    u = np.linspace(*rng.uniform(0.05, 0.95, (2, 2)), 30)
+    log = rows_of(u, lambda q: arm().forward(q + 8e-3 * np.sin(cycles * q + phase)), 5e-4)
+    found = calib.adapt(simulated, log)
+    assert any("a tenth of the reach or more" in note for note in found.notes)
+    assert not np.any(found.model.expected_error(log.q) < found.before["mean"])
+
+
 def test_rows_of_one_pose_name_no_cause(learned):
     """A gain, a joint that turns the other way and another unit fitted them as well."""
     for offset in ([0.0, 0.02], [0.1, 0.0]):
