@@ -30,8 +30,8 @@ class CompactSettings:
 
     # directions of one belief, and of each of two.  Of a UR10's logs of 30 to 2,000 rows, with a
     # drawing and without one, the bound at held-out rows is .89 to 1.37 times the whole's (96 % of
-    # the rows), with 15 of them .92 to 1.38.  A belief that has no second knows nothing worse than
-    # the rest: of a simulated UR5 11 directions have .42 to .86 of the bound, 31 all of it.
+    # the rows), with 15 of them .92 to 1.38.  A belief without a second knows all of the geometry
+    # about as well: of a simulated UR5 11 directions give .42 to .86 of the bound, 31 all of it.
     # With the gap between beliefs they fill whole vectors of eight
     ways: tuple[int, int] = (31, 11)
     rows: int = 400  # joint values by whose positions directions are compared

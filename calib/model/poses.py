@@ -123,11 +123,18 @@ class Goals:
         if not in_base:
             position, rotation = space.to_sensor(position, rotation)
             distance = space.sensor[2] * distance
-        turn = quaternion_of(rotation)
-        place = position, distance
         unknown = np.full(len(q), np.nan)
-        bounds = unknown, unknown
-        return Answer(q, *place, *bounds, reached, target, turn, angle)
+        return Answer(
+            q,
+            position,
+            distance,
+            expected_error=unknown,
+            model_error=unknown,
+            reachable=reached,
+            target=target,
+            quaternion=quaternion_of(rotation),
+            turned=angle,
+        )
 
 
 def pose_in_sensor(

@@ -46,7 +46,7 @@ class FollowSettings:
     at_rest: float = 1.2
     # standard deviations of a running mean that are no chance
     no_chance: float = 4.0
-    # times its usual error, from which the links' is unusual
+    # times the error of an unchanged arm, from which that of the links is a change
     unusual: float = 2.0
 
 

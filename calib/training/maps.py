@@ -104,8 +104,8 @@ def associate(
             # steps of a few samples hold the interpreter's lock: two threads would fight for it
             motor = fit_motor()
             sensory = fit_sensory()
-    for name, learned in (("motor", motor), ("sensory", sensory)):
-        if not learned.spacing > LEARNING.collapsed:
+    for name, network_map in (("motor", motor), ("sensory", sensory)):
+        if not network_map.spacing > LEARNING.collapsed:
             raise OptionError(
                 f"the {name} map did not unfold: its nodes collapsed",
                 hint=UNFOLD,

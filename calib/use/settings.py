@@ -51,9 +51,9 @@ class AimingSettings:
     picture: tuple[int, int] = (1280, 720)
     # focal lengths and centre of that [px], k1, k2, p1, p2, k3
     lens: tuple[float, ...] = (900, 900, 640, 360, 0, 0, 0, 0, 0)
-    # sd of its numbers, where the lens may be fitted
+    # sd of its numbers, where the lens may be fitted: wide, and not measured
     lens_sd: tuple[float, ...] = (270, 270, 60, 60, 0.2, 0.2, 0.01, 0.01, 0.2)
-    # sd of what a board is printed or bent off by [1, half diagonals]
+    # sd of what a board is printed or bent off by [1, half diagonals]: not measured either
     board_sd: float = 3e-3
     # noise of a corner [px]
     noise: float = 0.3

@@ -120,10 +120,8 @@ def test_a_whole_log_adapts_a_drawing_as_well_as_it_trains(simulated):
         waves = 5e-4 * np.sin([9.0, 14.0] * q + [0.0, 1.0])
         return arm().forward(q + waves + [0.0, 2e-3])
 
-    log, probes = (
-        rows_of(np.random.default_rng(1).random((600, 2)), wavy),
-        random_joints(arm(), 1000, 9),
-    )
+    log = rows_of(np.random.default_rng(1).random((600, 2)), wavy)
+    probes = random_joints(arm(), 1000, 9)
     adapted = calib.adapt(simulated, log).model
     off = distances(adapted, probes, wavy(probes))
     assert off.mean() < 1.03 * distances(calib.train(log), probes, wavy(probes)).mean()
