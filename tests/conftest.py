@@ -5,13 +5,15 @@ import json
 import os
 import sys
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 import calib
+from calib.kernel.compiled import COMPILER
+from calib.training.residuals import TESTING
 
 # a deadline would test how busy the machine is
 settings.register_profile(
@@ -68,6 +70,20 @@ class Program:
 
 
 run_in_process = Program()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _quicker(request):
+    """Test simulations on fewer points but where pages show them, and optimise C for its own tests.
+
+    The assertions do not rest on either: a compiler takes a third of the time.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        if "project" not in request.path.parts:
+            patch.setattr("calib.training.residuals.TESTING", replace(TESTING, fresh=1000))
+        if "kernel" not in request.path.parts:
+            patch.setattr("calib.kernel.compiled.COMPILER", replace(COMPILER, quick=("-O1",)))
+        yield
 
 
 @pytest.fixture(scope="session")
