@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import calib
-from calib.common.arrays import Array, Mask
+from calib.common.arrays import Array, Index, Mask
 from calib.common.rows import finite_rows
 from calib.common.scale import METRES
 from calib.common.wording import error_size, for_people, listing
@@ -29,8 +29,8 @@ BOUNDS = ("expected_error", "model_error")
 _LENGTHS = ("x", "y", "z", "distance", *BOUNDS)
 
 Columns = Mapping[str, ArrayLike]
-Failures = Mapping[str, tuple[Sequence[int], str]]
-"""Numbers of rows and why they fail, by the key of a document."""
+Failures = Mapping[str, tuple[Index, str]]
+"""Rows that fail, counted from 0, and why, by the key of a document."""
 
 
 def model_in(path: str, frame: str, *, base: bool = False) -> calib.Model:
@@ -224,9 +224,10 @@ class Query:
         }
         code = 0
         for name, (rows, why) in failures.items():
-            note_rows(rows, count or n, why)
-            document[name] = list(rows)
-            if rows:
+            numbers = (rows + 1).tolist()
+            note_rows(numbers, count or n, why)
+            document[name] = numbers
+            if numbers:
                 code = NO
         if batch.invalid:
             code = 1

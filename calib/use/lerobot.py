@@ -20,7 +20,7 @@ RANGES_MOVE = "the ends of the motors' ranges move with their zeros: drive to th
 """What whoever writes corrected zeros should be told."""
 
 
-def zeros(model: Model) -> dict[str, Quantity]:
+def zeros_of(model: Model) -> dict[str, Quantity]:
     """Return the zeros of the joints that the log tells, with the drawing's geometry trusted.
 
     The first joint's is one with the sensor's frame, the last one's often with a turn of what is

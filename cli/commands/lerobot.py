@@ -8,10 +8,13 @@ learned contradicts its own bound.
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument
 
+import calib
+from calib.common.choices import Eye
 from calib.common.wording import error_size
 from calib.use import standing
 
@@ -20,6 +23,11 @@ from ..logs import Selection
 from ..output import Line, Outcome, TextTable, say, with_decimals
 from ..parsing import check_file
 from ..summary import code_of
+
+if TYPE_CHECKING:
+    from calib.arm.arm import Arm
+    from calib.recording.motion_tables import JointTable
+    from calib.recording.pictures import Picture
 
 
 def lerobot(
@@ -52,10 +60,9 @@ def lerobot(
         str | None, opt.value("--model MODEL", "Keep what was learned, too.")
     ] = None,
 ) -> Outcome:
-    import calib
     from calib.common.atomic import atomic_write
     from calib.recording.lerobot import Dataset, Motors, read_dataset
-    from calib.use.lerobot import RANGES_MOVE, with_corrected_zeros, zeros
+    from calib.use.lerobot import RANGES_MOVE, with_corrected_zeros, zeros_of
 
     check_file(output, (".json",))
     check_file(model, (".calib",), option="--model")
@@ -66,6 +73,56 @@ def lerobot(
         dataset, arm.joint_names, camera, motors
     )
     say(notes)
+    unit, rig = _best_rig(arm, frames, tables, board, eye)
+    say([f"joints are read as {unit}", *rig.notes])
+    assert rig.poses is not None  # noqa: S101 - of joints there is a log
+    learned = calib.train(rig.poses)
+    zeros = zeros_of(learned)
+    offsets = {name: float(zero.value) for name, zero in zeros.items()}
+    intervals = {name: float(zero.interval) for name, zero in zeros.items()}
+    text, ticks = with_corrected_zeros(calibration, offsets)
+    if model is not None:
+        learned.save(model)
+    atomic_write(output, text.encode())
+    say([RANGES_MOVE])
+    document = {
+        "output": output,
+        "offsets": {
+            name: {"offset": offset, "interval": intervals[name]}
+            for name, offset in offsets.items()
+        },
+        "ticks": ticks,
+        "hand": rig.hand,
+        "base": rig.base,
+        "units": {"offsets": "rad", "position": "m", "rotation": "rad"},
+    }
+    rows = []
+    for name, offset in offsets.items():
+        old = int(motors.document[name]["homing_offset"])
+        zero = with_decimals(math.degrees(offset), 2)
+        interval = error_size(math.degrees(intervals[name]))
+        rows.append([name, zero, interval, str(old), str(old + ticks[name])])
+    header = ["joint", "zero is off by [deg]", "+-", "homing offset was", "is"]
+    line = f"{output}: {len(offsets)} zeros corrected"
+    unknown = [name for name in arm.joint_names if name not in offsets]
+    if unknown:
+        line += f"; {' and '.join(unknown)} stay, since no picture tells theirs"
+    warnings = standing.bound_warnings(learned.about)
+    lines: list[Line] = [*warnings, line, TextTable(header, rows)]
+    return Outcome(document, lines, code=code_of(warnings))
+
+
+def _best_rig(
+    arm: Arm,
+    frames: Sequence[Picture],
+    tables: Mapping[str, JointTable],
+    board: str,
+    eye: Eye,
+) -> tuple[str, calib.HandEye]:
+    """The unit of the joints under which pictures are predicted best, and the rig of it.
+
+    tables : the joints by the units that they may have
+    """
     rigs: dict[str, calib.HandEye] = {}
     refusals: list[calib.CalibError] = []
     for unit, table in tables.items():
@@ -75,41 +132,5 @@ def lerobot(
             refusals.append(error)
     if not rigs:
         raise refusals[0]
-    unit = min(rigs, key=lambda name: rigs[name].held_out["rms"])
-    rig = rigs[unit]
-    say([f"joints are read as {unit}", *rig.notes])
-    assert rig.poses is not None  # noqa: S101 - of joints there is a log
-    learned = calib.train(rig.poses)
-    offsets = zeros(learned)
-    text, ticks = with_corrected_zeros(
-        calibration, {name: float(z.value) for name, z in offsets.items()}
-    )
-    if model is not None:
-        learned.save(model)
-    atomic_write(output, text.encode())
-    say([RANGES_MOVE])
-    document = {
-        "output": output,
-        "offsets": {
-            name: {"offset": float(z.value), "interval": float(z.interval)}
-            for name, z in offsets.items()
-        },
-        "ticks": ticks,
-        "hand": rig.hand,
-        "base": rig.base,
-        "units": {"offsets": "rad", "position": "m", "rotation": "rad"},
-    }
-    rows = []
-    for name, zero in offsets.items():
-        old = int(motors.document[name]["homing_offset"])
-        interval = error_size(math.degrees(zero.interval))
-        offset = with_decimals(math.degrees(zero.value), 2)
-        rows.append([name, offset, interval, str(old), str(old + ticks[name])])
-    header = ["joint", "zero is off by [deg]", "+-", "homing offset was", "is"]
-    line = f"{output}: {len(offsets)} zeros corrected"
-    unknown = [name for name in arm.joint_names if name not in offsets]
-    if unknown:
-        line += f"; {' and '.join(unknown)} stay, since no picture tells theirs"
-    warnings = standing.bound_warnings(learned.about)
-    lines: list[Line] = [*warnings, line, TextTable(header, rows)]
-    return Outcome(document, lines, code=code_of(warnings))
+    best = min(rigs, key=lambda unit: rigs[unit].held_out["rms"])
+    return best, rigs[best]
