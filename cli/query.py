@@ -214,18 +214,20 @@ class Query:
         count : number of rows of the table, if not that of the queries
         key : of the answers in a document that no file has
         """
-        n = len(batch.values)
+        queries = len(batch.values)
+        rows_of_table = queries if count is None else count
         output = None if self.files.output == "-" else self.files.output
-        note_rows(batch.invalid, n, "not all values are numbers, no answer")
+        why_invalid = "not all values are numbers, no answer"
+        note_rows(batch.invalid, queries, why_invalid)
         document: dict[str, object] = {
             "output": None if columns is None else output,
-            "rows": n if count is None else count,
+            "rows": rows_of_table,
             "invalid": batch.invalid,
         }
         code = 0
         for name, (rows, why) in failures.items():
             numbers = (rows + 1).tolist()
-            note_rows(numbers, count or n, why)
+            note_rows(numbers, rows_of_table, why)
             document[name] = numbers
             if numbers:
                 code = NO

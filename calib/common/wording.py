@@ -18,6 +18,12 @@ ROUNDED_AWAY = 1e-9
 SMALLEST = 1e-6
 """Below it, a nanometre in mm or a millionth of a degree, an error is said to be no larger."""
 
+LONGEST_LINE = 1_500
+"""Characters of a message; of a longer one its beginning and end are shown."""
+
+LONGEST_NAME = 60
+"""Characters of a name in a line with several of them."""
+
 # a place to fill in, in a page that is a file of a package
 _PLACE = re.compile(r"@([a-z]+(?:\.[a-z]+)?)@")
 
@@ -47,14 +53,16 @@ def printable(text: str) -> str:
 def one_line(text: str) -> str:
     """Return a message as one printable line, its middle left out where that is long."""
     line = printable(text)
-    if len(line) <= 1_500:
+    if len(line) <= LONGEST_LINE:
         return line
-    return f"{line[:750]} ... {line[-500:]}"
+    return f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 3 :]}"
 
 
 def clipped(name: str) -> str:
     """Return a name that may be long, short enough for a line with several of them."""
-    return name if len(name) <= 60 else name[:57] + "..."
+    if len(name) <= LONGEST_NAME:
+        return name
+    return name[: LONGEST_NAME - 3] + "..."
 
 
 def quoted(name: str) -> str:

@@ -77,25 +77,29 @@ def handeye(
     >>> import calib
     >>> calib.handeye(pictures="shots", poses="flange.csv", board="10x7:22mm")  # doctest: +SKIP
     """
-    if (pictures is None) == (boards is None):
+    if pictures is not None and boards is None:
+        cameras = _cameras(pictures)
+    elif boards is not None and pictures is None:
+        corners, lens = pictures_of_boards(boards)
+        cameras = {"camera": corners}
+    else:
         raise OptionError("expected either pictures or the board's poses")
-    if (arm is None) == (poses is None):
-        raise OptionError("expected either an arm with joints or flange poses")
-    if boards is not None:
-        pictures, lens = pictures_of_boards(boards)
-    assert pictures is not None  # noqa: S101 - refused above
-    drawn = None if arm is None else _spatial_arm(arm)
-    flange = None
-    if poses is not None:
-        flange = replace(
+    drawn = None
+    motions: SpatialArm | FlangeTable
+    if arm is not None and poses is None:
+        motions = drawn = _spatial_arm(arm)
+    elif poses is not None and arm is None:
+        motions = replace(
             _flange_table(poses), unit=unit, rotation=rotation, degrees=degrees
         )
-        joints = flange.joints
+        joints = motions.joints
+    else:
+        raise OptionError("expected either an arm with joints or flange poses")
 
     with one_blas_thread():
         # pictures -> corners -> lens and board before each camera
         views = []
-        for name, source in _cameras(pictures).items():
+        for name, source in cameras.items():
             eye_of_camera = _of_camera(eye, name)
             check_choice(f"eye of {name}", eye_of_camera, EYES)
             shots = source
@@ -108,10 +112,9 @@ def handeye(
             views.append(view_of(name, shots, in_hand, lens_of_camera))
 
         # corners and motions -> start -> bundle -> answer
-        if flange is not None:
-            return solve_rig(problem_of_poses(flange, views))
-        assert drawn is not None  # noqa: S101 - refused above
-        return solve_rig(problem_of_joints(drawn, views))
+        if isinstance(motions, FlangeTable):
+            return solve_rig(problem_of_poses(motions, views))
+        return solve_rig(problem_of_joints(motions, views))
 
 
 def _spatial_arm(arm: Arm | FilePath) -> SpatialArm:

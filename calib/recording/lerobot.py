@@ -13,7 +13,6 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -223,13 +222,15 @@ def read_dataset(
     angles = _angles(state, names, motors)
     first = next(iter(angles.values()))
     resting = _resting(first, time, episode)
-    instants = defaultdict[Path, list[tuple[float, int]]](list)
+    # when each video shows a row
+    instants: dict[Path, list[tuple[float, int]]] = {}
     for row in resting.tolist():
         path, begin = paths[row]
-        instants[path].append((begin + float(time[row]), row))
+        instant = (begin + float(time[row]), row)
+        instants.setdefault(path, []).append(instant)
     frames: list[tuple[int, Picture]] = []
-    for path in instants:
-        frames += _frames(path, instants[path], near)
+    for path, rows_at in instants.items():
+        frames += _frames(path, rows_at, near)
     notes = [
         f"{len(frames)} of {len(state)} frames of {chosen}, where the arm is slowest"
     ]

@@ -96,7 +96,7 @@ def read_joints(
         is_number = np.isfinite(source.numbers(names)[0]).any(axis=0)
         names = tuple(np.array(names, object)[is_number])
     beside = [name for name in ("time", "episode") if name in source.header]
-    rows = finite_rows(source, [*names, *beside])
+    rows = number_rows_of(source, [*names, *beside])
     if not names or not len(rows.q):
         raise LogError(
             f"{source.label} has no row with numbers for {listing(names)}: expected a column for "
@@ -124,7 +124,7 @@ def read_joints(
     )
 
 
-def finite_rows(source: Source, columns: Sequence[str]) -> JointTable:
+def number_rows_of(source: Source, columns: Sequence[str]) -> JointTable:
     """Read columns of numbers as `q`; rows in which one is missing are left out, and counted."""
     numbers = source.numbers(columns)[0]
     good = np.flatnonzero(np.isfinite(numbers).all(axis=1))
@@ -244,7 +244,7 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
             raise LogError(
                 f"{label} has the columns {listing(source.header)}: expected {EXPECTED}"
             )
-        rows = finite_rows(source, [names[column] for column in columns])
+        rows = number_rows_of(source, [names[column] for column in columns])
         numbers = rows.q
         pictures = rows.pictures
         dropped = rows.dropped

@@ -174,7 +174,9 @@ def find_sightings(
         tags are there should this one not be
     Raises LogError if the tag is there twice in more than a tenth, or nowhere.
     """
-    sharp: list[tuple[int, str, Tag]] = []
+    numbers: list[int] = []  # of pictures in which the tag is sharp
+    names: list[str] = []
+    sharp: list[Tag] = []
     marks: dict[int, Marks] = {}
     sample: list[Picture] = []
     reasons: Counter[str] = Counter()
@@ -195,7 +197,9 @@ def find_sightings(
         if reason:
             reasons[reason] += 1
         else:
-            sharp.append((number, name, tips[0]))
+            numbers.append(number)
+            names.append(name)
+            sharp.append(tips[0])
         if len(tips) > 1:
             twice.append(name)
     if len(twice) > _MOST_TWICE * count:
@@ -205,13 +209,12 @@ def find_sightings(
         )
     if not sharp:
         raise _no_tag(setting, sample, f"{count} {what}")
-    numbers, names, tips_in_order = zip(*sharp, strict=True)
     return Sightings(
         setting,
         what,
         np.array(numbers),
-        names,
-        tips_in_order,
+        tuple(names),
+        tuple(sharp),
         marks,
         reasons,
         count,

@@ -81,15 +81,8 @@ def evaluate(
         *limit,
     ]
     if iso:
-        from calib.use.iso9283 import iso9283
-
-        if log is None:
-            raise BadOption(
-                "--iso9283 is of a log with repeated poses: expected --data LOG too"
-            )
-        standard = iso9283(loaded, log)
+        standard = _standard(loaded, log)
         document["iso9283"] = standard.to_json()
-        say(standard.notes)
         lines.append(_standard_line(standard))
     title = f"errors on {result.rows} {result.source}"
     table = error_table(loaded, result.errors, title)
@@ -106,6 +99,19 @@ def _warnings_of_log(result: calib.Evaluation) -> list[str]:
     ]
 
 
+def _standard(model: calib.Model, log: calib.Samples | None) -> Iso9283:
+    """Test the poses of a log by the standard, and say where it falls short."""
+    from calib.use.iso9283 import iso9283
+
+    if log is None:
+        raise BadOption(
+            "--iso9283 is of a log with repeated poses: expected --data LOG too"
+        )
+    standard = iso9283(model, log)
+    say(standard.notes)
+    return standard
+
+
 def _standard_line(standard: Iso9283) -> str:
     unit = standard.unit
     line = f"ISO 9283: RP {with_unit(standard.repeatability, unit)}, AP "
@@ -117,11 +123,12 @@ def _standard_line(standard: Iso9283) -> str:
 
 def _scatter(result: calib.Evaluation) -> str:
     scatter = result.touch["scatter"]
+    mean = with_unit(scatter["mean"], "m")
+    most = with_unit(scatter["p95"], "m")
     line = (
-        f"tips scatter about their sockets by {with_unit(scatter['mean'], 'm')}"
+        f"tips scatter about their sockets by {mean}, 95 % within {most}, in {result.rows} "
+        f"touches, {result.left_out} left out"
     )
-    line += f", 95 % within {with_unit(scatter['p95'], 'm')}"
-    line += f", in {result.rows} touches, {result.left_out} left out"
     distances = result.touch["distances"]
     if not distances:
         return line
