@@ -170,25 +170,36 @@ def planar_part(choice: JointChoice, posture: Posture) -> JointChoice | None:
     """
     planar: list[JointChoice] = []
     for normal, joints in _planes(choice.joints, posture):
-        # without the joint of the shortest link, until all are long enough and few enough
-        while len(joints) > 1:
-            links = _links(joints, choice.tip, posture)
-            flat = links - np.outer(links @ normal, normal)
-            lengths = np.linalg.norm(flat, axis=1)
-            lengths += [_slide_length(joint) for joint in joints]
-            reach = float(lengths.sum())
-            shortest = int(np.argmin(lengths))
-            least = max(FINDING.least_share * reach, FINDING.least_lever)
-            few = len(joints) <= FINDING.most_in_plane
-            if few and lengths[shortest] >= least:
-                planar.append(JointChoice(tuple(joints), choice.tip, reach))
-                break
-            joints = joints[:shortest] + joints[shortest + 1 :]
+        part = _with_long_links(joints, choice.tip, normal, posture)
+        if part is not None:
+            planar.append(part)
     return max(
         planar,
         key=lambda choice: (len(choice.joints), round(choice.reach, 6)),
         default=None,
     )
+
+
+def _with_long_links(
+    joints: list[Joint], tip: str, normal: Array, posture: Posture
+) -> JointChoice | None:
+    """The joints of a plane, without that of the shortest link until they are few and links long.
+
+    None where fewer than two are left.
+    """
+    while len(joints) > 1:
+        links = _links(joints, tip, posture)
+        flat = links - np.outer(links @ normal, normal)
+        lengths = np.linalg.norm(flat, axis=1)
+        lengths += [_slide_length(joint) for joint in joints]
+        reach = float(lengths.sum())
+        shortest = int(np.argmin(lengths))
+        least = max(FINDING.least_share * reach, FINDING.least_lever)
+        few = len(joints) <= FINDING.most_in_plane
+        if few and lengths[shortest] >= least:
+            return JointChoice(tuple(joints), tip, reach)
+        joints = joints[:shortest] + joints[shortest + 1 :]
+    return None
 
 
 def check_tip(last: Joint, tip: str, posture: Posture) -> None:

@@ -119,7 +119,7 @@ def log_video(
     else:
         why = f"a joint moves faster than {still:g}"
         is_slow = film.usable & (film.speed < still)
-        groups = [*np.flatnonzero(is_slow)[:, None]]
+        groups = [np.array([frame]) for frame in np.flatnonzero(is_slow)]
     if not groups:
         raise LogError(
             f"the arm never rests for {REST.least} frames of {film.name}, or moves as slowly as "

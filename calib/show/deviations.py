@@ -4,6 +4,7 @@ Motions of the tip that several parameters share are told once: a minimal set of
 the order of `_ORDER`, stands for all others (zeros before turned origins, lengths before shifts).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,14 +92,21 @@ def deviations_of(model: Model) -> list[Deviation]:
         name = _in_words(label.name, str(label.joint))
         effect = float(sizes[k]) * abs(value)
         deviations.append(Deviation(name, value, half, label.unit, effect))
+    deviations += _error_curves(structure, columns, steps)
+    return sorted(deviations, key=lambda deviation: -deviation.effect)
+
+
+def _error_curves(
+    structure: Structure, columns: Array, steps: Array
+) -> Iterator[Deviation]:
+    """The error curves of joints that have one, of steps (d,) from the drawing's parameters."""
     for k, joint in enumerate(structure.joint_names):
         waves = structure.groups[f"curve.{k}"]
         effect = float(np.linalg.norm(columns[:, waves] @ steps[waves]))
         if effect:
             rms = float(np.linalg.norm(steps[waves])) / 2**0.5
             name = f"{joint}: error curve, rms"
-            deviations.append(Deviation(name, rms, 0.0, "rad", effect))
-    return sorted(deviations, key=lambda deviation: -deviation.effect)
+            yield Deviation(name, rms, 0.0, "rad", effect)
 
 
 def frame_parameters(body: Body) -> Index:
