@@ -13,6 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from ..common.wording import listing, quoted, vector
 from ..errors import RobotError
 from .posture import Posture
@@ -190,7 +191,7 @@ def _with_long_links(
     while len(joints) > 1:
         links = _links(joints, tip, posture)
         flat = links - np.outer(links @ normal, normal)
-        lengths = np.linalg.norm(flat, axis=1)
+        lengths = row_lengths(flat)
         lengths += [_slide_length(joint) for joint in joints]
         reach = float(lengths.sum())
         shortest = int(np.argmin(lengths))
@@ -231,7 +232,7 @@ def _planes(
             normals.append(normal / size)
     for normal in normals:
         # sines of the angles by which axes are off: along the normal, of slides across it
-        sines = np.linalg.norm(np.cross(axes, normal), axis=1)
+        sines = row_lengths(np.cross(axes, normal))
         off = np.where(turning, sines, np.abs(axes @ normal))
         within = np.flatnonzero(off <= FINDING.parallel)
         yield normal, [joints[k] for k in within.tolist()]
@@ -253,7 +254,7 @@ def _arm_tip(urdf: Urdf, posture: Posture, joint: Joint) -> str:
 
 def _reach(joints: Sequence[Joint], tip: str, posture: Posture) -> float:
     """Sum of the distances from joint to joint and to the tip, and of the slides' travel [m]."""
-    lengths = np.linalg.norm(_links(joints, tip, posture), axis=1)
+    lengths = row_lengths(_links(joints, tip, posture))
     return float(lengths.sum()) + sum(map(_slide_length, joints))
 
 

@@ -162,12 +162,11 @@ def find_board(
     *,
     names: Sequence[str] | None = None,
     degrees: bool = False,
-    prismatic: Sequence[str] = (),
 ) -> BoardPictures:
     """Find a board in pictures.
 
     table : of joints, or its file, one row for each picture; a dataset brings it
-    arm : of which joints are read; else `names` and `prismatic`, see `read_joints`
+    arm : of which joints are read; else those of `names`, which turn
     camera : of a dataset with several
     Raises LogError if too few pictures show the board; what they show instead is told.
     """
@@ -176,6 +175,7 @@ def find_board(
             "pictures need the board that they show: expected `board`"
         )
     board = parse_board(board)
+    prismatic: list[str] = []
     if arm is not None:
         names = arm.joint_names
         kinds = zip(names, arm.revolute, strict=True)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
-from ..common.rows import median_length, spread_rows
+from ..common.rows import median_length, row_lengths, spread_rows
 from ..errors import CalibError, LogError
 from ..samples.motion import joints_at
 from .clock_models import CLOCK, Chain, TrackRows, Waves
@@ -209,7 +209,7 @@ def _moved(
 def _speed(values: Array) -> Array:
     """Smooth speed (n,) of values (n, d) on the grid of time."""
     velocity = np.gradient(values, 1.0 / CLOCK.grid, axis=0)
-    speed = np.linalg.norm(velocity, axis=1)
+    speed = row_lengths(velocity)
     window = np.hanning(15)[1:-1]
     return np.convolve(speed, window / window.sum(), "same")
 

@@ -22,6 +22,7 @@ from ..body.settings import FINER, SHIFT, TURN
 from ..body.spatial import SpatialStructure
 from ..body.structure import OfStructure
 from ..common.arrays import Array, Index
+from ..common.rows import row_lengths
 from .bundle import CornerLayout, Motions
 from .fit import CornerFit, Scale
 
@@ -89,8 +90,8 @@ class JointMotions(Motions):
         """The joint whose origin differs most from the drawing's, by how much [m, rad]."""
         structure = self.structure
         beta = self.beta(arm)
-        shifts = np.linalg.norm(beta[structure.shifts], axis=1)
-        turns = np.linalg.norm(beta[structure.turns], axis=1)
+        shifts = row_lengths(beta[structure.shifts])
+        turns = row_lengths(beta[structure.turns])
         moves = shifts / SHIFT + turns / TURN
         worst = int(np.argmax(moves))
         name = structure.chain_names[worst]

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from ..common.arrays import Array, Index
-from ..common.rows import spread_rows
+from ..common.rows import finite_rows, spread_rows
 from ..common.wording import listing
 from ..errors import LogError
 from .motion_tables import JointTable
@@ -132,7 +132,7 @@ class Dataset:
         table = table.sort(columns[2], columns[1])
         state = np.array(table[_STATE].to_list(), float)
         state = state.reshape(len(table), len(self.columns))
-        good = np.isfinite(state).all(axis=1)
+        good = finite_rows(state)
         time = table["timestamp"].to_numpy().astype(float)
         episodes = table["episode_index"].to_numpy().astype(np.intp)
         return state[good], time[good], episodes[good]

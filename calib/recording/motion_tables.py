@@ -12,6 +12,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from ..common.choices import PICTURES
+from ..common.rows import finite_rows
 from ..common.wording import listing
 from ..errors import LogError
 from ..samples.header import name_and_unit
@@ -127,7 +128,7 @@ def read_joints(
 def number_rows_of(source: Source, columns: Sequence[str]) -> JointTable:
     """Read columns of numbers as `q`; rows in which one is missing are left out, and counted."""
     numbers = source.numbers(columns)[0]
-    good = np.flatnonzero(np.isfinite(numbers).all(axis=1))
+    good = np.flatnonzero(finite_rows(numbers))
     pictures = None
     column = picture_column(source)
     if column is not None:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from ..arm.rigid import rigid
 from ..arm.rotations import cross_matrix, exponential, similarity
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from ..errors import LogError
 from ..samples.lens import Lens
 from ..samples.tables import open_source
@@ -253,7 +254,7 @@ def _is_elsewhere(usual: Marks, marks: Marks) -> bool:
     """Whether marks moved, by their median, or grew by a new focus, which no pose tells."""
     usual_places = np.array([usual[number] for number in marks])
     places = np.array([*marks.values()])
-    moved = np.linalg.norm(places - usual_places, axis=1)
+    moved = row_lengths(places - usual_places)
     growth = similarity(usual_places, places)[2] - 1.0
     is_refocused = (
         abs(growth) > REFERENCE.stretch and moved.max() > REFERENCE.moved

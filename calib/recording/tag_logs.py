@@ -12,6 +12,7 @@ from ..arm.rigid import shift_of, turn_of
 from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Index, Mask
 from ..common.parallel import one_blas_thread
+from ..common.rows import row_lengths
 from ..errors import LogError
 from ..samples.lens import Lens
 from ..samples.motion import (
@@ -166,7 +167,7 @@ class Film:
         """The frames of each rest: joints and tag stand still for a few frames."""
         when = self.when
         frames = np.flatnonzero(self.usable & (self.speed < REST.rest))
-        steps = np.linalg.norm(np.diff(self.track[frames], axis=0), axis=1)
+        steps = row_lengths(np.diff(self.track[frames], axis=0))
         is_end = (steps > REST.shake) | (np.diff(when[frames]) > REST.pause)
         rests = []
         for run in np.split(frames, np.flatnonzero(is_end) + 1):
@@ -177,7 +178,7 @@ class Film:
                 # the arm may still swing where its joints stand: only frames near the median count
                 places = self.track[settled]
                 away = places - np.median(places, axis=0)
-                distances = np.linalg.norm(away, axis=1)
+                distances = row_lengths(away)
                 rests.append(settled[distances < REST.shake])
         return [rest for rest in rests if len(rest) >= REST.least]
 

@@ -15,7 +15,7 @@ from ..body.covariance import Z95
 from ..body.curves import waves_of
 from ..body.structure import Structure
 from ..common.arrays import Array, Index
-from ..common.rows import solve_least_squares
+from ..common.rows import row_lengths, solve_least_squares
 from ..common.wording import quantity
 from ..errors import CalibError
 from ..model.model import Model
@@ -83,7 +83,7 @@ def deviations_of(model: Model) -> list[Deviation]:
     shares = solve_least_squares(columns[:, chosen], columns[:, others])
     root = body.full_root
     values = steps[chosen] + shares @ steps[others]
-    halves = Z95 * np.linalg.norm(root[chosen] + shares @ root[others], axis=1)
+    halves = Z95 * row_lengths(root[chosen] + shares @ root[others])
     deviations = []
     for k, value, half in zip(
         chosen, values.tolist(), halves.tolist(), strict=True
@@ -127,7 +127,7 @@ def error_curve(body: Body, joint: int, q: Array) -> tuple[Array, Array]:
         indices = indices[:0]
     waves = waves_of(q).T[:, : len(indices)]
     root = body.root[np.searchsorted(body.active, indices)]
-    half = Z95 * np.linalg.norm(waves @ root, axis=1)
+    half = Z95 * row_lengths(waves @ root)
     return np.asarray(waves @ body.beta[indices]), np.asarray(half)
 
 

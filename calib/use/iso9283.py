@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.rows import finite_rows, group_means
+from ..common.rows import finite_rows, group_means, row_lengths
 from ..errors import CalibError, LogError
 from ..model.model import Model
 from ..samples.motion import visits_of
@@ -122,7 +122,7 @@ def _pose_tests(model: Model, samples: Samples) -> tuple[list[PoseTest], int]:
         if not answered[members].all():
             continue
         barycentre = attained[members].mean(axis=0)
-        distance = np.linalg.norm(attained[members] - barycentre, axis=1)
+        distance = row_lengths(attained[members] - barycentre)
         as_delivered = None
         if delivered is not None:
             as_delivered = _distance(delivered[members], barycentre)

@@ -20,6 +20,7 @@ from ..body.spatial import structure_of
 from ..common.arrays import Array, Index, ReadOnly
 from ..common.choices import EYES, check_choice
 from ..common.inputs import whole
+from ..common.rows import row_lengths
 from ..common.scale import Scale
 from ..common.wording import by_name
 from ..errors import OptionError, require
@@ -277,7 +278,7 @@ def farthest(scale: Scale, q: Array, n: int) -> Index:
         row = int(distances.argmax())
         chosen[k] = row
         distances = np.minimum(
-            distances, np.linalg.norm(scale.difference(u, u[row]), axis=1)
+            distances, row_lengths(scale.difference(u, u[row]))
         )
         distances[row] = -1.0  # where points repeat, none is chosen twice
     return chosen

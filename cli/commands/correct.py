@@ -43,6 +43,8 @@ def correct(
 ) -> Outcome:
     import numpy as np
 
+    from calib.common.rows import finite_rows
+
     from ..query import Files, Query, with_answers
 
     files = Files(input_, columns, output)
@@ -77,7 +79,7 @@ def correct(
             "right, give a larger --limit",
         ),
     }
-    answered = np.isfinite(result.q).all(axis=1)
+    answered = finite_rows(result.q)
     refused = result.exceeded.any() and not answered.any()
     # of changes that are all beyond the limit their sizes are told
     shown = np.flatnonzero(answered if answered.any() else result.reachable)

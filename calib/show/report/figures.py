@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...common.arrays import Array
-from ...common.rows import spread_rows
+from ...common.rows import row_lengths, spread_rows
 from ...common.wording import (
     by_name,
     for_people,
@@ -258,7 +258,7 @@ def arrows(study: Study) -> Figure | None:
     factor = for_people(unit)[0]
     x = factor * rows.x[spread]
     error = factor * rows.held_out[spread]
-    length = float(np.quantile(np.linalg.norm(error, axis=1), 0.95))
+    length = float(np.quantile(row_lengths(error), 0.95))
     longest = SETTINGS.arrow * float(np.ptp(x, axis=0).max())
     times = float(f"{max(longest / max(length, 1e-12), 1.0):.0e}")
     views = study.views[:2]
