@@ -12,6 +12,7 @@ from ..arm.arm import SpatialArm
 from ..arm.rigid import inverse, place_points, rigid, shift_of, turn_of
 from ..arm.rotations import cross_matrix, matrix_of, quaternion_of
 from ..common.arrays import Array, Index, Mask
+from ..common.atomic import FilePath
 from ..common.wording import listing
 from ..errors import LogError, OptionError
 from ..model.model import Model
@@ -35,7 +36,6 @@ are one."""
 # share by which the focal length of a camera that was not touched may differ
 _REFOCUSED = 0.02
 
-FilePath = str | os.PathLike[str]
 Source = FilePath | Sequence[Picture]
 """A folder or pattern of pictures, a LeRobotDataset, or grey pictures (height, width)."""
 

@@ -20,13 +20,14 @@ from ..arm.arm import Arm, SpatialArm
 from ..arm.loading import load_arm
 from ..arm.rigid import place_points, shift_of, turn_of
 from ..common.arrays import Array
+from ..common.atomic import FilePath
 from ..common.choices import EYES, PICTURES, check_choice
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
 from ..samples.lens import Lens
 from .answer import solve_rig
 from .board import Pattern, TagGrid
-from .board_pictures import BoardPictures, FilePath, Source, find_board
+from .board_pictures import BoardPictures, Source, find_board
 from .lerobot import is_dataset
 from .motion_tables import FlangeTable, JointTable, read_flange_poses
 from .problem import problem_of_joints, problem_of_poses

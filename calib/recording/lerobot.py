@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from ..common.arrays import Array, Index
+from ..common.atomic import FilePath
 from ..common.rows import finite_rows, spread_rows
 from ..common.wording import listing
 from ..errors import LogError
@@ -66,7 +67,7 @@ class Dataset:
     robot: str  # its kind, such as so101_follower
 
     @classmethod
-    def read(cls, source: str | os.PathLike[str]) -> Dataset:
+    def read(cls, source: FilePath) -> Dataset:
         """Read it.  Raises LogError in one line if it is none that is known."""
         root = Path(source)
         path = root / "meta" / "info.json"
@@ -196,7 +197,7 @@ def is_dataset(path: object) -> bool:
 
 
 def read_dataset(
-    source: str | os.PathLike[str],
+    source: FilePath,
     joints: Sequence[str] | None = None,
     camera: str | None = None,
     motors: Motors | None = None,
@@ -324,7 +325,7 @@ class Motors:
     document: Mapping[str, Mapping[str, int]]
 
     @classmethod
-    def read(cls, path: str | os.PathLike[str]) -> Motors:
+    def read(cls, path: FilePath) -> Motors:
         """Read a `calibration.json`.  Raises LogError in one line if the file is none."""
         label = os.fspath(path)
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..common.arrays import Array, Index
+from ..common.atomic import FilePath
 from ..common.choices import PICTURES
 from ..common.rows import finite_rows
 from ..common.wording import listing
@@ -79,7 +79,7 @@ class JointTable:
 
 
 def read_joints(
-    path: str | os.PathLike[str],
+    path: FilePath,
     joints: Sequence[str] | None = None,
     *,
     degrees: bool = False,
@@ -158,7 +158,7 @@ def picture_column(source: Source) -> str | None:
 
 
 def read_shots(
-    table: JointTable, source: str | os.PathLike[str] | Sequence[str]
+    table: JointTable, source: FilePath | Sequence[str]
 ) -> tuple[list[int], Iterator[Shot], list[str]]:
     """Rows of the joints (p), in their order, the shot of each, and notes of what is left out.
 
@@ -216,7 +216,7 @@ class FlangeTable:
         return JointTable(self.label, (), q, None, self.pictures, self.dropped)
 
 
-def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
+def read_flange_poses(path: FilePath) -> FlangeTable:
     """Read a table of flange poses.
 
     Its columns are x, y, z and one of qx, qy, qz, qw; rx, ry, rz; roll, pitch, yaw; A, B, C;

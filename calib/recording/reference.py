@@ -6,7 +6,6 @@ are then cut with a plane of it (`PlaneReference`).
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,6 +15,7 @@ from numpy.typing import ArrayLike
 from ..arm.rigid import rigid
 from ..arm.rotations import cross_matrix, exponential, similarity
 from ..common.arrays import Array
+from ..common.atomic import FilePath
 from ..common.rows import row_lengths
 from ..errors import LogError
 from ..samples.lens import Lens
@@ -176,7 +176,7 @@ class MarkLayout:
         )
 
     @staticmethod
-    def read(path: str | os.PathLike[str]) -> MarkLayout:
+    def read(path: FilePath) -> MarkLayout:
         """Read tags at known places: a table with the columns `tag`, `x`, `y` [m].
 
         Raises LogError if there are fewer than four, or a tag has two places.

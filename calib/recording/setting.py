@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.atomic import atomic_write
+from ..common.atomic import FilePath, atomic_write
 from ..common.choices import DICTIONARY
 from ..common.wording import listing
 from ..errors import LogError, OptionError
@@ -263,7 +262,7 @@ def _tags_of(pictures: Sequence[Picture], dictionary: str) -> str:
 
 
 def write_overlay(
-    path: str | os.PathLike[str],
+    path: FilePath,
     photo: Picture,
     setting: Setting,
     places: Array,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,6 +10,7 @@ import numpy as np
 from ..arm.rigid import shift_of, turn_of
 from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Index, Mask
+from ..common.atomic import FilePath
 from ..common.parallel import one_blas_thread
 from ..common.rows import row_lengths
 from ..errors import LogError
@@ -53,7 +53,7 @@ REST = RestSettings()
 
 
 def log_pictures(
-    source: str | os.PathLike[str] | Sequence[str],
+    source: FilePath | Sequence[str],
     joints: JointTable,
     setting: Setting,
 ) -> Samples:
@@ -94,7 +94,7 @@ def log_pictures(
 
 
 def log_video(
-    path: str | os.PathLike[str],
+    path: FilePath,
     joints: JointTable,
     setting: Setting,
     *,

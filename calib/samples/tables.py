@@ -251,13 +251,14 @@ def _refuse_long_rows(content: bytes, separator: str, label: str) -> None:
     """Refuse a row of a CSV file that has more values than the header has names."""
     text = content.decode("utf-8-sig", errors="replace")
     lines = (line for line in text.splitlines() if not line.startswith(COMMENT))
-    header, *rows = csv.reader(lines, delimiter=separator)
-    for number, row in enumerate(rows, start=1):
-        if len(row) > len(header):
-            raise LogError(
-                f"{label}, row {number} has {len(row)} values, the header {len(header)} names: "
-                f"{_EXPECTED}"
-            )
+    with suppress(csv.Error):  # an open quote
+        header, *rows = csv.reader(lines, delimiter=separator)
+        for number, row in enumerate(rows, start=1):
+            if len(row) > len(header):
+                raise LogError(
+                    f"{label}, row {number} has {len(row)} values, the header {len(header)} names: "
+                    f"{_EXPECTED}"
+                )
 
 
 def _with_points(table: pl.DataFrame) -> pl.DataFrame:

@@ -2,9 +2,9 @@
 
 import json
 import math
-import os
 from collections.abc import Mapping
 
+from ..common.atomic import FilePath
 from ..common.wording import listing
 from ..errors import OptionError
 from ..model.model import Model
@@ -35,7 +35,7 @@ def zeros_of(model: Model) -> dict[str, Quantity]:
 
 
 def with_corrected_zeros(
-    path: str | os.PathLike[str], offsets: Mapping[str, float]
+    path: FilePath, offsets: Mapping[str, float]
 ) -> tuple[str, dict[str, int]]:
     """Return LeRobot's calibration with corrected zeros, and by how many ticks each moved.
 

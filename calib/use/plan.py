@@ -18,6 +18,7 @@ from ..arm.arm import Arm, SpatialArm
 from ..body.information import greedy, most_telling
 from ..body.spatial import structure_of
 from ..common.arrays import Array, Index, ReadOnly
+from ..common.atomic import FilePath
 from ..common.choices import EYES, check_choice
 from ..common.inputs import whole
 from ..common.rows import row_lengths
@@ -32,8 +33,6 @@ from .pose_space import PoseSpace, space_of, usable_postures
 from .settings import PLANNING
 
 if TYPE_CHECKING:
-    import os
-
     from ..recording.board import Pattern
 
 
@@ -101,7 +100,7 @@ class Plan(ReadOnly):
             table["expected_error"] = self.expected_error
         return table
 
-    def write(self, path: str | os.PathLike[str]) -> None:
+    def write(self, path: FilePath) -> None:
         """Write the table as CSV, or Parquet by its name, whole or not at all."""
         write_table(path, self.columns())
 

@@ -11,9 +11,9 @@ from calib.use import standing
 
 from .. import options as opt
 from ..logs import LogFormat, log_of, with_facts
-from ..output import Outcome, say
+from ..output import NO, Outcome, say
 from ..parsing import BadOption
-from ..summary import code_of, error_table, summary
+from ..summary import error_table, summary
 
 if TYPE_CHECKING:
     from calib.use.iso9283 import Iso9283
@@ -72,7 +72,7 @@ def evaluate(
     if result.touch:
         document["touch"] = result.touch
         lines = [*warnings, f"{model}: {_scatter(result)}", *limit]
-        return Outcome(document, lines, code=code_of(warnings))
+        return Outcome(document, lines, code=NO if warnings else 0)
     others = [] if log is not None else loaded.sensors[1:]
     lines = [
         *warnings,
@@ -86,7 +86,7 @@ def evaluate(
         lines.append(_standard_line(standard))
     title = f"errors on {result.rows} {result.source}"
     table = error_table(loaded, result.errors, title)
-    return Outcome(document, lines, [table], code=code_of(warnings))
+    return Outcome(document, lines, [table], code=NO if warnings else 0)
 
 
 def _warnings_of_log(result: calib.Evaluation) -> list[str]:

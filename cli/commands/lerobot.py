@@ -20,9 +20,8 @@ from calib.use import standing
 
 from .. import options as opt
 from ..logs import Selection
-from ..output import Line, Outcome, TextTable, say, with_decimals
+from ..output import NO, Line, Outcome, TextTable, say, with_decimals
 from ..parsing import check_file
-from ..summary import code_of
 
 if TYPE_CHECKING:
     from calib.arm.arm import Arm
@@ -109,7 +108,7 @@ def lerobot(
         line += f"; {' and '.join(unknown)} stay, since no picture tells theirs"
     warnings = standing.bound_warnings(learned.about)
     lines: list[Line] = [*warnings, line, TextTable(header, rows)]
-    return Outcome(document, lines, code=code_of(warnings))
+    return Outcome(document, lines, code=NO if warnings else 0)
 
 
 def _best_rig(
