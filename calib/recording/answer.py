@@ -189,7 +189,7 @@ class RigFit:
         """A camera in the frame of another."""
         one, two = self.fit.unknowns.frames[[first, second]]
         pose = inverse(one) @ two
-        steps = np.concatenate([-adjoint(inverse(pose)), np.eye(6)], axis=1)
+        steps = np.hstack([-adjoint(inverse(pose)), np.eye(6)])
         return self._pose_place(
             pose, along_parent(pose) @ steps, [first, second]
         )

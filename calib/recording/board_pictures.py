@@ -133,7 +133,7 @@ def _log_covariance(
     """
     boards = matrices(poses)
     if in_hand:
-        axes = -np.swapaxes(turn_of(boards), 1, 2)
+        axes = -turn_of(boards).mT
         lever = point - shift_of(boards)
     else:
         axes = np.broadcast_to(np.eye(3), (len(poses), 3, 3))
@@ -143,7 +143,7 @@ def _log_covariance(
     slopes[:, :3, 3:] = axes
     slopes[:, 3:, :3] = axes
     of_boards = np.array([pose.covariance[:6, :6] for pose in poses])
-    covariance: Array = slopes @ of_boards @ np.swapaxes(slopes, 1, 2)
+    covariance: Array = slopes @ of_boards @ slopes.mT
     return covariance
 
 

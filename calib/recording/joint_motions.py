@@ -77,7 +77,7 @@ class JointMotions(Motions):
         along_base[:, 0, :, :-1] = turn
         along_base[:, 1, :, :-1] = np.exp(arm[-1]) * shift
         along_base[:, 1, :, -1] = np.exp(arm[-1]) * places
-        along_tip: Array = np.swapaxes(turns, 1, 2)[:, None] @ along_base
+        along_tip: Array = turns.mT[:, None] @ along_base
         return along_tip.reshape(len(places), 6, self.size)
 
     def beta(self, arm: Array) -> Array:
@@ -133,9 +133,7 @@ class JointMotions(Motions):
         poses = np.stack([hand, inverse(base)])
         beta = self.beta(fit.unknowns.values[layout.arm])
         turns = logarithm(turn_of(poses))
-        beta[tool + view] = np.concatenate(
-            [turns, shift_of(poses)], axis=1
-        ).ravel()
+        beta[tool + view] = np.hstack([turns, shift_of(poses)]).ravel()
 
         # slope (d, s) of the structure's parameters by the unknowns
         slope = np.zeros((self.structure.size, layout.size))

@@ -118,7 +118,7 @@ def _turns(numbers: Array) -> list[tuple[str, str, Array]]:
 
     if numbers.shape[1] == 9:
         matrices = numbers.reshape(-1, 3, 3)
-        transposed = np.swapaxes(matrices, 1, 2)
+        transposed = matrices.mT
         return [("matrix", "", matrices), ("transposed", "", transposed)]
     if numbers.shape[1] == 4:
         wxyz = np.roll(numbers, -1, axis=1)

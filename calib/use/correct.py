@@ -87,7 +87,7 @@ class Corrected:
             return None
         nominal = wanted.pose(self.given)[1]
         real = wanted.space.evaluate(self.nearest)[1]
-        rotvec = logarithm(real @ np.swapaxes(nominal, 1, 2))
+        rotvec = logarithm(real @ nominal.mT)
         return row_lengths(rotvec)
 
     @property
