@@ -226,7 +226,7 @@ class Model(Compilable):
             raise QueryError(f"{len(rows)} rows of joints: expected one")
         if bool(self.covers(rows)[0]):
             return None
-        return self.beyond_range(rows[0]) or (
+        return self._beyond_range(rows[0]) or (
             "no row was measured near these joint values: the position may be off by more than "
             f"{MOST_SHARE:.0%} of the reach"
         )

@@ -215,7 +215,7 @@ class Parts:
         slack = np.where(scale.periodic, 1.0, ROUNDED)
         return (share >= -slack) & (share <= 1.0 + slack)
 
-    def beyond_range(self, q: Array) -> str | None:
+    def _beyond_range(self, q: Array) -> str | None:
         """Which of joint values (dof,) is outside of its learned range, None if none is."""
         about = self.about
         for k in np.flatnonzero(~self.in_range(q[None])[0]).tolist():

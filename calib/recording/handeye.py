@@ -9,7 +9,7 @@ with their intervals are the answer (:mod:`.answer`).
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -23,13 +23,14 @@ from ..common.arrays import Array
 from ..common.atomic import FilePath
 from ..common.choices import EYES, PICTURES, check_choice
 from ..common.parallel import one_blas_thread
-from ..errors import OptionError
+from ..errors import CalibError, OptionError
 from ..samples.lens import Lens
 from .answer import solve_rig
 from .board import Pattern, TagGrid
 from .board_pictures import BoardPictures, Source, find_board
 from .lerobot import is_dataset
 from .motion_tables import FlangeTable, JointTable, read_flange_poses
+from .pictures import Picture
 from .problem import problem_of_joints, problem_of_poses
 from .rig import HandEye as HandEye
 from .view import view_of
@@ -116,6 +117,31 @@ def handeye(
         if isinstance(motions, FlangeTable):
             return solve_rig(problem_of_poses(motions, views))
         return solve_rig(problem_of_joints(motions, views))
+
+
+def best_rig(
+    arm: Arm,
+    pictures: Sequence[Picture],
+    tables: Mapping[str, JointTable],
+    board: Pattern | str,
+    eye: str,
+) -> tuple[str, HandEye]:
+    """The unit of the joints under which pictures are predicted best, and the rig of it.
+
+    tables : the joints by the units that they may have
+    Raises the CalibError of the first where none explains the pictures.
+    """
+    rigs: dict[str, HandEye] = {}
+    refusals: list[CalibError] = []
+    for unit, table in tables.items():
+        try:
+            rigs[unit] = handeye(arm, pictures, table, board, eye)
+        except CalibError as error:
+            refusals.append(error)
+    if not rigs:
+        raise refusals[0]
+    best = min(rigs, key=lambda unit: rigs[unit].held_out["rms"])
+    return best, rigs[best]
 
 
 def _spatial_arm(arm: Arm | FilePath) -> SpatialArm:

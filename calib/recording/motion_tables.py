@@ -37,22 +37,11 @@ EXPECTED = (
 )
 
 _LENGTHS = (6, 7, 12, 16)  # numbers of a row without a header
-_IGNORED = {"picture", "time", "timestamp", "episode", *map(str.lower, MATRIX)}
+_BESIDE = {"picture", "time", "timestamp", "episode"}
+_IGNORED = {*_BESIDE, *map(str.lower, MATRIX)}
 # "[mm]", "(deg)", "_mm": the fit finds units
 _UNIT = r"\s*[\[(].*[\])]$|_(?:m|cm|mm|in|rad|deg|grad)$"
-_OTHERS = {
-    "time",
-    "timestamp",
-    "picture",
-    "episode",
-    "x",
-    "y",
-    "z",
-    "qx",
-    "qy",
-    "qz",
-    "qw",
-}
+_OTHERS = {*_BESIDE, "x", "y", "z", *TURNS["xyzw"]}
 # [rad]; joints that go beyond two turns are taken for degrees
 _TURNS = 4.0 * np.pi
 

@@ -4,9 +4,8 @@ Exit code 3 if the real arm cannot reach one of these places, or if a joint woul
 more than the limit; the other rows are written.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Annotated, Literal
+from collections.abc import Sequence
+from typing import Annotated, Literal
 
 import calib
 from calib.common.wording import by_name, with_unit
@@ -14,11 +13,6 @@ from calib.common.wording import by_name, with_unit
 from .. import options as opt
 from ..output import Outcome, say
 from ..parsing import above_zero
-
-if TYPE_CHECKING:
-    from calib.common.arrays import Index
-
-    from ..units import JointFormat
 
 
 def correct(
@@ -83,7 +77,7 @@ def correct(
     refused = result.exceeded.any() and not answered.any()
     # of changes that are all beyond the limit their sizes are told
     shown = np.flatnonzero(answered if answered.any() else result.reachable)
-    change = _change_of_joints(joints, result, shown)
+    change = _change_of_joints(joints.names, result, shown.tolist())
     sizes = []
     for k, (name, size) in enumerate(change.items()):
         unit = query.model.about.units_of_joints[k]
@@ -99,14 +93,14 @@ def correct(
 
 
 def _change_of_joints(
-    joints: JointFormat, result: calib.Corrected, shown: Index
+    names: Sequence[str], result: calib.Corrected, rows: Sequence[int]
 ) -> dict[str, dict[str, float]]:
     """Mean and largest change of each joint [rad or m] in some rows, and its limit."""
-    if not len(shown):
+    if not rows:
         return {}
     changes = {}
-    for k, name in enumerate(joints.names):
-        sizes = abs(result.change[shown, k])
+    for k, name in enumerate(names):
+        sizes = abs(result.change[rows, k])
         mean = float(sizes.mean())
         largest = float(sizes.max())
         limit = float(result.limit[k])

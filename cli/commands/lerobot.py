@@ -8,13 +8,11 @@ learned contradicts its own bound.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from typer import Argument
 
 import calib
-from calib.common.choices import Eye
 from calib.common.wording import error_size
 from calib.use import standing
 
@@ -22,11 +20,6 @@ from .. import options as opt
 from ..logs import Selection
 from ..output import NO, Line, Outcome, TextTable, say, with_decimals
 from ..parsing import check_file
-
-if TYPE_CHECKING:
-    from calib.arm.arm import Arm
-    from calib.recording.motion_tables import JointTable
-    from calib.recording.pictures import Picture
 
 
 def lerobot(
@@ -60,6 +53,7 @@ def lerobot(
     ] = None,
 ) -> Outcome:
     from calib.common.atomic import atomic_write
+    from calib.recording.handeye import best_rig
     from calib.recording.lerobot import Dataset, Motors, read_dataset
     from calib.use.lerobot import RANGES_MOVE, with_corrected_zeros, zeros_of
 
@@ -72,7 +66,7 @@ def lerobot(
         dataset, arm.joint_names, camera, motors
     )
     say(notes)
-    unit, rig = _best_rig(arm, frames, tables, board, eye)
+    unit, rig = best_rig(arm, frames, tables, board, eye)
     say([f"joints are read as {unit}", *rig.notes])
     assert rig.poses is not None  # noqa: S101 - of joints there is a log
     learned = calib.train(rig.poses)
@@ -109,27 +103,3 @@ def lerobot(
     warnings = standing.bound_warnings(learned.about)
     lines: list[Line] = [*warnings, line, TextTable(header, rows)]
     return Outcome(document, lines, code=NO if warnings else 0)
-
-
-def _best_rig(
-    arm: Arm,
-    frames: Sequence[Picture],
-    tables: Mapping[str, JointTable],
-    board: str,
-    eye: Eye,
-) -> tuple[str, calib.HandEye]:
-    """The unit of the joints under which pictures are predicted best, and the rig of it.
-
-    tables : the joints by the units that they may have
-    """
-    rigs: dict[str, calib.HandEye] = {}
-    refusals: list[calib.CalibError] = []
-    for unit, table in tables.items():
-        try:
-            rigs[unit] = calib.handeye(arm, frames, table, board, eye)
-        except calib.CalibError as error:
-            refusals.append(error)
-    if not rigs:
-        raise refusals[0]
-    best = min(rigs, key=lambda unit: rigs[unit].held_out["rms"])
-    return best, rigs[best]
