@@ -106,7 +106,8 @@ def _pose_tests(model: Model, samples: Samples) -> tuple[list[PoseTest], int]:
     joints = group_means(visits.visit, q[visits.rows])
     attained = group_means(visits.visit, samples.x[visits.rows])
     first = np.unique(visits.visit, return_index=True)[1]
-    places, pose, counts = np.unique(
+    # of each visit its pose, of each pose its visits
+    _, pose, counts = np.unique(
         visits.pose[first], return_inverse=True, return_counts=True
     )
     corrected = model.forward(joints)
@@ -115,7 +116,7 @@ def _pose_tests(model: Model, samples: Samples) -> tuple[list[PoseTest], int]:
     if model.about.urdf:
         with suppress(CalibError):
             delivered = Wanted.of(model).target(joints)
-    repeated = [k for k in range(len(places)) if counts[k] > 1]
+    repeated = np.flatnonzero(counts > 1)
     tests = []
     for k in repeated:
         members = pose == k

@@ -206,20 +206,23 @@ def joints(study: Study) -> Figure | None:
         return None
     figure, axes = panels([1.25] * len(turning))
     for ax, k in zip(axes, turning, strict=True):
-        lever = slope[:, : structure.blocks[0], k]
-        length = levers[:, k]
-        long = length > SETTINGS.lever * length.max()
-        along = (rows.held_out[spread] * lever).sum(axis=1)[long]
+        # the learned curve and its band
         grid = np.linspace(about.lower[k], about.upper[k], 200)
         curve, half = error_curve(body, k, grid)
-        learned = np.interp(q[long, k], grid, curve)
-        readings = 1e3 * (along / length[long] ** 2 + learned)
-        degrees = np.degrees(q[long, k])
-        ax.plot(degrees, readings, ".", color=GREY, rasterized=True)
         values = np.degrees(grid)
         band = 1e3 * np.array([curve - half, curve + half])
         ax.fill_between(values, *band, color=ACCENT, alpha=0.3)
         ax.plot(values, 1e3 * curve, color=ACCENT)
+
+        # what rows say that hold the joint by a long lever: what the model leaves, and the curve
+        lever = slope[:, : structure.blocks[0], k]
+        length = levers[:, k]
+        long = length > SETTINGS.lever * length.max()
+        along = (rows.held_out[spread] * lever).sum(axis=1)[long]
+        learned = np.interp(q[long, k], grid, curve)
+        readings = 1e3 * (along / length[long] ** 2 + learned)
+        degrees = np.degrees(q[long, k])
+        ax.plot(degrees, readings, ".", color=GREY, zorder=1, rasterized=True)
         ax.set_title(printable(structure.joint_names[k]))
         ax.locator_params(nbins=4)
     axes[-1].set_xlabel("joint value [deg]")
