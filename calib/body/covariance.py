@@ -10,18 +10,13 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .normal import Factor
+from .settings import FIT
 
 NORMAL_95 = 1.6448536269514722  # one-sided quantile of 95 %
 Z95 = 1.96  # half of a 95 % interval, in standard deviations
 
 RADIUS_95 = 2.448
 """Radius that holds 95 % of a Gaussian in the plane of standard deviation 1."""
-
-FEWEST_OF_TIME = 40
-"""Rows that tell how long residuals hang together."""
-
-LONGEST_TIME = 60
-"""Rows over which residuals are taken to hang together at most."""
 
 _Packed = NDArray[np.float32]
 
@@ -57,7 +52,7 @@ def spread_of(derivative: Array, root: Array) -> Array:
 def autocorrelation_time(r: Array) -> float:
     """Integrated autocorrelation time [rows] of residuals (n, m) in the order of the log."""
     n = len(r)
-    if n < FEWEST_OF_TIME:
+    if n < FIT.fewest_of_time:
         return 1.0
     # a few wrong rows are no correlation
     limit = 4 * np.median(np.abs(r)) + 1e-300
@@ -65,7 +60,7 @@ def autocorrelation_time(r: Array) -> float:
     r = r - r.mean(axis=0)
     power = float((r * r).sum()) + 1e-300
     total = 1.0
-    for lag in range(1, min(LONGEST_TIME, n // 3)):
+    for lag in range(1, min(FIT.longest_time, n // 3)):
         products = r[lag:] * r[:-lag]
         rho = float(products.sum()) / power
         if rho < 2 / np.sqrt(r.size):
