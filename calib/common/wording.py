@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 from decimal import Decimal
 from difflib import get_close_matches
 from typing import TypeVar
@@ -18,11 +19,18 @@ ROUNDED_AWAY = 1e-9
 SMALLEST = 1e-6
 """Below it, a nanometre in mm or a millionth of a degree, an error is said to be no larger."""
 
-LONGEST_LINE = 1_500
-"""Characters of a message; of a longer one its beginning and end are shown."""
 
-LONGEST_NAME = 60
-"""Characters of a name in a line with several of them."""
+@dataclass(frozen=True)
+class Longest:
+    """Most characters of what is printed."""
+
+    line: int = (
+        1_500  # a message; of a longer one its beginning and end are shown
+    )
+    name: int = 60  # in a line with several names
+
+
+LONGEST = Longest()
 
 # a place to fill in, in a page that is a file of a package
 _PLACE = re.compile(r"@([a-z]+(?:\.[a-z]+)?)@")
@@ -53,16 +61,16 @@ def printable(text: str) -> str:
 def one_line(text: str) -> str:
     """Return a message as one printable line, its middle left out where that is long."""
     line = printable(text)
-    if len(line) <= LONGEST_LINE:
+    if len(line) <= LONGEST.line:
         return line
-    return f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 3 :]}"
+    return f"{line[: LONGEST.line // 2]} ... {line[-LONGEST.line // 3 :]}"
 
 
 def clipped(name: str) -> str:
     """Return a name that may be long, short enough for a line with several of them."""
-    if len(name) <= LONGEST_NAME:
+    if len(name) <= LONGEST.name:
         return name
-    return name[: LONGEST_NAME - 3] + "..."
+    return name[: LONGEST.name - 3] + "..."
 
 
 def quoted(name: str) -> str:

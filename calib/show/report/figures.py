@@ -206,13 +206,8 @@ def joints(study: Study) -> Figure | None:
         return None
     figure, axes = panels([1.25] * len(turning))
     for ax, k in zip(axes, turning, strict=True):
-        # the learned curve and its band
         grid = np.linspace(about.lower[k], about.upper[k], 200)
         curve, half = error_curve(body, k, grid)
-        values = np.degrees(grid)
-        band = 1e3 * np.array([curve - half, curve + half])
-        ax.fill_between(values, *band, color=ACCENT, alpha=0.3)
-        ax.plot(values, 1e3 * curve, color=ACCENT)
 
         # what rows say that hold the joint by a long lever: what the model leaves, and the curve
         lever = slope[:, : structure.blocks[0], k]
@@ -222,7 +217,13 @@ def joints(study: Study) -> Figure | None:
         learned = np.interp(q[long, k], grid, curve)
         readings = 1e3 * (along / length[long] ** 2 + learned)
         degrees = np.degrees(q[long, k])
-        ax.plot(degrees, readings, ".", color=GREY, zorder=1, rasterized=True)
+        ax.plot(degrees, readings, ".", color=GREY, rasterized=True)
+
+        # the learned curve and its band
+        values = np.degrees(grid)
+        band = 1e3 * np.array([curve - half, curve + half])
+        ax.fill_between(values, *band, color=ACCENT, alpha=0.3)
+        ax.plot(values, 1e3 * curve, color=ACCENT)
         ax.set_title(printable(structure.joint_names[k]))
         ax.locator_params(nbins=4)
     axes[-1].set_xlabel("joint value [deg]")
