@@ -1,4 +1,7 @@
-"""Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
+"""Re-calibrate a model from a few new samples. Exit code 3 if it does not improve.
+
+Nothing is written then, unless the rows contradict the bound: the model is, with a wider one.
+"""
 
 from pathlib import Path
 from typing import Annotated
