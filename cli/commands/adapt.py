@@ -1,6 +1,6 @@
 """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve.
 
-Nothing is written then, unless the rows contradict the bound: the model is, with a wider one.
+A file is written then only where the bound has to be wider.
 """
 
 from pathlib import Path
