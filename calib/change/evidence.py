@@ -209,11 +209,9 @@ class Evidence:
     def why_not(self) -> str:
         """One line on a log that nothing explains."""
         reference = self.reference
-        lag = rows_behind(
-            lambda q: reference.structure.predict(q, reference.beta),
-            self.rows.q,
-            self.observations.z,
-        )
+        q = self.rows.q
+        predicted = reference.structure.predict(q, reference.beta)
+        lag = rows_behind(q, predicted, self.observations.z)
         check = "check that joints and positions of a row belong together and are of this arm"
         if lag:
             check = f"positions follow the joints by {lag} rows: align the clocks of both"

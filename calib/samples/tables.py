@@ -156,27 +156,46 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     """
     if isinstance(path, Source):
         return path
-    import polars as pl
-
     name = os.fspath(path)
     label = "standard input" if name == "-" else printable(name)
-    file = Path(name)
-    recorded = file.suffix.lower() in RECORDINGS
-    try:
-        if file.is_dir() or (file.exists() and recorded):
-            raise LogError(
-                f"{label} is no table: expected a CSV or Parquet file",
-                hint=f"of a bag, pictures or a video make a log: calib log {label} -o log.csv",
-            )
-        content = _content(file)
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise LogError(f"cannot read {label!r}: {why}") from None
+    content = _content(Path(name), label)
     if content[8:].startswith(_MODEL):
         raise LogError(
             f"{label} is a model, not a log",
             hint="`log` takes a log (CSV or Parquet), a model is named without an option",
         )
+    table, about = _parse(content, label)
+    document = None
+    with suppress(ValueError):
+        document = json.loads(about)
+    if not isinstance(document, dict):
+        document = {}
+    return Source(label, table.with_row_index(_ROW, 1), document)
+
+
+def _content(file: Path, label: str) -> bytes:
+    """The bytes of a file, or of standard input.  Raises LogError if it is no table."""
+    if str(file) == "-":
+        return sys.stdin.buffer.read()
+    is_recording = file.suffix.lower() in RECORDINGS
+    try:
+        if file.is_dir() or (file.exists() and is_recording):
+            raise LogError(
+                f"{label} is no table: expected a CSV or Parquet file",
+                hint=f"of a bag, pictures or a video make a log: calib log {label} -o log.csv",
+            )
+        if file.is_block_device() or file.is_char_device():
+            raise OSError("it is a device, expected a CSV or Parquet file")
+        return file.read_bytes()
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise LogError(f"cannot read {label!r}: {why}") from None
+
+
+def _parse(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
+    """The rows of a CSV or Parquet file, and what it says of itself."""
+    import polars as pl
+
     try:
         if content.startswith(b"PAR1"):
             table = pl.read_parquet(content)
@@ -184,7 +203,9 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
             about = metadata.get(KEY, "")
         else:
             table, about = _read_text(content, label)
-        table = table.rename(lambda name: name.removesuffix(_POSITION_SUFFIX))
+        return table.rename(
+            lambda name: name.removesuffix(_POSITION_SUFFIX)
+        ), about
     except (
         pl.exceptions.PolarsError,
         pl.exceptions.PanicException,
@@ -194,21 +215,6 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
         raise LogError(
             f"{label} cannot be read: {reason}: {_EXPECTED}"
         ) from None
-    document = None
-    with suppress(ValueError):
-        document = json.loads(about)
-    if not isinstance(document, dict):
-        document = {}
-    return Source(label, table.with_row_index(_ROW, 1), document)
-
-
-def _content(file: Path) -> bytes:
-    """The bytes of a file, or of standard input."""
-    if str(file) == "-":
-        return sys.stdin.buffer.read()
-    if file.is_block_device() or file.is_char_device():
-        raise OSError("it is a device, expected a CSV or Parquet file")
-    return file.read_bytes()
 
 
 def _read_text(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
