@@ -52,7 +52,8 @@ LAGGING = 3.0
 # Share of rows beyond a 95 % bound that fails for sure: halves of A and C have 13 % at most
 BEYOND = 0.2
 LASTING = 10  # rows over which noise may last
-NO_NOISE = "no noise, wrong rows, those of another sensor or an unknown change, "
+NOISE = "a noisier sensor or encoder, "
+NO_NOISE = "no noise, wrong rows, another sensor's or an unknown change, "
 SHOWN = {"scale": "sensor scale", "tilt": "sensor tilt"}
 """Groups whose names alone do not say that they are the sensor's."""
 
@@ -281,7 +282,8 @@ class BoundTest:
     beyond: float  # share of them; those that contradict all others are, too
     usual: float  # median of the bounds [unit]
     test: GroupTest  # the chance of so many by noise
-    may_be_noise: bool  # whether each row is missed by about as much, and by itself
+    # whether each row is missed by about as much, and by itself
+    may_be_noise: bool
 
     @property
     def fails(self) -> bool:
@@ -295,9 +297,9 @@ class BoundTest:
 
     def words(self, *, changed: bool) -> str:
         """The share in words, and what it may be due to where nothing `changed`."""
-        cause = "a noisier sensor or encoder, " if self.may_be_noise else NO_NOISE
-        if changed:
-            cause = ""
+        cause = ""
+        if not changed:
+            cause = NOISE if self.may_be_noise else NO_NOISE
         return (
             f"{100 * self.beyond:.0f} % of the rows are further from the prediction than its "
             f"bound, where 5 % should be: {cause}the bound does not hold"
