@@ -34,18 +34,10 @@ PoseOf = Callable[[SpatialStructure, Array], tuple[Array, Array]]
 """Position (3,) [m] and axes (3, 3), its columns, of something at parameters (d,)."""
 
 
-def _pose_sds(
-    pose_of: PoseOf,
-    structure: SpatialStructure,
-    beta: Array,
-    root: Array,
-    indices: Indices,
+def _pose_slope(
+    pose_of: PoseOf, structure: SpatialStructure, beta: Array, indices: Indices
 ) -> Array:
-    """Sd (6,) [m, rad] of a pose along and about the axes that it is told in.
-
-    root : (d, r), of the covariance of the parameters (d,)
-    indices : of the parameters that the pose depends on
-    """
+    """How a pose moves with some parameters, (6, k) [m, rad], along and about its frame's axes."""
     position, axes = pose_of(structure, beta)
     slope = np.empty((6, len(indices)))
     for k, index in enumerate(indices):
@@ -54,8 +46,7 @@ def _pose_sds(
         ahead, turned = pose_of(structure, structure.retract(beta, step))
         slope[:3, k] = ahead - position
         slope[3:, k] = logarithm(turned @ axes.T)
-    slope /= _STEP
-    return row_lengths(slope @ root[indices])
+    return slope / _STEP
 
 
 def _pose_of_sensor(
@@ -127,12 +118,11 @@ class SensorPose:
         beta = body.beta
         position, rotation = _pose_of_sensor(structure, beta)
         indices = sensor_of(structure)
+        slope = _pose_slope(_pose_of_sensor, structure, beta, indices)
         root = body.full_root
-        sd = _pose_sds(_pose_of_sensor, structure, beta, root, indices)
+        sd = row_lengths(slope @ root[indices])
         root[body.active] = without_gauge(structure, body, not structure.camera)
-        sd_up_to_gauge = _pose_sds(
-            _pose_of_sensor, structure, beta, root, indices
-        )
+        sd_up_to_gauge = row_lengths(slope @ root[indices])
         first: str | None = None
         if structure.view != "base" and structure.revolute[0]:
             first = structure.joint_names[0]
@@ -192,10 +182,12 @@ def hand_pose(body: OfStructure) -> SensorPose:
     root = body.full_root
     groups = structure.groups
     of_tool = np.append(groups["tool"], groups["tool.rotation"])
-    sd = _pose_sds(_pose_of_hand, structure, beta, root, of_tool)
+    slope = _pose_slope(_pose_of_hand, structure, beta, of_tool)
+    sd = row_lengths(slope @ root[of_tool])
     last = structure.placements[_last_of_chain(structure)].ravel()
     of_last = np.concatenate([of_tool, last, groups["offset"][-1:]])
-    sd_up_to_gauge = _pose_sds(_pose_at_encoder, structure, beta, root, of_last)
+    slope = _pose_slope(_pose_at_encoder, structure, beta, of_last)
+    sd_up_to_gauge = row_lengths(slope @ root[of_last])
     position, axes = _pose_at_encoder(structure, beta)
     return SensorPose(position, axes, sd, sd_up_to_gauge)
 

@@ -133,7 +133,6 @@ def estimate_delay(
     pull: ArrayLike,
     *,
     play: Array | None = None,
-    unit: str = "s",
 ) -> tuple[Delay, Array] | None:
     """Estimate by how much positions are late from what a predictor leaves of them.
 
@@ -175,7 +174,7 @@ def estimate_delay(
             share = 0.0
     freedom = max(rest.size - len(values), 1)
     sd = _delay_sd(inverse[0], remainder, rest.shape, squares / freedom)
-    return Delay(float(values[0]), sd, unit, share), values[1:]
+    return Delay(float(values[0]), sd, "s", share), values[1:]
 
 
 def _delay_sd(

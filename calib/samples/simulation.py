@@ -142,11 +142,10 @@ def _values(what: str, value: str, relative: bool) -> tuple[float, ...]:
     if what == "mirror":
         return _MIRRORS.get(value, ())
     percent = value.endswith("%") and (relative or what == "outliers")
+    if percent:
+        value = value.removesuffix("%")
     try:
-        numbers = [
-            float(number)
-            for number in value.removesuffix("%" * percent).split(",")
-        ]
+        numbers = [float(number) for number in value.split(",")]
     except ValueError:
         return ()
     if percent:

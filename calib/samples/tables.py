@@ -119,10 +119,10 @@ class Source:
             return cells.dt.epoch("us").cast(pl.Float64).to_numpy() * 1e-6
         times = self.numbers([name])[0][:, 0]
         times *= SECONDS.get(name_and_unit(name)[1], 1.0)
-        while (
-            np.abs(times).max(initial=0.0, where=np.isfinite(times)) > _LATEST
-        ):
+        latest = np.abs(times).max(initial=0.0, where=np.isfinite(times))
+        while latest > _LATEST:
             times /= 1e3
+            latest /= 1e3
         return times
 
     def numbers(self, names: Sequence[str]) -> tuple[Array, Index]:
@@ -338,5 +338,8 @@ def write_table(
 
 def rows_in_words(numbers: Index) -> str:
     """Name the first of some numbers of rows."""
-    shown = f"{', '.join(map(str, numbers[:5]))}{', ...' if len(numbers) > 5 else ''}"
-    return f"row{'s' * (len(numbers) > 1)} {shown}"
+    shown = [str(number) for number in numbers[:5]]
+    if len(numbers) > 5:
+        shown.append("...")
+    noun = "row" if len(numbers) == 1 else "rows"
+    return f"{noun} {', '.join(shown)}"

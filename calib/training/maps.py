@@ -73,8 +73,9 @@ def associate(
     box = Scale.of_data(x)
     v = box.to_unit(x)
     in_order = kind_of(options.map or LATTICE) == "som"
-    motor_som = _untrained("motor", options)
-    sensory_som = _untrained("sensory", options)
+    motor_shape, sensory_shape = options.shapes
+    motor_som = _untrained("motor", motor_shape, options)
+    sensory_som = _untrained("sensory", sensory_shape, options)
 
     def report(done: float, error: float) -> None:
         if progress is not None:
@@ -105,11 +106,12 @@ def associate(
     return Association.learn(motor, u, sensory, v, wiring_of(options.links))
 
 
-def _untrained(name: str, options: TrainingOptions) -> SOM:
+def _untrained(
+    name: str, shape: tuple[int, ...], options: TrainingOptions
+) -> SOM:
     """The motor or the sensory map before its training."""
-    motor_shape, sensory_shape = options.shapes
     return SOM(
-        motor_shape if name == "motor" else sensory_shape,
+        shape,
         options.map or LATTICE,
         options.rule,
         options.epochs,
