@@ -239,10 +239,8 @@ def in_structure(body: Body, structure: SpatialStructure) -> Body:
     def moved(belief: Gaussian) -> tuple[Array, Array]:
         beta = structure.neutral()
         beta[places] = belief.beta[shared]
-        shared_root = belief.full_root[shared]
-        unknowns = shared_root.shape[1]
-        root = np.zeros((structure.size, unknowns))
-        root[places] = shared_root
+        root = np.zeros((structure.size, belief.root.shape[1]))
+        root[places] = belief.full_root[shared]
         return beta, root
 
     return replace(body.with_beliefs(moved), structure=structure)

@@ -216,12 +216,13 @@ def error_statistics(
             statistics: _ErrorRow = {}
             for readout in readouts:
                 error = errors[readout][direction].get(name)
-                if error is not None:
-                    values = {name: error[name] for name in STATISTICS}
-                    statistics[readout] = {
-                        statistic: math.nan if value is None else factor * value
-                        for statistic, value in values.items()
-                    }
+                if error is None:
+                    continue
+                statistics[readout] = {}
+                for statistic in STATISTICS:
+                    value = error[statistic]
+                    value = math.nan if value is None else factor * value
+                    statistics[readout][statistic] = value
             yield direction, name, unit, statistics
 
 

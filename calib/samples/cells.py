@@ -75,9 +75,8 @@ class Cells(RowArrays):
                 f"the column {name} is not used, it has no number in {len(gaps):,} rows: "
                 f"{rows_in_words(gaps)}"
             )
-            notes = (*cells.notes, note)
-            dropped: dict[str, Any] = {name: None}
-            cells = replace(cells, **dropped, notes=notes)
+            unused: dict[str, Any] = {name: None}
+            cells = replace(cells, notes=(*cells.notes, note), **unused)
         return cells
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import csv
 import io
 import json
 import os
@@ -233,9 +234,16 @@ def _read_text(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
             f"{label} is empty: expected a header with the names of the columns"
         )
     separator = max(",;\t", key=lines[0].count)
-    table = pl.read_csv(
-        content, separator=separator, comment_prefix=COMMENT, infer_schema=False
-    )
+    try:
+        table = pl.read_csv(
+            content,
+            separator=separator,
+            comment_prefix=COMMENT,
+            infer_schema=False,
+        )
+    except pl.exceptions.ComputeError:
+        _refuse_long_rows(content, separator, label)
+        raise
     if separator != ",":
         table = _with_points(table)
     table = table.rename(lambda name: name.strip().replace('""', '"'))
@@ -243,6 +251,20 @@ def _read_text(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
     is_filled = table.select(pl.any_horizontal(pl.all().is_not_null()))
     numbers = is_filled.to_series().arg_true()
     return table.head(numbers[-1] + 1 if len(numbers) else 0), about
+
+
+def _refuse_long_rows(content: bytes, separator: str, label: str) -> None:
+    """Refuse a row of a CSV file that has more values than the header has names."""
+    text = content.decode("utf-8-sig", errors="replace")
+    lines = (line for line in text.splitlines() if not line.startswith(COMMENT))
+    with suppress(csv.Error):  # an open quote
+        header, *rows = csv.reader(lines, delimiter=separator)
+        for number, row in enumerate(rows, start=1):
+            if len(row) > len(header):
+                raise LogError(
+                    f"{label}, row {number} has {len(row)} values, the header {len(header)} names: "
+                    f"{_EXPECTED}"
+                )
 
 
 def _with_points(table: pl.DataFrame) -> pl.DataFrame:
