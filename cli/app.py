@@ -82,14 +82,14 @@ def application(name: str = ALL) -> typer.Typer:
     """
     app = _group(start.__doc__)
     app.callback(invoke_without_command=True)(start)
-    names = [module.name for module in iter_modules(commands.__path__)]
-    ranks = {command: rank for rank, command in enumerate(USAGE_ORDER.split())}
-    for command in sorted(
-        names, key=lambda name: (ranks.get(name, len(ranks)), name)
-    ):
-        _add(
-            app, f"{commands.__name__}.{command}", loaded=name in (ALL, command)
-        )
+    names = sorted(module.name for module in iter_modules(commands.__path__))
+    in_use = [command for command in USAGE_ORDER.split() if command in names]
+    for command in dict.fromkeys([*in_use, *names]):
+        path = f"{commands.__name__}.{command}"
+        if name in (ALL, command):
+            _add(app, path)
+        else:
+            _list(app, path)
     return app
 
 
@@ -105,17 +105,19 @@ def _group(help_text: str | None) -> typer.Typer:
     )
 
 
-def _add(app: typer.Typer, path: str, *, loaded: bool = True) -> None:
+def _list(app: typer.Typer, path: str) -> None:
+    """Add a command that is listed alone, by the docstring of its module."""
+    # read without the module's imports
+    source = Path(str(getattr(find_spec(path), "origin", "")))
+    help_text = source.read_text(encoding="utf-8").split('"""')[1]
+    name = path.rpartition(".")[2]
+    register = app.command(name, help=help_text, short_help=_summary(help_text))
+    register(_not_loaded)
+
+
+def _add(app: typer.Typer, path: str) -> None:
     """Add the command of a module, or the group of a package's commands."""
     name = path.rpartition(".")[2]
-    if not loaded:
-        # the help is the module's docstring, which is read without the module's imports
-        source = Path(str(getattr(find_spec(path), "origin", "")))
-        help_text = source.read_text(encoding="utf-8").split('"""')[1]
-        app.command(name, help=help_text, short_help=_summary(help_text))(
-            _not_loaded
-        )
-        return
     module = import_module(path)
     group = _group(module.__doc__)
     if hasattr(module, "__path__"):

@@ -69,8 +69,7 @@ def answer_table(query: Query, readout: str | None) -> Outcome:
     )
     answers = with_answers(batch, _answers(query, q[valid], readout))
     unanswered = np.flatnonzero(valid & np.isnan(np.asarray(answers["x"])))
-    rows = (unanswered + 1).tolist()
-    failures = {"out_of_reach": (rows, "outside of what was learned")}
+    failures = {"out_of_reach": (unanswered, "outside of what was learned")}
     return query.write(batch, answers, failures)
 
 

@@ -178,7 +178,7 @@ def answer_table(query: Query, search: Search) -> Outcome:
         is_wanted = name != "turned" or search.orientation is not None
         if column.ndim == 1 and is_wanted:
             added[name] = column
-    missed = (np.unique(rows[~reachable]) + 1).tolist()
+    missed = np.unique(rows[~reachable])
     failures = {"out_of_reach": (missed, "out of reach")}
     if not search.all_branches:
         columns = with_answers(batch, added)

@@ -63,8 +63,7 @@ DatasetCamera = Annotated[
     str | None, value("--camera NAME", "Which one of a dataset with several.")
 ]
 _TABLE = "CSV, or Parquet by its name (- stdout)."
-NewTable = Annotated[str, value("--output -o LOG", _TABLE)]
-NewPoses = Annotated[str, value("--output -o FILE", _TABLE)]
+NewTable = Annotated[str, value("--output -o FILE", _TABLE)]
 
 # what is babbled or sensed
 JointNames = Annotated[

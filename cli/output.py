@@ -69,12 +69,12 @@ def _option(match: re.Match[str]) -> str:
     option = option_of(name)
     if value in (None, "True"):
         return option
-    pairs = re.sub(
+    # Python's (LOW, HIGH), {'elbow': 1} and ['a', 'b'] are LOW:HIGH, elbow=1 and a,b
+    ranges = re.sub(
         r"\(([^()]*)\)", lambda pair: pair[1].replace(", ", ":"), value
     )
-    typed = (
-        re.sub(r"[][{}'\"]", "", pairs).replace(": ", "=").replace(", ", ",")
-    )
+    plain_text = re.sub(r"[][{}'\"]", "", ranges)
+    typed = plain_text.replace(": ", "=").replace(", ", ",")
     if value.startswith("{") and name != "columns":
         # an option for each entry of a mapping
         return " ".join(f"{option} {part}" for part in typed.split(","))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,7 @@ from .output import say
 from .parsing import BadOption
 
 if TYPE_CHECKING:
+    from calib.recording.motion_tables import JointTable
     from calib.recording.setting import Setting
     from calib.samples.lens import Lens
 
@@ -29,25 +30,6 @@ def is_film(names: Sequence[str]) -> bool:
     """Whether the first of some names is a video."""
     first = Path(names[0])
     return first.is_file() and first.suffix.lower() not in PICTURES
-
-
-@dataclass(frozen=True)
-class JointFile:
-    """How the joints beside pictures are read."""
-
-    path: str | None
-    names: Sequence[str] | None
-    degrees: bool
-    prismatic: Sequence[str]
-
-
-@dataclass(frozen=True)
-class Moving:
-    """Which rows of a motion are taken, and when."""
-
-    max_gap: float  # [s], between joints
-    still: float | None  # [rad/s], beyond which rows are left out
-    time_offset: float | None  # [s]
 
 
 def read_setting(
@@ -96,60 +78,37 @@ def read_setting(
     )
 
 
-def record_tag(
+def with_seen_picture(
+    log: calib.Samples,
     sources: Sequence[str],
     output: str,
     setting: Setting,
-    joints: JointFile,
     picture: str | None,
-    moving: Moving,
 ) -> calib.Samples:
-    """Make a log of pictures or a video, and draw what was seen if that is wanted."""
-    from calib.recording.motion_tables import read_joints
+    """Draw what was seen in pictures or a video; a log in pixels names the photo beside it."""
     from calib.recording.pictures import list_pictures, read_photo
     from calib.recording.setting import write_overlay
-    from calib.recording.tag_logs import log_pictures, log_video
 
-    if joints.path is None:
-        raise BadOption(
-            "--joints-file FILE is missing: pictures and videos need it"
-        )
-    table = read_joints(
-        joints.path,
-        joints.names,
-        degrees=joints.degrees,
-        prismatic=joints.prismatic,
-    )
     path = Path(sources[0])
-    if is_film(sources):
-        log = log_video(
-            path,
-            table,
-            setting,
-            **vars(moving),
-        )
-    else:
-        log = log_pictures(sources, table, setting)
+    if log.pictures is not None:
         paths = {path.name: path for path in list_pictures(sources)}
-        assert log.pictures is not None  # noqa: S101 - of pictures
         path = paths[log.pictures[len(log) // 2]]
-    say(log.notes)
-    folder = Path(output).resolve().parent
-    is_beside = output != "-" and path.resolve().is_relative_to(folder)
-    if is_beside and log.unit == "px":
-        # named in the log, so that train can draw the map over it
-        name = path.resolve().relative_to(folder).as_posix()
-        log = replace(log, source={**log.source, "photo": name})
     if picture is not None and log.pixels is not None:
         write_overlay(picture, read_photo(path), setting, log.pixels)
-    return log
+    folder = Path(output).resolve().parent
+    is_beside = output != "-" and path.resolve().is_relative_to(folder)
+    if not is_beside or log.unit != "px":
+        return log
+    # named in the log, so that train can draw the map over it
+    name = path.resolve().relative_to(folder).as_posix()
+    return replace(log, source={**log.source, "photo": name})
 
 
-def need_joints(source: str, joints_file: str | None) -> None:
+def need_joints(source: str, joints: object) -> None:
     """Refuse pictures without their joints; a LeRobotDataset brings them."""
     from calib.recording.lerobot import is_dataset
 
-    if joints_file is None and not is_dataset(source):
+    if joints is None and not is_dataset(source):
         raise BadOption(
             "--joints-file FILE is missing: pictures need the joints beside them"
         )
@@ -157,13 +116,18 @@ def need_joints(source: str, joints_file: str | None) -> None:
 
 def record_board(
     source: str,
+    joints: JointTable | None,
+    names: Sequence[str] | None,
     board: str | None,
     eye: str,
     lens: Lens | str | None,
-    joints: JointFile,
     camera: str | None,
 ) -> calib.Samples:
-    """Make a log of pictures of a board; `lens` is a lens, its file or its pictures, or None."""
+    """Make a log of pictures of a board.
+
+    names : of a dataset's joints
+    lens : a lens, its file or its pictures; fitted where there is none
+    """
     from calib.recording.board_pictures import find_board
     from calib.recording.lens import load_lens
 
@@ -171,16 +135,8 @@ def record_board(
         raise BadOption(
             "--eye needs --board COLSxROWS:SQUARE:MARKER:DICT, which is seen"
         )
-    need_joints(source, joints.path)
-    shots = find_board(
-        source,
-        joints.path,
-        board,
-        camera=camera,
-        names=joints.names,
-        degrees=joints.degrees,
-        prismatic=joints.prismatic,
-    )
+    need_joints(source, joints)
+    shots = find_board(source, joints, board, camera=camera, names=names)
     if isinstance(lens, str):
         lens, notes = load_lens(lens, shots.board)
         say(notes)
@@ -198,6 +154,7 @@ def log_of_pictures(
 ) -> calib.Samples:
     """Make a log of pictures, read as those of the model were."""
     from calib.recording.lens import lens_of_model
+    from calib.recording.motion_tables import read_joints
 
     about = model.about
     board: Mapping[str, str] | None = about.options.get("board")
@@ -205,16 +162,19 @@ def log_of_pictures(
         raise BadOption(
             "the model was not made of pictures: expected --data of a log, and no --joints-file"
         )
-    joints = zip(about.joint_names, about.revolute, strict=True)
-    joint_file = JointFile(
-        joints_file,
-        about.joint_names,
-        about.degrees if degrees is None else degrees,
-        [name for name, revolute in joints if not revolute],
-    )
+    names = about.joint_names
+    table = None
+    if joints_file is not None:
+        kinds = zip(names, about.revolute, strict=True)
+        table = read_joints(
+            joints_file,
+            names,
+            degrees=about.degrees if degrees is None else degrees,
+            prismatic=[name for name, turns in kinds if not turns],
+        )
     lens = lens_of_model(model)
     return record_board(
-        source, board["board"], board["eye"], lens, joint_file, camera
+        source, table, names, board["board"], board["eye"], lens, camera
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import calib
-from calib.common.arrays import Array, Mask
+from calib.common.arrays import Array, Index, Mask
 from calib.common.rows import finite_rows
 from calib.common.scale import METRES
 from calib.common.wording import error_size, for_people, listing
@@ -29,8 +29,8 @@ BOUNDS = ("expected_error", "model_error")
 _LENGTHS = ("x", "y", "z", "distance", *BOUNDS)
 
 Columns = Mapping[str, ArrayLike]
-Failures = Mapping[str, tuple[Sequence[int], str]]
-"""Numbers of rows and why they fail, by the key of a document."""
+Failures = Mapping[str, tuple[Index, str]]
+"""Rows that fail, counted from 0, and why, by the key of a document."""
 
 
 def model_in(path: str, frame: str, *, base: bool = False) -> calib.Model:
@@ -214,19 +214,22 @@ class Query:
         count : number of rows of the table, if not that of the queries
         key : of the answers in a document that no file has
         """
-        n = len(batch.values)
+        queries = len(batch.values)
+        rows_of_table = queries if count is None else count
         output = None if self.files.output == "-" else self.files.output
-        note_rows(batch.invalid, n, "not all values are numbers, no answer")
+        why_invalid = "not all values are numbers, no answer"
+        note_rows(batch.invalid, queries, why_invalid)
         document: dict[str, object] = {
             "output": None if columns is None else output,
-            "rows": n if count is None else count,
+            "rows": rows_of_table,
             "invalid": batch.invalid,
         }
         code = 0
         for name, (rows, why) in failures.items():
-            note_rows(rows, count or n, why)
-            document[name] = list(rows)
-            if rows:
+            numbers = (rows + 1).tolist()
+            note_rows(numbers, rows_of_table, why)
+            document[name] = numbers
+            if numbers:
                 code = NO
         if batch.invalid:
             code = 1

@@ -9,7 +9,7 @@ import calib
 from calib.common.choices import READOUTS
 from calib.common.wording import error_size
 
-from .output import NO, TextTable
+from .output import TextTable
 from .units import units_of
 
 if TYPE_CHECKING:
@@ -127,8 +127,3 @@ def error_table(model: calib.Model, errors: Errors, title: str) -> TextTable:
             rows.append([readout, direction, name, unit, *values])
     header = ["readout", "direction", "error of", "unit", *STATISTICS]
     return TextTable(header, rows, title, left=4, foot=_TERMS)
-
-
-def code_of(warnings: list[str]) -> int:
-    """Return the exit code of a command that shows figures of a model, and warns of them."""
-    return NO if warnings else 0

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, freeze_copies
 from ..common.inputs import query_rows
+from ..common.rows import row_lengths
 from ..common.scale import TURN
 from ..common.wording import by_name, listing, quoted, suggestion
 from ..errors import OptionError
@@ -119,7 +120,7 @@ class Arm:
     @property
     def link_lengths(self) -> dict[str, float]:
         """Distance [m] from each joint to the next, the last to the tip, at zero."""
-        lengths = np.linalg.norm(self._links(), axis=1)
+        lengths = row_lengths(self._links())
         return by_name(self.joint_names, map(float, lengths))
 
     def with_link_length(self: _A, joint: str, length: float) -> _A:

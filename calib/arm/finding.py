@@ -13,6 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from ..common.wording import listing, quoted, vector
 from ..errors import RobotError
 from .posture import Posture
@@ -170,25 +171,36 @@ def planar_part(choice: JointChoice, posture: Posture) -> JointChoice | None:
     """
     planar: list[JointChoice] = []
     for normal, joints in _planes(choice.joints, posture):
-        # without the joint of the shortest link, until all are long enough and few enough
-        while len(joints) > 1:
-            links = _links(joints, choice.tip, posture)
-            flat = links - np.outer(links @ normal, normal)
-            lengths = np.linalg.norm(flat, axis=1)
-            lengths += [_slide_length(joint) for joint in joints]
-            reach = float(lengths.sum())
-            shortest = int(np.argmin(lengths))
-            least = max(FINDING.least_share * reach, FINDING.least_lever)
-            few = len(joints) <= FINDING.most_in_plane
-            if few and lengths[shortest] >= least:
-                planar.append(JointChoice(tuple(joints), choice.tip, reach))
-                break
-            joints = joints[:shortest] + joints[shortest + 1 :]
+        part = _with_long_links(joints, choice.tip, normal, posture)
+        if part is not None:
+            planar.append(part)
     return max(
         planar,
         key=lambda choice: (len(choice.joints), round(choice.reach, 6)),
         default=None,
     )
+
+
+def _with_long_links(
+    joints: list[Joint], tip: str, normal: Array, posture: Posture
+) -> JointChoice | None:
+    """The joints of a plane, without that of the shortest link until they are few and links long.
+
+    None where fewer than two are left.
+    """
+    while len(joints) > 1:
+        links = _links(joints, tip, posture)
+        flat = links - np.outer(links @ normal, normal)
+        lengths = row_lengths(flat)
+        lengths += [_slide_length(joint) for joint in joints]
+        reach = float(lengths.sum())
+        shortest = int(np.argmin(lengths))
+        least = max(FINDING.least_share * reach, FINDING.least_lever)
+        few = len(joints) <= FINDING.most_in_plane
+        if few and lengths[shortest] >= least:
+            return JointChoice(tuple(joints), tip, reach)
+        joints = joints[:shortest] + joints[shortest + 1 :]
+    return None
 
 
 def check_tip(last: Joint, tip: str, posture: Posture) -> None:
@@ -220,7 +232,7 @@ def _planes(
             normals.append(normal / size)
     for normal in normals:
         # sines of the angles by which axes are off: along the normal, of slides across it
-        sines = np.linalg.norm(np.cross(axes, normal), axis=1)
+        sines = row_lengths(np.cross(axes, normal))
         off = np.where(turning, sines, np.abs(axes @ normal))
         within = np.flatnonzero(off <= FINDING.parallel)
         yield normal, [joints[k] for k in within.tolist()]
@@ -242,7 +254,7 @@ def _arm_tip(urdf: Urdf, posture: Posture, joint: Joint) -> str:
 
 def _reach(joints: Sequence[Joint], tip: str, posture: Posture) -> float:
     """Sum of the distances from joint to joint and to the tip, and of the slides' travel [m]."""
-    lengths = np.linalg.norm(_links(joints, tip, posture), axis=1)
+    lengths = row_lengths(_links(joints, tip, posture))
     return float(lengths.sum()) + sum(map(_slide_length, joints))
 
 

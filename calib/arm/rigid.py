@@ -22,7 +22,7 @@ def rigid(turns: Array, shifts: ArrayLike) -> Array:
 def inverse(pose: Array) -> Array:
     """Inverse of rigid motions (..., 4, 4)."""
     turns = turn_of(pose)
-    back = np.swapaxes(turns, -1, -2)
+    back = turns.mT
     shifts = back @ pose[..., :3, 3:]
     return rigid(back, -shifts[..., 0])
 
@@ -69,7 +69,7 @@ def shifts_along_parents(poses: Array) -> Array:
 
 def place_points(poses: Array, points: Array) -> Array:
     """Points (n, k, 3) of a body (k, 3) at its poses (n, 4, 4)."""
-    turns = np.swapaxes(turn_of(poses), 1, 2)
+    turns = turn_of(poses).mT
     shifts = shift_of(poses)
     places: Array = points @ turns
     return places + shifts[:, None]

@@ -39,7 +39,7 @@ def quaternion_of(matrices: ArrayLike) -> Array:
     # 4 q q'
     trace = np.trace(r, axis1=-2, axis2=-1)[..., None, None]
     four = np.empty((*r.shape[:-2], 4, 4))
-    four[..., :3, :3] = r + np.swapaxes(r, -1, -2) + (1 - trace) * np.eye(3)
+    four[..., :3, :3] = r + r.mT + (1 - trace) * np.eye(3)
     four[..., 3, :3] = r.reshape(*r.shape[:-2], 9) @ _AXIAL
     four[..., :3, 3] = four[..., 3, :3]
     four[..., 3:, 3:] = 1 + trace

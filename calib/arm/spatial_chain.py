@@ -19,6 +19,7 @@ from typing import Annotated
 import numpy as np
 
 from ..common.arrays import Array, Shape, freeze_copies
+from ..common.rows import row_lengths
 from .rotations import cross_matrix, exponential
 
 
@@ -120,7 +121,7 @@ class SpatialChain:
         """Sum of the distances from the first joint over the others to the tip [m]."""
         stops = np.vstack([self.points, self.tip])
         strides = np.diff(stops, axis=0)
-        return float(np.linalg.norm(strides, axis=1).sum())
+        return float(row_lengths(strides).sum())
 
     def values(self, q: Array) -> Array:
         """Values of all joints: (n, dof) [rad or m] -> (m, n)."""

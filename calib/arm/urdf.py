@@ -241,18 +241,7 @@ def _read_joint(
         )
     parent = _end(node, "parent", where, links)
     child = _end(node, "child", where, links)
-    place = _part(node, "origin", where)
-    xyz = place.numbers("xyz", _ZERO)
-    rpy = place.numbers("rpy", _ZERO)
-    far = max(map(abs, xyz))
-    if far > LIMITS.offset:
-        raise RobotError(
-            f"{where}: origin xyz reaches {far:g} m, expected at most {LIMITS.offset:g} m: URDF "
-            "placements are in metres"
-        )
-    # about the fixed x, y and z axes, in this order
-    x, y, z = exponential(np.diag(rpy))
-    origin = rigid(z @ y @ x, xyz)
+    origin = _origin(node, where)
     axis: Vector = (1.0, 0.0, 0.0)
     if kind != "fixed":
         direction = _part(node, "axis", where)
@@ -277,6 +266,22 @@ def _read_joint(
         scale = follows.number("multiplier", 1.0)
         mimic = Mimic(follows.get("joint", ""), scale, follows.number("offset"))
     return Joint(name, kind, parent, child, origin, axis, limits, mimic)
+
+
+def _origin(node: ET.Element, where: str) -> Array:
+    """Return where a joint is in its parent link's frame (4, 4)."""
+    place = _part(node, "origin", where)
+    xyz = place.numbers("xyz", _ZERO)
+    rpy = place.numbers("rpy", _ZERO)
+    far = max(map(abs, xyz))
+    if far > LIMITS.offset:
+        raise RobotError(
+            f"{where}: origin xyz reaches {far:g} m, expected at most {LIMITS.offset:g} m: URDF "
+            "placements are in metres"
+        )
+    # about the fixed x, y and z axes, in this order
+    x, y, z = exponential(np.diag(rpy))
+    return rigid(z @ y @ x, xyz)
 
 
 def _part(node: ET.Element, path: str, where: str) -> Attributes:

@@ -64,9 +64,6 @@ class Body(OfStructure):
     tau: Annotated[Array, Shape("outputs")]
     # (m,), sd of a residual that an adaptation could not settle; added to the bound [unit]
     residual: Annotated[Array, Shape("outputs")]
-    nu: float  # degrees of freedom of the Student noise; infinite for Gaussian
-    # integrated autocorrelation time of the residuals [rows]
-    autocorrelation: float
     # prior scales that the evidence chose, by the name of their `Hyper`
     scales: Mapping[str, float] = field(default_factory=dict)
     rows: int = 0  # rows of the fit

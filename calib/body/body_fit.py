@@ -201,8 +201,6 @@ def _with_bound(
         kappa=max(1.0, held_out.ratio),
         tau=held_out.tau,
         residual=np.zeros(structure.outputs),
-        nu=final.nu,
-        autocorrelation=final.autocorrelation,
         scales=member.fit.scales,
         rows=len(readings.z),
         simulated=structure.simulated,

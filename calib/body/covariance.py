@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .normal import Factor
+from .settings import FIT
 
 NORMAL_95 = 1.6448536269514722  # one-sided quantile of 95 %
 Z95 = 1.96  # half of a 95 % interval, in standard deviations
@@ -51,15 +52,15 @@ def spread_of(derivative: Array, root: Array) -> Array:
 def autocorrelation_time(r: Array) -> float:
     """Integrated autocorrelation time [rows] of residuals (n, m) in the order of the log."""
     n = len(r)
-    if n < 40:
+    if n < FIT.fewest_of_time:
         return 1.0
+    # a few wrong rows are no correlation
     limit = 4 * np.median(np.abs(r)) + 1e-300
     r = np.clip(r, -limit, limit)
     r = r - r.mean(axis=0)
     power = float((r * r).sum()) + 1e-300
     total = 1.0
-    longest = min(60, n // 3)
-    for lag in range(1, longest):
+    for lag in range(1, min(FIT.longest_time, n // 3)):
         products = r[lag:] * r[:-lag]
         rho = float(products.sum()) / power
         if rho < 2 / np.sqrt(r.size):

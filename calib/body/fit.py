@@ -148,15 +148,15 @@ class Fit:
         tolerance : a step below this share of the posterior sd ends the search
         """
         least = 3 if self.hypers else 1
+        # A step that fails is damped: a shorter one would hardly move what the rows determine,
+        # since directions that they leave open, such as the gauge of a chain without a
+        # drawing, are the long and curved part of it.
+        dampings = (0.0, *1e-4 * 8.0 ** np.arange(8))
         for step in range(steps):
             self._linearise()
             factor = Factor(self.precision)
             inverse = factor.inverse()
             variance = np.diag(inverse)
-            # A step that fails is damped: a shorter one would hardly move what the rows determine,
-            # since directions that they leave open, such as the gauge of a chain without a
-            # drawing, are the long and curved part of it.
-            dampings = (0.0, *1e-4 * 8.0 ** np.arange(8))
             gain, delta, damping = self.descend(dampings)
             self._learn_scales_and_noise(inverse)
             shares = np.abs(delta) / np.sqrt(variance)

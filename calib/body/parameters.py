@@ -117,8 +117,6 @@ class Gaussian(ReadOnly):
     @property
     def full_root(self) -> Array:
         """Root (d, r) of the covariance of all parameters, zero where nothing was fitted."""
-        size = len(self.beta)
-        unknowns = self.root.shape[1]
-        root = np.zeros((size, unknowns))
+        root = np.zeros((len(self.beta), self.root.shape[1]))
         root[self.active] = self.root
         return root

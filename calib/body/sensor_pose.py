@@ -30,30 +30,68 @@ _POSES = 60
 _STEP = 1e-6  # of parameters, in derivatives
 
 
-@dataclass(frozen=True, eq=False)
-class PoseFunction:
-    """A pose as a function of parameters (d,)."""
+PoseOf = Callable[[SpatialStructure, Array], tuple[Array, Array]]
+"""Position (3,) [m] and axes (3, 3), its columns, of something at parameters (d,)."""
 
-    # position (3,) [m] and axes (3, 3), its columns
-    value: Callable[[Array], tuple[Array, Array]]
-    indices: Indices  # of the parameters that it depends on
 
-    def sds(self, belief: OfStructure, root: Array) -> Array:
-        """Sd (6,) [m, rad] along and about the axes that it is told in.
+def _pose_slope(
+    pose_of: PoseOf, structure: SpatialStructure, beta: Array, indices: Indices
+) -> Array:
+    """How a pose moves with some parameters, (6, k) [m, rad], along and about its frame's axes."""
+    position, axes = pose_of(structure, beta)
+    slope = np.empty((6, len(indices)))
+    for k, index in enumerate(indices):
+        step = np.zeros(len(beta))
+        step[index] = _STEP
+        ahead, turned = pose_of(structure, structure.retract(beta, step))
+        slope[:3, k] = ahead - position
+        slope[3:, k] = logarithm(turned @ axes.T)
+    return slope / _STEP
 
-        root : (d, r), of the covariance of the belief's parameters
-        """
-        position, axes = self.value(belief.beta)
-        slope = np.empty((6, len(self.indices)))
-        for k, index in enumerate(self.indices):
-            step = np.zeros(len(belief.beta))
-            step[index] = _STEP
-            beta = belief.structure.retract(belief.beta, step)
-            ahead, turned = self.value(beta)
-            slope[:3, k] = ahead - position
-            slope[3:, k] = logarithm(turned @ axes.T)
-        slope /= _STEP
-        return row_lengths(slope @ root[self.indices])
+
+def _pose_of_sensor(
+    structure: SpatialStructure, beta: Array
+) -> tuple[Array, Array]:
+    """The sensor in the base frame."""
+    sensor = structure.sensor(beta)
+    back = sensor.rotation.T
+    return -back @ sensor.shift / sensor.scale, back
+
+
+def _pose_of_hand(
+    structure: SpatialStructure, beta: Array
+) -> tuple[Array, Array]:
+    """What is in the hand in the tip's frame."""
+    position = beta[structure.groups["tool"]]
+    return position, exponential(beta[structure.groups["tool.rotation"]])
+
+
+def _pose_at_encoder(
+    structure: SpatialStructure, beta: Array
+) -> tuple[Array, Array]:
+    """The same, with what a deviation of the last joint of its own does to it."""
+    last = _last_of_chain(structure)
+    zero = np.zeros((1, structure.dof))
+    (tip,), (frame,) = structure.pose(zero, structure.neutral())
+    axis = structure.chain.axes[last]
+    axis_in_tip = frame.T @ axis
+    origin = frame.T @ (structure.chain.points[last] - tip)
+    angle = axis @ beta[structure.turns[last]]
+    slide = axis @ beta[structure.shifts[last]]
+    offset = beta[structure.groups["offset"][-1]]
+    if structure.revolute[-1]:
+        angle += offset
+    else:
+        slide += offset
+    position, axes = _pose_of_hand(structure, beta)
+    back = exponential(angle * axis_in_tip)
+    moved = origin + back @ (position - origin) + slide * axis_in_tip
+    return moved, back @ axes
+
+
+def _last_of_chain(structure: SpatialStructure) -> int:
+    """Number of the last active joint among those of the chain."""
+    return structure.chain_names.index(structure.joint_names[-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,18 +115,14 @@ class SensorPose:
         structure = body.structure
         if not structure.informed:
             return None
-
-        def sensor_pose(beta: Array) -> tuple[Array, Array]:
-            sensor = structure.sensor(beta)
-            back = sensor.rotation.T
-            return -back @ sensor.shift / sensor.scale, back
-
-        pose = PoseFunction(sensor_pose, sensor_of(structure))
-        position, rotation = sensor_pose(body.beta)
+        beta = body.beta
+        position, rotation = _pose_of_sensor(structure, beta)
+        indices = sensor_of(structure)
+        slope = _pose_slope(_pose_of_sensor, structure, beta, indices)
         root = body.full_root
-        sd = pose.sds(body, root)
+        sd = row_lengths(slope @ root[indices])
         root[body.active] = without_gauge(structure, body, not structure.camera)
-        sd_up_to_gauge = pose.sds(body, root)
+        sd_up_to_gauge = row_lengths(slope @ root[indices])
         first: str | None = None
         if structure.view != "base" and structure.revolute[0]:
             first = structure.joint_names[0]
@@ -144,44 +178,17 @@ def hand_pose(body: OfStructure) -> SensorPose:
     """
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - poses are in space
-    groups = structure.groups
-    revolute = structure.revolute[-1]
-    last = structure.chain_names.index(structure.joint_names[-1])
-    zero = np.zeros((1, structure.dof))
-    neutral = structure.neutral()
-    (tip,), (frame,) = structure.pose(zero, neutral)
-    axis = structure.chain.axes[last]
-    axis_in_tip = frame.T @ axis
-    origin = frame.T @ (structure.chain.points[last] - tip)
-    shift = structure.shifts[last]
-    turn = structure.turns[last]
-    offset = groups["offset"][-1]
-    tool = groups["tool"]
-    tool_turn = groups["tool.rotation"]
-
-    def hand(beta: Array) -> tuple[Array, Array]:
-        return beta[tool], exponential(beta[tool_turn])
-
-    def hand_at_encoder(beta: Array) -> tuple[Array, Array]:
-        """What a deviation of the last joint of its own does goes to the hand."""
-        position, axes = hand(beta)
-        angle = axis @ beta[turn]
-        slide = axis @ beta[shift]
-        if revolute:
-            angle += beta[offset]
-        else:
-            slide += beta[offset]
-        back = exponential(angle * axis_in_tip)
-        moved = origin + back @ (position - origin) + slide * axis_in_tip
-        return moved, back @ axes
-
-    of_tool = np.append(tool, tool_turn)
-    of_last = np.concatenate([of_tool, shift, turn, [offset]])
+    beta = body.beta
     root = body.full_root
-    sd = PoseFunction(hand, of_tool).sds(body, root)
-    at_encoder = PoseFunction(hand_at_encoder, of_last)
-    sd_up_to_gauge = at_encoder.sds(body, root)
-    position, axes = hand_at_encoder(body.beta)
+    groups = structure.groups
+    of_tool = np.append(groups["tool"], groups["tool.rotation"])
+    slope = _pose_slope(_pose_of_hand, structure, beta, of_tool)
+    sd = row_lengths(slope @ root[of_tool])
+    last = structure.placements[_last_of_chain(structure)].ravel()
+    of_last = np.concatenate([of_tool, last, groups["offset"][-1:]])
+    slope = _pose_slope(_pose_at_encoder, structure, beta, of_last)
+    sd_up_to_gauge = row_lengths(slope @ root[of_last])
+    position, axes = _pose_at_encoder(structure, beta)
     return SensorPose(position, axes, sd, sd_up_to_gauge)
 
 

@@ -164,6 +164,9 @@ class FitSettings:
     # rows that a 95 % quantile needs at least, and the bound's inflation where there are fewer
     least_rows_of_a_quantile: int = 20
     unknown_kappa: float = 1.5
+    # rows that tell for how long residuals hang together, and for how many they do at most
+    fewest_of_time: int = 40
+    longest_time: int = 60
     # rows times parameters beyond which only some rows get a predicted spread
     spread_work: float = 5e5
 

@@ -148,8 +148,6 @@ def fit_touches(
     lower, upper : (dof,), the joints' range: bounds are of motions within it
     x : (n, 3), what the sensor measured [m]
     """
-    touched = point >= 0
-    measured = ~touched
     tip, _ = structure.pose(q, structure.neutral())
     variance = tip.var(axis=0).sum()
     extent = float(np.sqrt(variance))
@@ -159,14 +157,10 @@ def fit_touches(
     begin = _beginning(with_sockets, tip, point, x)
     joint_fit = fit(with_sockets, rows, begin=begin, seed=seed)
     body = in_structure(joint_fit.body, structure)
-    held_out = np.empty((len(q), 3))
-    held_out[touched] = _about_means(joint_fit.held_out, point[touched])
-    if measured.any():
-        of_sensor = joint_fit.beside[0]
-        held_out[measured] = of_sensor.held_out
+    if (point < 0).any():
         # bounds are of touches and of readings
-        noise = np.maximum(body.noise, of_sensor.body.noise)
-        body = replace(body, noise=noise)
+        of_sensor = joint_fit.beside[0].body
+        body = replace(body, noise=np.maximum(body.noise, of_sensor.noise))
     else:
         rng = np.random.default_rng(seed)
         size = (_POSTURES, len(lower))
@@ -174,10 +168,21 @@ def fit_touches(
         body = without_whole_motion(body, postures)
     # of a block that has most touches of a socket the others do not tell where that is
     no_widening = np.ones(len(q))
+    held_out = _held_out(joint_fit, point)
     fitted = replace(
         joint_fit, body=body, held_out=held_out, widening=no_widening
     )
     return fitted, _socket_places(joint_fit.body)
+
+
+def _held_out(joint_fit: BodyFit, point: Indices) -> Array:
+    """Held-out residuals (n, 3) of touches of sockets (n,), and of a sensor's readings (-1)."""
+    touched = point >= 0
+    held_out = np.empty((len(point), 3))
+    held_out[touched] = _about_means(joint_fit.held_out, point[touched])
+    if not touched.all():
+        held_out[~touched] = joint_fit.beside[0].held_out
+    return held_out
 
 
 def _socket_places(body: Body) -> Array:
@@ -234,10 +239,8 @@ def in_structure(body: Body, structure: SpatialStructure) -> Body:
     def moved(belief: Gaussian) -> tuple[Array, Array]:
         beta = structure.neutral()
         beta[places] = belief.beta[shared]
-        shared_root = belief.full_root[shared]
-        unknowns = shared_root.shape[1]
-        root = np.zeros((structure.size, unknowns))
-        root[places] = shared_root
+        root = np.zeros((structure.size, belief.root.shape[1]))
+        root[places] = belief.full_root[shared]
         return beta, root
 
     return replace(body.with_beliefs(moved), structure=structure)

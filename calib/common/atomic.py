@@ -11,12 +11,14 @@ from typing import BinaryIO
 
 from ..errors import CalibError
 
+FilePath = str | os.PathLike[str]
+
 _FULL = "the disk is full; make room or choose another place"
 _REASONS = {errno.ENOSPC: _FULL, errno.EDQUOT: _FULL}
 
 
 def atomic_write(
-    path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO], object]
+    path: FilePath, data: bytes | Callable[[BinaryIO], object]
 ) -> None:
     """Write a file so that at any moment, Ctrl-C included, the old or the new one is whole.
 
@@ -54,14 +56,14 @@ def atomic_write(
             raise
 
 
-def check_writable(path: str | os.PathLike[str]) -> None:
+def check_writable(path: FilePath) -> None:
     """Refuse a place that cannot be written, before the work whose result goes there."""
     with _explain_errors(path):
         _target(path)
 
 
 @contextmanager
-def _explain_errors(path: str | os.PathLike[str]) -> Iterator[None]:
+def _explain_errors(path: FilePath) -> Iterator[None]:
     """Raise CalibError with the reason where a block cannot write a file."""
     try:
         yield
@@ -75,7 +77,7 @@ def _explain_errors(path: str | os.PathLike[str]) -> Iterator[None]:
         ) from error
 
 
-def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
+def _target(path: FilePath) -> tuple[Path, int | None]:
     """Return the file behind `path` and its mode, None if there is none yet."""
     if "\0" in os.fspath(path):
         raise OSError(errno.EINVAL, "its name holds a null character")

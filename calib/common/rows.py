@@ -28,6 +28,11 @@ def spread_rows(count: int, most: int) -> Index:
     )
 
 
+def thinned(count: int, most: int) -> slice:
+    """Return every so many-th of `count` rows, so that at most `most` are left."""
+    return slice(None, None, -(-count // most))
+
+
 def group_sums(
     group: NDArray[np.integer], values: Array, groups: int = 0
 ) -> Array:

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 from decimal import Decimal
 from difflib import get_close_matches
 from typing import TypeVar
@@ -17,6 +18,19 @@ ROUNDED_AWAY = 1e-9
 
 SMALLEST = 1e-6
 """Below it, a nanometre in mm or a millionth of a degree, an error is said to be no larger."""
+
+
+@dataclass(frozen=True)
+class Longest:
+    """Most characters of what is printed."""
+
+    line: int = (
+        1_500  # a message; of a longer one its beginning and end are shown
+    )
+    name: int = 60  # in a line with several names
+
+
+LONGEST = Longest()
 
 # a place to fill in, in a page that is a file of a package
 _PLACE = re.compile(r"@([a-z]+(?:\.[a-z]+)?)@")
@@ -47,14 +61,16 @@ def printable(text: str) -> str:
 def one_line(text: str) -> str:
     """Return a message as one printable line, its middle left out where that is long."""
     line = printable(text)
-    if len(line) <= 1_500:
+    if len(line) <= LONGEST.line:
         return line
-    return f"{line[:750]} ... {line[-500:]}"
+    return f"{line[: LONGEST.line // 2]} ... {line[-LONGEST.line // 3 :]}"
 
 
 def clipped(name: str) -> str:
     """Return a name that may be long, short enough for a line with several of them."""
-    return name if len(name) <= 60 else name[:57] + "..."
+    if len(name) <= LONGEST.name:
+        return name
+    return name[: LONGEST.name - 3] + "..."
 
 
 def quoted(name: str) -> str:

@@ -56,8 +56,6 @@ class Compiler:
         "-fno-inline-functions",
         "-fno-tree-pre",
     )
-    # niceness beside another thread, where a control loop may run
-    patience: int = 10
     most: float = 120.0  # [s] that it may take
     joints: int = 16  # most joints of an arm
 
@@ -274,9 +272,6 @@ def compile_source(text: str, dof: int, outputs: int) -> Library:
     exported = '#define CALIB_API __attribute__((visibility("default")))\n'
     code = path.with_suffix(".c")
     code.write_text(exported + text, encoding="ascii")
-    beside = threading.current_thread() is not threading.main_thread()
-    if beside and shutil.which("nice"):
-        command = ["nice", "-n", str(COMPILER.patience), *command]
     files = ("-o", str(path), str(code), "-lm")
     complaint = ""
     for flags in ((*COMPILER.flags, *COMPILER.quick), COMPILER.flags):
@@ -288,7 +283,7 @@ def compile_source(text: str, dof: int, outputs: int) -> Library:
                 dof,
                 outputs,
             )
-    raise OptionError(f"{command[-1]} failed: {complaint}")
+    raise OptionError(f"{command[0]} failed: {complaint}")
 
 
 def _complaint(command: Sequence[str]) -> str:

@@ -189,38 +189,58 @@ def learn_batch(
             weights = lattice.resample(weights, stage.lattice)
         lattice = stage.lattice
         rows = _rows_of_stage(len(u), lattice, full, rng)
-        samples = u[rows]
-        ones = np.ones(len(rows))
-        with_ones = np.column_stack([samples, ones])
         # a gain sees samples in the log's order
         log_order = np.argsort(order[rows])
         wrong = None if residual is None else residual[order[rows[log_order]]]
-        for sigma, progress in zip(
-            stage.sigma.tolist(), stage.times, strict=True
+        samples = u[rows]
+        for epoch in _epochs(
+            stage, samples, weights, gain, log_order, wrong, per_node
         ):
-            tree = search_tree(weights)
-            distances, winners = nearest_nodes(tree, samples)  # eq. 1
-            distance = distances[:, 0]
-            winner = winners[:, 0]
-            g = np.ones(len(rows))
-            if gain is not None and progress is not None:
-                visit = Visit(
-                    progress,
-                    winner[log_order],
-                    distance[log_order],
-                    weights,
-                    lattice,
-                    wrong,
-                    sigma,
-                    per_node,
-                )
-                g[log_order] = gain(visit)  # eq. 7 and 8
-            topographic = topographic_error(samples, tree, lattice)
-            weighted = g[:, None] * with_ones
-            sums = group_sums(winner, weighted, lattice.size)
-            weights = next_weights(weights, sums, lattice, sigma, stage.step)
-            error = float(distance.mean())
-            yield Epoch(weights, lattice, sigma, error, topographic)
+            weights = epoch.weights
+            yield epoch
+
+
+def _epochs(
+    stage: Stage,
+    samples: Array,
+    weights: Array,
+    gain: Gain | None,
+    log_order: Index,
+    residual: Array | None,
+    per_node: float,
+) -> Iterator[Epoch]:
+    """Train the nodes (nodes, d) of one stage by its samples (n, d); yields after each epoch.
+
+    log_order : (n,), rows of the samples in the log's order, in which `residual` (n,) is
+    per_node : samples of a node of the full lattice
+    """
+    lattice = stage.lattice
+    ones = np.ones(len(samples))
+    with_ones = np.column_stack([samples, ones])
+    for sigma, progress in zip(stage.sigma.tolist(), stage.times, strict=True):
+        tree = search_tree(weights)
+        distances, winners = nearest_nodes(tree, samples)  # eq. 1
+        distance = distances[:, 0]
+        winner = winners[:, 0]
+        g = np.ones(len(samples))
+        if gain is not None and progress is not None:
+            visit = Visit(
+                progress,
+                winner[log_order],
+                distance[log_order],
+                weights,
+                lattice,
+                residual,
+                sigma,
+                per_node,
+            )
+            g[log_order] = gain(visit)  # eq. 7 and 8
+        topographic = topographic_error(samples, tree, lattice)
+        weighted = g[:, None] * with_ones
+        sums = group_sums(winner, weighted, lattice.size)
+        weights = next_weights(weights, sums, lattice, sigma, stage.step)
+        error = float(distance.mean())
+        yield Epoch(weights, lattice, sigma, error, topographic)
 
 
 def _rows_of_stage(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array, ReadOnly, Shape
 from ..common.choices import READOUTS
+from ..common.rows import thinned
 from ..common.wording import for_people, quantity, unit_of_joint, vector
 from ..errors import ModelError
 from ..samples.samples import Samples
@@ -149,9 +150,9 @@ class MeasuredRows(ReadOnly):
     @staticmethod
     def of(q: Array, x: Array, held_out: Array | None = None) -> MeasuredRows:
         """At most 5,000 of the rows of a log, evenly spread over it."""
-        every = -(-len(q) // MOST_ROWS)
-        errors = None if held_out is None else held_out[::every].copy()
-        return MeasuredRows(q[::every].copy(), x[::every].copy(), errors)
+        rows = thinned(len(q), MOST_ROWS)
+        errors = None if held_out is None else held_out[rows].copy()
+        return MeasuredRows(q[rows].copy(), x[rows].copy(), errors)
 
 
 def facts(
@@ -215,12 +216,13 @@ def error_statistics(
             statistics: _ErrorRow = {}
             for readout in readouts:
                 error = errors[readout][direction].get(name)
-                if error is not None:
-                    values = {name: error[name] for name in STATISTICS}
-                    statistics[readout] = {
-                        statistic: math.nan if value is None else factor * value
-                        for statistic, value in values.items()
-                    }
+                if error is None:
+                    continue
+                statistics[readout] = {}
+                for statistic in STATISTICS:
+                    value = error[statistic]
+                    value = math.nan if value is None else factor * value
+                    statistics[readout][statistic] = value
             yield direction, name, unit, statistics
 
 

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
@@ -84,11 +85,14 @@ class Compilable(Parts):
         value, flag = answer
         if self.strict and flag == Flag.UNREACHABLE:
             return kernel.refusal(value, _NOWHERE)
-        if flag not in unsure:
+        is_refused = self.strict and flag == Flag.NONE and np.isnan(value).all()
+        if flag not in unsure and not is_refused:
             return value
         if not self.strict:
             return None
-        if len(values) > 1:  # the first of which is `near`
+        if len(values) == 1:
+            why = self._beyond_range(np.asarray(values[0], float)) or why
+        else:  # the first is `near`
             try:
                 answers.anchor(self, values[0], 1)
             except QueryError as error:

@@ -221,19 +221,12 @@ class Model(Compilable):
 
     def outside(self, q: ArrayLike) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""
-        about = self.about
-        rows, _ = number_rows(q, about.joint_names, "joint values")
+        rows, _ = number_rows(q, self.about.joint_names, "joint values")
         if len(rows) != 1:
             raise QueryError(f"{len(rows)} rows of joints: expected one")
         if bool(self.covers(rows)[0]):
             return None
-        for k, inside in enumerate(self.in_range(rows)[0]):
-            if not inside:
-                return (
-                    f"{about.joint_names[k]} = {rows[0, k]:.6g} is outside of the learned range "
-                    f"{about.lower[k]:.6g} to {about.upper[k]:.6g}"
-                )
-        return (
+        return self._beyond_range(rows[0]) or (
             "no row was measured near these joint values: the position may be off by more than "
             f"{MOST_SHARE:.0%} of the reach"
         )

@@ -215,6 +215,16 @@ class Parts:
         slack = np.where(scale.periodic, 1.0, ROUNDED)
         return (share >= -slack) & (share <= 1.0 + slack)
 
+    def _beyond_range(self, q: Array) -> str | None:
+        """Which of joint values (dof,) is outside of its learned range, None if none is."""
+        about = self.about
+        for k in np.flatnonzero(~self.in_range(q[None])[0]).tolist():
+            return (
+                f"{about.joint_names[k]} = {q[k]:.6g} is outside of the learned range "
+                f"{about.lower[k]:.6g} to {about.upper[k]:.6g}"
+            )
+        return None
+
     def covers(self, q: Array) -> Mask:
         """Whether joint values (n, dof) [rad or m] are answered, (n,)."""
         covered = np.asarray(self.in_range(q).all(axis=1))

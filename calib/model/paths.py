@@ -136,13 +136,22 @@ def follow_path(
     q, turned = unwound(model, answers.q, begin)
     answers = answers._replace(q=q)
     jumps = np.union1d(jumps, turned)
-    turn = np.abs(np.diff(q, axis=0))[:, model.about.revolute].max(
-        1, initial=0.0
-    )
     way = row_lengths(np.diff(x, axis=0)) / extent
-    fast = turn > np.maximum(PATHS.turn, PATHS.faster * way)
-    fast_turns = np.setdiff1d(np.flatnonzero(fast) + 1, jumps)
+    fast_turns = np.setdiff1d(
+        _fast_turns(q[:, model.about.revolute], way), jumps
+    )
     return Path(x, *answers[:6], waypoint, jumps, ~close, fast_turns)
+
+
+def _fast_turns(angles: Array, way: Array) -> Index:
+    """Rows to which a joint turns far for the way of the tip.
+
+    angles : (n, joints) [rad], of those that turn
+    way : (n - 1,), from each row to the next, in extents of the workspace
+    """
+    turn = np.abs(np.diff(angles, axis=0)).max(axis=1, initial=0.0)
+    fast = turn > np.maximum(PATHS.turn, PATHS.faster * way)
+    return np.flatnonzero(fast) + 1
 
 
 def _in_base(space: Space, u: Array, x: Array) -> Answer:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -180,15 +180,15 @@ class Reach:
     @cached_property
     def _starts(self) -> Postures | DrawnPostures:
         """Starts of the drawing's closed form where that answers, else a table's."""
-        body = self.space.body
-        structure: Any = body.structure
+        structure = self.space.structure
         closed = ClosedForm.of(structure.chain)
         columns = [0, 1, 2]
         if self.posed and self.free is not None:
             columns += range(3 + self.free, 12, 3)
         elif self.posed and closed is not None:
-            gain = body.beta[structure.groups["gain"]]
-            offset = body.beta[structure.groups["offset"]]
+            beta = self.space.body.beta
+            gain = beta[structure.groups["gain"]]
+            offset = beta[structure.groups["offset"]]
             return DrawnPostures(closed, self._scale, gain, offset)
         elif self.posed:
             columns += range(3, 12)

@@ -157,11 +157,12 @@ def belief(posterior: CompactPosterior, *, noise: bool) -> Section:
 
     noise : whether bounds are on what a sensor reads
     """
-    more = np.zeros(3)
     less = np.zeros(3)
     size = len(posterior.residual)
     less[:size] = posterior.residual
-    more[:size] = posterior.residual + noise * posterior.noise
+    more = less.copy()
+    if noise:
+        more[:size] += posterior.noise
     tables: Tables = {
         "belief_scale": posterior.scale,
         "more": more,

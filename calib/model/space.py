@@ -269,7 +269,5 @@ def _drawn_body(model: Parts) -> Body | None:
         kappa=1.0,
         tau=zeros,
         residual=zeros,
-        nu=np.inf,
-        autocorrelation=1.0,
         simulated=True,
     )

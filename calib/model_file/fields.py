@@ -109,7 +109,8 @@ class Codec:
     def data_of(self, value: object, hint: Hint, path: str) -> object:
         """Return a value as plain data; infinite numbers and those that are none are null."""
         if isinstance(value, tuple | list):
-            item = hint_of((*get_args(hint.kinds[0]), object)[0])
+            kinds = get_args(hint.kinds[0])
+            item = hint_of(kinds[0] if kinds else object)
             return [
                 self.data_of(part, item, _under(path, str(k)))
                 for k, part in enumerate(value)
@@ -127,7 +128,8 @@ class Codec:
         data: dict[str, object] = {}
         classes = self.classes(hint)
         if len(classes) > 1:
-            (data["kind"],) = (k for k, c in classes.items() if c is kind)
+            names = list(classes)
+            data["kind"] = names[list(classes.values()).index(kind)]
         for name, inner in hints_of(kind).items():
             part = getattr(value, name)
             place = _under(path, name)

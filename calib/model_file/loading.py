@@ -18,7 +18,7 @@ _LARGEST = 2_000_000_000  # bytes
 
 
 def load(path: str | os.PathLike[str], *, warm: bool = False) -> Model:
-    """Read a model from its file; neither Pinocchio nor yourdfpy is needed.
+    """Read a model from its file; Pinocchio is not needed.
 
     Where `warm`, :meth:`Model.warm_up` is called, for a control loop.  Raises ModelError if the
     file is missing, damaged, edited, of another format or of a newer version.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from ..maps.vdsom import zeta
 from ..stream.follow import Step, follow
 from ..training.train import train
@@ -86,7 +87,7 @@ def _followed_change(setting: Setting, change: str) -> FollowedChange:
 
 
 def _error(model: Model, q: Array, x: Array, readout: str) -> dict[str, float]:
-    gap = np.linalg.norm(model.forward(q, readout) - x, axis=1)
+    gap = row_lengths(model.forward(q, readout) - x)
     gap = gap[np.isfinite(gap)]
     return {"mean": float(gap.mean()), "max": float(gap.max())}
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
-from ..common.rows import group_means
+from ..common.rows import group_means, row_lengths
 from ..show.report.drawing import ACCENT, SECOND, draw_lattice
 from .adaptation import FollowedChange
 from .setting import NETWORKS, Setting
@@ -47,8 +47,8 @@ def lattice_figure(setting: Setting, path: Path) -> None:
         motor = pair.motor
         sensory = pair.sensory
         errors = activity_errors(pair, q, x)
-        reached = np.linalg.norm(errors[:, :2] * sensory.scale.span, axis=1)
-        turned = np.linalg.norm(errors[:, 2:] * motor.scale.span, axis=1)
+        reached = row_lengths(errors[:, :2] * sensory.scale.span)
+        turned = row_lengths(errors[:, 2:] * motor.scale.span)
         forward = 1e3 * reached
         inverse = np.degrees(turned)
         if not tops:  # the colours of the first network are those of both
@@ -81,7 +81,7 @@ def change_figure(followed: Mapping[str, FollowedChange], path: Path) -> None:
         before = change.before.sensory
         after = change.after.sensory
         reached = change.after.forward(change.q, "activity")
-        error = 1e3 * np.linalg.norm(reached - change.x, axis=1)
+        error = 1e3 * row_lengths(reached - change.x)
         answered = np.isfinite(error)
         heat = _node_means(after, change.x[answered], error[answered])
         old = _distortion(before, change.x)

@@ -192,7 +192,7 @@ def activity_errors(pair: Association, q: Array, x: Array) -> Array:
     inverse = motor.difference(
         np.clip(pair.inverses(v, u)["activity"], 0.0, 1.0), u
     )
-    return np.asarray(np.abs(np.concatenate([forward, inverse], axis=1)))
+    return np.asarray(np.abs(np.hstack([forward, inverse])))
 
 
 def best_schedule(setting: Setting, network: str) -> list[Candidate]:

@@ -20,6 +20,7 @@ from ..arm.rotations import quaternion_of
 from ..body.covariance import Z95
 from ..body.sensor_pose import SensorPose, hand_pose
 from ..common.arrays import Array, Index, Mask
+from ..common.rows import row_lengths
 from ..samples.lens import Lens
 from ..samples.samples import Samples
 from .agreement import consensus, held_out_pixels
@@ -101,7 +102,7 @@ class RigFit:
         bundle = self.problem.bundle
         residuals = bundle.pixels - self.problem.predict(self.fit)
         used = self.agreeing[bundle.motion]
-        distances = np.linalg.norm(residuals[used], axis=1)
+        distances = row_lengths(residuals[used])
         return {"mean": float(distances.mean()), "max": float(distances.max())}
 
     def square(self) -> Square:
@@ -188,7 +189,7 @@ class RigFit:
         """A camera in the frame of another."""
         one, two = self.fit.unknowns.frames[[first, second]]
         pose = inverse(one) @ two
-        steps = np.concatenate([-adjoint(inverse(pose)), np.eye(6)], axis=1)
+        steps = np.hstack([-adjoint(inverse(pose)), np.eye(6)])
         return self._pose_place(
             pose, along_parent(pose) @ steps, [first, second]
         )

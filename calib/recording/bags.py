@@ -89,7 +89,7 @@ def read_bag(
         joints_at(stamps, times, values),
         x[usable],
         names,
-        source={"source": "bag", "frame": frame},
+        source={"source": "bag", "frame": frame or None},
         orientation=poses[usable, 4:] if turned else None,
         time=stamps - stamps[0],
         notes=tuple(notes),

@@ -12,6 +12,7 @@ from ..arm.arm import SpatialArm
 from ..arm.rigid import inverse, place_points, rigid, shift_of, turn_of
 from ..arm.rotations import cross_matrix, matrix_of, quaternion_of
 from ..common.arrays import Array, Index, Mask
+from ..common.atomic import FilePath
 from ..common.wording import listing
 from ..errors import LogError, OptionError
 from ..model.model import Model
@@ -35,7 +36,6 @@ are one."""
 # share by which the focal length of a camera that was not touched may differ
 _REFOCUSED = 0.02
 
-FilePath = str | os.PathLike[str]
 Source = FilePath | Sequence[Picture]
 """A folder or pattern of pictures, a LeRobotDataset, or grey pictures (height, width)."""
 
@@ -133,7 +133,7 @@ def _log_covariance(
     """
     boards = matrices(poses)
     if in_hand:
-        axes = -np.swapaxes(turn_of(boards), 1, 2)
+        axes = -turn_of(boards).mT
         lever = point - shift_of(boards)
     else:
         axes = np.broadcast_to(np.eye(3), (len(poses), 3, 3))
@@ -143,7 +143,7 @@ def _log_covariance(
     slopes[:, :3, 3:] = axes
     slopes[:, 3:, :3] = axes
     of_boards = np.array([pose.covariance[:6, :6] for pose in poses])
-    covariance: Array = slopes @ of_boards @ np.swapaxes(slopes, 1, 2)
+    covariance: Array = slopes @ of_boards @ slopes.mT
     return covariance
 
 
@@ -162,12 +162,11 @@ def find_board(
     *,
     names: Sequence[str] | None = None,
     degrees: bool = False,
-    prismatic: Sequence[str] = (),
 ) -> BoardPictures:
     """Find a board in pictures.
 
     table : of joints, or its file, one row for each picture; a dataset brings it
-    arm : of which joints are read; else `names` and `prismatic`, see `read_joints`
+    arm : of which joints are read; else those of `names`, which turn
     camera : of a dataset with several
     Raises LogError if too few pictures show the board; what they show instead is told.
     """
@@ -176,6 +175,7 @@ def find_board(
             "pictures need the board that they show: expected `board`"
         )
     board = parse_board(board)
+    prismatic: list[str] = []
     if arm is not None:
         names = arm.joint_names
         kinds = zip(names, arm.revolute, strict=True)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..common.arrays import Array
+from ..samples.delays import Delay, estimate_delay
 from .track import Judge
 
 
@@ -53,7 +54,7 @@ CLOCK = ClockSettings()
 
 
 class Linear(NamedTuple):
-    """What `estimate_delay` takes, the clocks' rate apart."""
+    """Rows of a track, linear in delay, rate of the clocks and the predictor's k parameters."""
 
     residual: Array  # (n, m) [px or mm]
     velocity: Array  # (n, m), of the prediction [px/s or mm/s]
@@ -61,6 +62,19 @@ class Linear(NamedTuple):
     by_rate: Array  # (n, m), and by the rate
     precision: Array  # (k,), of the parameters' prior
     pull: Array  # (k,), how far parameters are below their prior mean
+
+    def delay(self, rate: float, rate_sd: float) -> tuple[Delay, Array] | None:
+        """How late the track is [s], and changes (k + 1,) of parameters and of the clocks' rate.
+
+        None where the rows tell no delay.
+        """
+        return estimate_delay(
+            self.residual,
+            self.velocity,
+            np.dstack([self.columns, self.by_rate]),
+            np.append(self.precision, rate_sd**-2.0),
+            np.append(self.pull, -rate),
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,8 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
-from ..common.rows import median_length, spread_rows
+from ..common.rows import median_length, row_lengths, spread_rows
 from ..errors import CalibError, LogError
-from ..samples.delays import estimate_delay
 from ..samples.motion import joints_at
 from .clock_models import CLOCK, Chain, TrackRows, Waves
 from .track import jumps
@@ -164,16 +163,9 @@ class _Pair:
             when, track = self.sample(clocks, count)
             if len(when) < 16:
                 break
-            rows = self.track_rows(when, track)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                linear = model.linearise(rows)
-                step = estimate_delay(
-                    linear.residual,
-                    linear.velocity,
-                    np.dstack([linear.columns, linear.by_rate]),
-                    np.append(linear.precision, rate_sd**-2.0),
-                    np.append(linear.pull, -clocks.rate),
-                )
+                linear = model.linearise(self.track_rows(when, track))
+                step = linear.delay(clocks.rate, rate_sd)
             if step is None or not np.isfinite(step[0].value):
                 break
             late, change = step
@@ -217,7 +209,7 @@ def _moved(
 def _speed(values: Array) -> Array:
     """Smooth speed (n,) of values (n, d) on the grid of time."""
     velocity = np.gradient(values, 1.0 / CLOCK.grid, axis=0)
-    speed = np.linalg.norm(velocity, axis=1)
+    speed = row_lengths(velocity)
     window = np.hanning(15)[1:-1]
     return np.convolve(speed, window / window.sum(), "same")
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Index
+from ..common.rows import row_lengths
 from .bundle import POSE, Bundle, CornerSight, Unknowns
 
 
@@ -162,7 +163,7 @@ def _residuals(
     """Residuals (N, 2) [px] of corners, and Huber's weights (N,)."""
     residuals = bundle.pixels - sight.pixels
     far = CORNER_FIT.huber * noise.corner[bundle.camera]
-    lengths = np.linalg.norm(residuals, axis=1)
+    lengths = row_lengths(residuals)
     ratios = far / np.maximum(lengths, 1e-12)
     return residuals, np.minimum(1.0, ratios)
 

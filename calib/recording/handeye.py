@@ -9,7 +9,7 @@ with their intervals are the answer (:mod:`.answer`).
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -20,15 +20,17 @@ from ..arm.arm import Arm, SpatialArm
 from ..arm.loading import load_arm
 from ..arm.rigid import place_points, shift_of, turn_of
 from ..common.arrays import Array
+from ..common.atomic import FilePath
 from ..common.choices import EYES, PICTURES, check_choice
 from ..common.parallel import one_blas_thread
-from ..errors import OptionError
+from ..errors import CalibError, OptionError
 from ..samples.lens import Lens
 from .answer import solve_rig
 from .board import Pattern, TagGrid
-from .board_pictures import BoardPictures, FilePath, Source, find_board
+from .board_pictures import BoardPictures, Source, find_board
 from .lerobot import is_dataset
 from .motion_tables import FlangeTable, JointTable, read_flange_poses
+from .pictures import Picture
 from .problem import problem_of_joints, problem_of_poses
 from .rig import HandEye as HandEye
 from .view import view_of
@@ -77,25 +79,29 @@ def handeye(
     >>> import calib
     >>> calib.handeye(pictures="shots", poses="flange.csv", board="10x7:22mm")  # doctest: +SKIP
     """
-    if (pictures is None) == (boards is None):
+    if pictures is not None and boards is None:
+        cameras = _cameras(pictures)
+    elif boards is not None and pictures is None:
+        corners, lens = pictures_of_boards(boards)
+        cameras = {"camera": corners}
+    else:
         raise OptionError("expected either pictures or the board's poses")
-    if (arm is None) == (poses is None):
-        raise OptionError("expected either an arm with joints or flange poses")
-    if boards is not None:
-        pictures, lens = pictures_of_boards(boards)
-    assert pictures is not None  # noqa: S101 - refused above
-    drawn = None if arm is None else _spatial_arm(arm)
-    flange = None
-    if poses is not None:
-        flange = replace(
+    drawn = None
+    motions: SpatialArm | FlangeTable
+    if arm is not None and poses is None:
+        motions = drawn = _spatial_arm(arm)
+    elif poses is not None and arm is None:
+        motions = replace(
             _flange_table(poses), unit=unit, rotation=rotation, degrees=degrees
         )
-        joints = flange.joints
+        joints = motions.joints
+    else:
+        raise OptionError("expected either an arm with joints or flange poses")
 
     with one_blas_thread():
         # pictures -> corners -> lens and board before each camera
         views = []
-        for name, source in _cameras(pictures).items():
+        for name, source in cameras.items():
             eye_of_camera = _of_camera(eye, name)
             check_choice(f"eye of {name}", eye_of_camera, EYES)
             shots = source
@@ -108,10 +114,34 @@ def handeye(
             views.append(view_of(name, shots, in_hand, lens_of_camera))
 
         # corners and motions -> start -> bundle -> answer
-        if flange is not None:
-            return solve_rig(problem_of_poses(flange, views))
-        assert drawn is not None  # noqa: S101 - refused above
-        return solve_rig(problem_of_joints(drawn, views))
+        if isinstance(motions, FlangeTable):
+            return solve_rig(problem_of_poses(motions, views))
+        return solve_rig(problem_of_joints(motions, views))
+
+
+def best_rig(
+    arm: Arm,
+    pictures: Sequence[Picture],
+    tables: Mapping[str, JointTable],
+    board: Pattern | str,
+    eye: str,
+) -> tuple[str, HandEye]:
+    """The unit of the joints under which pictures are predicted best, and the rig of it.
+
+    tables : the joints by the units that they may have
+    Raises the CalibError of the first where none explains the pictures.
+    """
+    rigs: dict[str, HandEye] = {}
+    refusals: list[CalibError] = []
+    for unit, table in tables.items():
+        try:
+            rigs[unit] = handeye(arm, pictures, table, board, eye)
+        except CalibError as error:
+            refusals.append(error)
+    if not rigs:
+        raise refusals[0]
+    best = min(rigs, key=lambda unit: rigs[unit].held_out["rms"])
+    return best, rigs[best]
 
 
 def _spatial_arm(arm: Arm | FilePath) -> SpatialArm:

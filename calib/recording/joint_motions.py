@@ -22,6 +22,7 @@ from ..body.settings import FINER, SHIFT, TURN
 from ..body.spatial import SpatialStructure
 from ..body.structure import OfStructure
 from ..common.arrays import Array, Index
+from ..common.rows import row_lengths
 from .bundle import CornerLayout, Motions
 from .fit import CornerFit, Scale
 
@@ -76,7 +77,7 @@ class JointMotions(Motions):
         along_base[:, 0, :, :-1] = turn
         along_base[:, 1, :, :-1] = np.exp(arm[-1]) * shift
         along_base[:, 1, :, -1] = np.exp(arm[-1]) * places
-        along_tip: Array = np.swapaxes(turns, 1, 2)[:, None] @ along_base
+        along_tip: Array = turns.mT[:, None] @ along_base
         return along_tip.reshape(len(places), 6, self.size)
 
     def beta(self, arm: Array) -> Array:
@@ -89,8 +90,8 @@ class JointMotions(Motions):
         """The joint whose origin differs most from the drawing's, by how much [m, rad]."""
         structure = self.structure
         beta = self.beta(arm)
-        shifts = np.linalg.norm(beta[structure.shifts], axis=1)
-        turns = np.linalg.norm(beta[structure.turns], axis=1)
+        shifts = row_lengths(beta[structure.shifts])
+        turns = row_lengths(beta[structure.turns])
         moves = shifts / SHIFT + turns / TURN
         worst = int(np.argmax(moves))
         name = structure.chain_names[worst]
@@ -132,9 +133,7 @@ class JointMotions(Motions):
         poses = np.stack([hand, inverse(base)])
         beta = self.beta(fit.unknowns.values[layout.arm])
         turns = logarithm(turn_of(poses))
-        beta[tool + view] = np.concatenate(
-            [turns, shift_of(poses)], axis=1
-        ).ravel()
+        beta[tool + view] = np.hstack([turns, shift_of(poses)]).ravel()
 
         # slope (d, s) of the structure's parameters by the unknowns
         slope = np.zeros((self.structure.size, layout.size))

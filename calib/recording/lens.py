@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from ..common.atomic import FilePath
 from ..errors import LogError, OptionError
 from ..samples.lens import Lens
 from .board import LEAST_CORNERS, Pattern
@@ -179,9 +180,9 @@ def lens_of_model(model: Model) -> Lens:
 
 
 def load_lens(
-    path: str | os.PathLike[str],
+    path: FilePath,
     board: Pattern | None = None,
-    output: str | os.PathLike[str] | None = None,
+    output: FilePath | None = None,
 ) -> tuple[Lens, tuple[str, ...]]:
     """Read a lens of calib, ROS or OpenCV, or a model's; or calibrate by pictures of a board.
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -22,7 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from ..common.arrays import Array, Index
-from ..common.rows import spread_rows
+from ..common.atomic import FilePath
+from ..common.rows import finite_rows, spread_rows
 from ..common.wording import listing
 from ..errors import LogError
 from .motion_tables import JointTable
@@ -67,7 +67,7 @@ class Dataset:
     robot: str  # its kind, such as so101_follower
 
     @classmethod
-    def read(cls, source: str | os.PathLike[str]) -> Dataset:
+    def read(cls, source: FilePath) -> Dataset:
         """Read it.  Raises LogError in one line if it is none that is known."""
         root = Path(source)
         path = root / "meta" / "info.json"
@@ -133,7 +133,7 @@ class Dataset:
         table = table.sort(columns[2], columns[1])
         state = np.array(table[_STATE].to_list(), float)
         state = state.reshape(len(table), len(self.columns))
-        good = np.isfinite(state).all(axis=1)
+        good = finite_rows(state)
         time = table["timestamp"].to_numpy().astype(float)
         episodes = table["episode_index"].to_numpy().astype(np.intp)
         return state[good], time[good], episodes[good]
@@ -197,7 +197,7 @@ def is_dataset(path: object) -> bool:
 
 
 def read_dataset(
-    source: str | os.PathLike[str],
+    source: FilePath,
     joints: Sequence[str] | None = None,
     camera: str | None = None,
     motors: Motors | None = None,
@@ -223,13 +223,15 @@ def read_dataset(
     angles = _angles(state, names, motors)
     first = next(iter(angles.values()))
     resting = _resting(first, time, episode)
-    instants = defaultdict[Path, list[tuple[float, int]]](list)
+    # when each video shows a row
+    instants: dict[Path, list[tuple[float, int]]] = {}
     for row in resting.tolist():
         path, begin = paths[row]
-        instants[path].append((begin + float(time[row]), row))
+        instant = (begin + float(time[row]), row)
+        instants.setdefault(path, []).append(instant)
     frames: list[tuple[int, Picture]] = []
-    for path in instants:
-        frames += _frames(path, instants[path], near)
+    for path, rows_at in instants.items():
+        frames += _frames(path, rows_at, near)
     notes = [
         f"{len(frames)} of {len(state)} frames of {chosen}, where the arm is slowest"
     ]
@@ -323,7 +325,7 @@ class Motors:
     document: Mapping[str, Mapping[str, int]]
 
     @classmethod
-    def read(cls, path: str | os.PathLike[str]) -> Motors:
+    def read(cls, path: FilePath) -> Motors:
         """Read a `calibration.json`.  Raises LogError in one line if the file is none."""
         label = os.fspath(path)
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from ..common.arrays import Array, Index
+from ..common.atomic import FilePath
 from ..common.choices import PICTURES
+from ..common.rows import finite_rows
 from ..common.wording import listing
 from ..errors import LogError
 from ..samples.header import name_and_unit
@@ -36,22 +37,11 @@ EXPECTED = (
 )
 
 _LENGTHS = (6, 7, 12, 16)  # numbers of a row without a header
-_IGNORED = {"picture", "time", "timestamp", "episode", *map(str.lower, MATRIX)}
+_BESIDE = {"picture", "time", "timestamp", "episode"}
+_IGNORED = {*_BESIDE, *map(str.lower, MATRIX)}
 # "[mm]", "(deg)", "_mm": the fit finds units
 _UNIT = r"\s*[\[(].*[\])]$|_(?:m|cm|mm|in|rad|deg|grad)$"
-_OTHERS = {
-    "time",
-    "timestamp",
-    "picture",
-    "episode",
-    "x",
-    "y",
-    "z",
-    "qx",
-    "qy",
-    "qz",
-    "qw",
-}
+_OTHERS = {*_BESIDE, "x", "y", "z", *TURNS["xyzw"]}
 # [rad]; joints that go beyond two turns are taken for degrees
 _TURNS = 4.0 * np.pi
 
@@ -78,7 +68,7 @@ class JointTable:
 
 
 def read_joints(
-    path: str | os.PathLike[str],
+    path: FilePath,
     joints: Sequence[str] | None = None,
     *,
     degrees: bool = False,
@@ -96,7 +86,7 @@ def read_joints(
         is_number = np.isfinite(source.numbers(names)[0]).any(axis=0)
         names = tuple(np.array(names, object)[is_number])
     beside = [name for name in ("time", "episode") if name in source.header]
-    rows = finite_rows(source, [*names, *beside])
+    rows = number_rows_of(source, [*names, *beside])
     if not names or not len(rows.q):
         raise LogError(
             f"{source.label} has no row with numbers for {listing(names)}: expected a column for "
@@ -124,10 +114,10 @@ def read_joints(
     )
 
 
-def finite_rows(source: Source, columns: Sequence[str]) -> JointTable:
+def number_rows_of(source: Source, columns: Sequence[str]) -> JointTable:
     """Read columns of numbers as `q`; rows in which one is missing are left out, and counted."""
     numbers = source.numbers(columns)[0]
-    good = np.flatnonzero(np.isfinite(numbers).all(axis=1))
+    good = np.flatnonzero(finite_rows(numbers))
     pictures = None
     column = picture_column(source)
     if column is not None:
@@ -157,7 +147,7 @@ def picture_column(source: Source) -> str | None:
 
 
 def read_shots(
-    table: JointTable, source: str | os.PathLike[str] | Sequence[str]
+    table: JointTable, source: FilePath | Sequence[str]
 ) -> tuple[list[int], Iterator[Shot], list[str]]:
     """Rows of the joints (p), in their order, the shot of each, and notes of what is left out.
 
@@ -215,7 +205,7 @@ class FlangeTable:
         return JointTable(self.label, (), q, None, self.pictures, self.dropped)
 
 
-def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
+def read_flange_poses(path: FilePath) -> FlangeTable:
     """Read a table of flange poses.
 
     Its columns are x, y, z and one of qx, qy, qz, qw; rx, ry, rz; roll, pitch, yaw; A, B, C;
@@ -244,7 +234,7 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
             raise LogError(
                 f"{label} has the columns {listing(source.header)}: expected {EXPECTED}"
             )
-        rows = finite_rows(source, [names[column] for column in columns])
+        rows = number_rows_of(source, [names[column] for column in columns])
         numbers = rows.q
         pictures = rows.pictures
         dropped = rows.dropped

@@ -158,7 +158,7 @@ class ExpectedRig:
         error_precision = np.diag(self.noise.error**-2.0)
         spread = np.linalg.inv(products[:, size:, size:] + error_precision)
         gains = products[:, :size, :size]
-        gains = gains - across @ spread @ np.swapaxes(across, 1, 2)
+        gains = gains - across @ spread @ across.mT
 
         # in units of what is known before
         root = self._root(motions, layout)
@@ -167,9 +167,7 @@ class ExpectedRig:
         values = np.maximum(values[:, None, telling], 0.0)
         directions = np.sqrt(values) * axes[:, :, telling]
         hand = layout.frames[0 if self.in_hand else 1]
-        return _greedy_by_trace(
-            np.swapaxes(directions, 1, 2), root[hand], count
-        )
+        return _greedy_by_trace(directions.mT, root[hand], count)
 
     def _root(self, motions: Motions, layout: CornerLayout) -> Array:
         """Root (s, s) of the covariance of all unknowns before any picture."""
@@ -231,7 +229,7 @@ def _greedy_by_trace(
     covariances: list[Array] = []
     for _ in range(count):
         across = directions @ hand.T
-        spread = directions @ np.swapaxes(directions, 1, 2)
+        spread = directions @ directions.mT
         spread += np.eye(directions.shape[1])
         explained = (across * np.linalg.solve(spread, across)).sum(axis=1)
         best = int(np.where(waiting, explained @ weight, -1.0).argmax())

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arm.arm import SpatialArm
 from ..body.covariance import Z95
-from ..common.arrays import Mask
+from ..common.arrays import Array, Mask
 from ..common.wording import listing, two_digits
 from .bundle import POSE
 from .fit import CornerFit
@@ -112,15 +112,18 @@ def _open(rig: HandEye, agreeing: Mask) -> Iterator[str]:
     half = 1e3 * Z95 * float(np.sqrt(max(squares[-1], 0.0)))
     turns, axes = turning(rig.flange[agreeing])
     first, second, third = map(two_digits, np.degrees(turns).tolist())
-    along, one, other = (
-        ", ".join(f"{value:+.2f}" for value in axis)
-        for axis in (directions[:, -1], axes[1], axes[2])
-    )
     yield (
-        f"what is in the hand is open along ({along}) of the flange, to ± {two_digits(half)} mm: "
+        f"what is in the hand is open along {_direction(directions[:, -1])} of the flange, to "
+        f"± {two_digits(half)} mm: "
         f"the hand turns by {first} deg about one axis, by {second} and {third} about the others. "
-        f"Two poses more tell it: turned by 30 deg about ({one}) and about ({other}) of the flange"
+        f"Two poses more tell it: turned by 30 deg about {_direction(axes[1])} and about "
+        f"{_direction(axes[2])} of the flange"
     )
+
+
+def _direction(axis: Array) -> str:
+    """A direction (3,) in words."""
+    return f"({', '.join(f'{value:+.2f}' for value in axis)})"
 
 
 def _size(rig: HandEye) -> Iterator[str]:

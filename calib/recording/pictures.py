@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from ..common.atomic import FilePath
 from ..common.choices import PICTURES, VIDEOS
 from ..common.wording import INSTALL
 from ..errors import LogError
@@ -65,7 +66,7 @@ def _natural(path: Path) -> list[tuple[int, int | str]]:
     return [(0, int(p)) if p.isdigit() else (1, p.lower()) for p in parts if p]
 
 
-def list_pictures(source: str | os.PathLike[str] | Sequence[str]) -> list[Path]:
+def list_pictures(source: FilePath | Sequence[str]) -> list[Path]:
     """Return the pictures of a folder, a pattern such as `shots/*.jpg` or names, in natural order.
 
     Raises LogError if there is none.
@@ -98,9 +99,7 @@ def list_pictures(source: str | os.PathLike[str] | Sequence[str]) -> list[Path]:
     return sorted(paths, key=_natural)
 
 
-def read_picture(
-    path: str | os.PathLike[str], *, colour: bool = False
-) -> Picture:
+def read_picture(path: FilePath, *, colour: bool = False) -> Picture:
     """Read a picture whole: grey (height, width), or red, green, blue (height, width, 3).
 
     By Pillow: OpenCV returns half of a cut JPEG without a word.
@@ -154,7 +153,7 @@ def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[Shot]:
 class Video:
     """A video that FFmpeg can read; LogError if it is none."""
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: FilePath) -> None:
         self.name = Path(path).name
         self._decoder = package("av")
         try:
@@ -183,7 +182,7 @@ class Video:
 
 
 def take_photo(
-    path: str | os.PathLike[str],
+    path: FilePath,
     x: Array,
     unit: str,
     about: Mapping[str, object] | None = None,

@@ -118,7 +118,7 @@ def _turns(numbers: Array) -> list[tuple[str, str, Array]]:
 
     if numbers.shape[1] == 9:
         matrices = numbers.reshape(-1, 3, 3)
-        transposed = np.swapaxes(matrices, 1, 2)
+        transposed = matrices.mT
         return [("matrix", "", matrices), ("transposed", "", transposed)]
     if numbers.shape[1] == 4:
         wxyz = np.roll(numbers, -1, axis=1)
@@ -163,35 +163,30 @@ def choose(table: FlangeTable, view: View) -> Choice:
 
     Raises OptionError where no reading is left.
     """
-    readings = _readings_as_stated(table)
-    starts = [
-        find_start(reading.flange[view.rows], view, table.unit)
-        for reading in readings
+    fits = [
+        (reading, find_start(reading.flange[view.rows], view, table.unit))
+        for reading in _readings_as_stated(table)
     ]
-    ranks = [start.rank for start in starts]
-    order = sorted(range(len(readings)), key=lambda k: ranks[k])
-    least = ranks[order[0]]
-    tied = [k for k in order if ranks[k] < TIED * least]
-
-    def unusual(k: int) -> tuple[bool, bool, bool]:
-        """Whether it is base in flange, of no name in the header, and of no maker."""
-        rotation = readings[k].rotation
-        is_named = rotation == table.named
-        return readings[k].inverse, not is_named, rotation not in MAKERS
-
-    best = min(tied, key=unusual)
-    reading = readings[best]
-    start = starts[best]
-    others = [ranks[k] for k in order if k != best]
+    fits.sort(key=lambda fit: fit[1].rank)
+    least = fits[0][1].rank
+    tied = [fit for fit in fits if fit[1].rank < TIED * least]
+    best, start = min(tied, key=lambda fit: _oddity(fit[0], table.named))
+    others = [other.rank for reading, other in fits if reading is not best]
     convention = Convention(
         unit=start.unit,
-        angles=reading.angles,
-        rotation=reading.rotation,
-        inverse=reading.inverse,
-        ratio=min([*others, np.inf]) / max(start.rank, 1e-12),
+        angles=best.angles,
+        rotation=best.rotation,
+        inverse=best.inverse,
+        ratio=min(others, default=np.inf) / max(start.rank, 1e-12),
     )
-    ties = tuple(readings[k].words for k in tied if k != best)
-    return Choice(reading, start, convention, ties)
+    ties = tuple(reading.words for reading, _ in tied if reading is not best)
+    return Choice(best, start, convention, ties)
+
+
+def _oddity(reading: Reading, named: str) -> tuple[bool, bool, bool]:
+    """What is odd of a reading: base in flange, not as the header's names, of no maker."""
+    is_named = reading.rotation == named
+    return reading.inverse, not is_named, reading.rotation not in MAKERS
 
 
 def refuse_readings(structure: SpatialStructure, view: View) -> None:

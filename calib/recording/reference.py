@@ -6,7 +6,6 @@ are then cut with a plane of it (`PlaneReference`).
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,6 +15,8 @@ from numpy.typing import ArrayLike
 from ..arm.rigid import rigid
 from ..arm.rotations import cross_matrix, exponential, similarity
 from ..common.arrays import Array
+from ..common.atomic import FilePath
+from ..common.rows import row_lengths
 from ..errors import LogError
 from ..samples.lens import Lens
 from ..samples.tables import open_source
@@ -175,7 +176,7 @@ class MarkLayout:
         )
 
     @staticmethod
-    def read(path: str | os.PathLike[str]) -> MarkLayout:
+    def read(path: FilePath) -> MarkLayout:
         """Read tags at known places: a table with the columns `tag`, `x`, `y` [m].
 
         Raises LogError if there are fewer than four, or a tag has two places.
@@ -253,7 +254,7 @@ def _is_elsewhere(usual: Marks, marks: Marks) -> bool:
     """Whether marks moved, by their median, or grew by a new focus, which no pose tells."""
     usual_places = np.array([usual[number] for number in marks])
     places = np.array([*marks.values()])
-    moved = np.linalg.norm(places - usual_places, axis=1)
+    moved = row_lengths(places - usual_places)
     growth = similarity(usual_places, places)[2] - 1.0
     is_refocused = (
         abs(growth) > REFERENCE.stretch and moved.max() > REFERENCE.moved

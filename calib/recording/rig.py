@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -15,7 +14,7 @@ from ..arm.rigid import rigid
 from ..arm.rotations import logarithm, matrix_of
 from ..body.structure import OfStructure
 from ..common.arrays import Array
-from ..common.atomic import atomic_write
+from ..common.atomic import FilePath, atomic_write
 from ..common.choices import Eye
 from ..common.wording import by_name, two_digits
 from ..errors import ModelError
@@ -148,7 +147,7 @@ class HandEye:
             del document["convention"]
         return document
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: FilePath) -> None:
         """Write all but the log into one file: the same rig gives the same bytes."""
         header = {"kind": KIND, "format": 1, KIND: self.document()}
         atomic_write(path, pack(header, {}))
@@ -212,7 +211,7 @@ def rig_of(document: Mapping[str, Any]) -> HandEye:
     return HandEye(**values)
 
 
-def is_rig(path: str | os.PathLike[str]) -> bool:
+def is_rig(path: FilePath) -> bool:
     """Whether a file is a rig."""
     try:
         header, _ = unpack(Path(path).read_bytes(), str(path))
@@ -221,7 +220,7 @@ def is_rig(path: str | os.PathLike[str]) -> bool:
     return header.get("kind") == KIND
 
 
-def load_rig(path: str | os.PathLike[str]) -> HandEye:
+def load_rig(path: FilePath) -> HandEye:
     """Read a rig from its file.
 
     Raises ModelError if the file is missing, damaged, edited or no rig.
@@ -247,9 +246,7 @@ def rig_of_model(model: Model) -> HandEye | None:
         return None
 
 
-def transform_files(
-    rig: HandEye, path: str | os.PathLike[str]
-) -> dict[Path, str]:
+def transform_files(rig: HandEye, path: FilePath) -> dict[Path, str]:
     """The text of each file: transforms in JSON, and beside it lines and matrices for people."""
     base, tip = rig.frames
     places = {f"{rig.hand_item}_frame": (tip, rig.hand)}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.atomic import atomic_write
+from ..common.atomic import FilePath, atomic_write
 from ..common.choices import DICTIONARY
 from ..common.wording import listing
 from ..errors import LogError, OptionError
@@ -174,7 +173,9 @@ def find_sightings(
         tags are there should this one not be
     Raises LogError if the tag is there twice in more than a tenth, or nowhere.
     """
-    sharp: list[tuple[int, str, Tag]] = []
+    numbers: list[int] = []  # of pictures in which the tag is sharp
+    names: list[str] = []
+    sharp: list[Tag] = []
     marks: dict[int, Marks] = {}
     sample: list[Picture] = []
     reasons: Counter[str] = Counter()
@@ -195,7 +196,9 @@ def find_sightings(
         if reason:
             reasons[reason] += 1
         else:
-            sharp.append((number, name, tips[0]))
+            numbers.append(number)
+            names.append(name)
+            sharp.append(tips[0])
         if len(tips) > 1:
             twice.append(name)
     if len(twice) > _MOST_TWICE * count:
@@ -205,13 +208,12 @@ def find_sightings(
         )
     if not sharp:
         raise _no_tag(setting, sample, f"{count} {what}")
-    numbers, names, tips_in_order = zip(*sharp, strict=True)
     return Sightings(
         setting,
         what,
         np.array(numbers),
-        names,
-        tips_in_order,
+        tuple(names),
+        tuple(sharp),
         marks,
         reasons,
         count,
@@ -260,7 +262,7 @@ def _tags_of(pictures: Sequence[Picture], dictionary: str) -> str:
 
 
 def write_overlay(
-    path: str | os.PathLike[str],
+    path: FilePath,
     photo: Picture,
     setting: Setting,
     places: Array,

@@ -16,6 +16,7 @@ import numpy as np
 from ..arm.rigid import inverse, place_points, rigid, shift_of, turn_of
 from ..arm.rotations import nearest_rotation
 from ..common.arrays import Array, Mask
+from ..common.rows import row_lengths
 from ..common.scale import METRES
 from .view import View
 
@@ -67,7 +68,7 @@ def find_start(flange: Array, view: View, unit: str | None = None) -> RigStart:
         flanges are, the one in which the board is nearest to its stated size
     """
     # units in which the flange is far enough from its base
-    distances = np.linalg.norm(shift_of(flange), axis=1)
+    distances = row_lengths(shift_of(flange))
     distance = float(np.median(distances))
     far = [name for name in UNITS if distance / METRES[name] > NEAREST]
     units = far or [*UNITS]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,7 +10,9 @@ import numpy as np
 from ..arm.rigid import shift_of, turn_of
 from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Index, Mask
+from ..common.atomic import FilePath
 from ..common.parallel import one_blas_thread
+from ..common.rows import row_lengths
 from ..errors import LogError
 from ..samples.lens import Lens
 from ..samples.motion import (
@@ -52,7 +53,7 @@ REST = RestSettings()
 
 
 def log_pictures(
-    source: str | os.PathLike[str] | Sequence[str],
+    source: FilePath | Sequence[str],
     joints: JointTable,
     setting: Setting,
 ) -> Samples:
@@ -93,7 +94,7 @@ def log_pictures(
 
 
 def log_video(
-    path: str | os.PathLike[str],
+    path: FilePath,
     joints: JointTable,
     setting: Setting,
     *,
@@ -119,7 +120,7 @@ def log_video(
     else:
         why = f"a joint moves faster than {still:g}"
         is_slow = film.usable & (film.speed < still)
-        groups = [*np.flatnonzero(is_slow)[:, None]]
+        groups = [np.array([frame]) for frame in np.flatnonzero(is_slow)]
     if not groups:
         raise LogError(
             f"the arm never rests for {REST.least} frames of {film.name}, or moves as slowly as "
@@ -166,7 +167,7 @@ class Film:
         """The frames of each rest: joints and tag stand still for a few frames."""
         when = self.when
         frames = np.flatnonzero(self.usable & (self.speed < REST.rest))
-        steps = np.linalg.norm(np.diff(self.track[frames], axis=0), axis=1)
+        steps = row_lengths(np.diff(self.track[frames], axis=0))
         is_end = (steps > REST.shake) | (np.diff(when[frames]) > REST.pause)
         rests = []
         for run in np.split(frames, np.flatnonzero(is_end) + 1):
@@ -177,7 +178,7 @@ class Film:
                 # the arm may still swing where its joints stand: only frames near the median count
                 places = self.track[settled]
                 away = places - np.median(places, axis=0)
-                distances = np.linalg.norm(away, axis=1)
+                distances = row_lengths(away)
                 rests.append(settled[distances < REST.shake])
         return [rest for rest in rests if len(rest) >= REST.least]
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.choices import DICTIONARY
+from ..common.rows import row_lengths
 from ..common.wording import suggestion
 from ..errors import OptionError
 from .pictures import Picture, opencv
@@ -83,7 +84,7 @@ class Tag:
     def side(self) -> float:
         """Mean length of its sides [px]."""
         sides = np.roll(self.corners, -1, axis=0) - self.corners
-        return float(np.linalg.norm(sides, axis=1).mean())
+        return float(row_lengths(sides).mean())
 
 
 @cache
@@ -233,7 +234,7 @@ def _print_density(board_to_picture: Array, squares: Array) -> int:
     """Pixels of a square of the print, about as fine as the picture at places (n, 2) [squares]."""
     lower_right = _map_places(board_to_picture, squares + 0.5)
     diagonals = lower_right - _map_places(board_to_picture, squares - 0.5)
-    diagonal = np.median(np.linalg.norm(diagonals, axis=1))
+    diagonal = np.median(row_lengths(diagonals))
     pixels_of_square = round(TAG.dense * diagonal / np.sqrt(2))
     return int(np.clip(pixels_of_square, *TAG.squares))
 

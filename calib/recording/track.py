@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Mask
-from ..common.rows import spread_rows
+from ..common.rows import row_lengths, spread_rows
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
         rows = rows[spread_rows(len(rows), TRACK.searched)]
         judge = Judge(q[rows + shift])
         miss = judge.miss(x[rows])
-        distances = np.linalg.norm(miss, axis=1)
+        distances = row_lengths(miss)
         return float(distances.mean())
 
     if len(q) < TRACK.fewest:
@@ -141,6 +141,6 @@ def jumps(x: Array) -> Mask:
     usual = median_filter(np.abs(away), window, mode="nearest")
     sd = 1.48 * usual.max(axis=1)
     least = 6.0 * np.maximum(sd, 1.0)
-    distances = np.linalg.norm(away, axis=1)
+    distances = row_lengths(away)
     is_jump[is_visible] = distances > least
     return is_jump

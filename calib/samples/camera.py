@@ -73,13 +73,12 @@ def _usual_camera(size: object, furthest: Array) -> Camera:
     """A camera whose pictures have a size, or one that holds the furthest pixel (2,)."""
     note = ""
     if isinstance(size, list) and len(size) == 2:
-        width, height = (int(side) for side in size)
+        width, height = map(int, size)
     else:
-        large_enough = (usual for usual in _SIZES if (furthest < usual).all())
-        width, height = next(
-            large_enough,
-            tuple(np.maximum(furthest.astype(int) + 2, 1).tolist()),
-        )
+        width, height = np.maximum(furthest.astype(int) + 2, 1).tolist()
+        for usual in reversed(_SIZES):
+            if (furthest < usual).all():
+                width, height = usual
         note = f"the camera's pictures are taken to be {width}x{height} px; a known lens says more"
     sd = (FOCAL_SD * width, CENTRE_SD * width, CENTRE_SD * width, K1_SD)
     return Camera(

@@ -43,6 +43,8 @@ class Cells(RowArrays):
     side: Array | None
     time: Array | None = None  # (n,) [s]
     episode: Array | None = None  # (n,)
+    dropped: int = 0  # rows that missed a number
+    left_out: int = 0  # rows in which the sensor saw nothing
     notes: tuple[str, ...] = ()
 
     @property
@@ -73,10 +75,28 @@ class Cells(RowArrays):
                 f"the column {name} is not used, it has no number in {len(gaps):,} rows: "
                 f"{rows_in_words(gaps)}"
             )
-            notes = (*cells.notes, note)
-            dropped: dict[str, Any] = {name: None}
-            cells = replace(cells, **dropped, notes=notes)
+            unused: dict[str, Any] = {name: None}
+            cells = replace(cells, notes=(*cells.notes, note), **unused)
         return cells
+
+
+def sound_cells(
+    source: Source,
+    roles: Roles,
+    joints: Sequence[JointColumn],
+    ranges: Mapping[str, Range],
+) -> Cells:
+    """Read a log's sound rows, see above.  Raises LogError if it has none.
+
+    ranges : that some joints were asked for [rad or m]
+    """
+    cells = read_cells(source, roles, joints)
+    complete = complete_rows(cells, roles)
+    inside = rows_in_ranges(complete, joints, ranges)
+    sound = rows_in_sight(inside).without_gaps()
+    dropped = len(cells.numbers) - len(complete.numbers)
+    left_out = len(inside.numbers) - len(sound.numbers)
+    return replace(sound, dropped=dropped, left_out=left_out)
 
 
 def read_cells(

@@ -133,7 +133,6 @@ def estimate_delay(
     pull: ArrayLike,
     *,
     play: Array | None = None,
-    unit: str = "s",
 ) -> tuple[Delay, Array] | None:
     """Estimate by how much positions are late from what a predictor leaves of them.
 
@@ -173,19 +172,30 @@ def estimate_delay(
         by_play = _explain(target, cause, beside)[2]
         if by_play @ by_play <= squares:
             share = 0.0
+    freedom = max(rest.size - len(values), 1)
+    sd = _delay_sd(inverse[0], remainder, rest.shape, squares / freedom)
+    return Delay(float(values[0]), sd, "s", share), values[1:]
+
+
+def _delay_sd(
+    by_target: Array, remainder: Array, shape: tuple[int, ...], variance: float
+) -> float:
+    """Standard deviation of a delay, a sum of the rows' numbers and of the prior's.
+
+    by_target, remainder : (n * m + k,), what each counts in the sum, and what the fit leaves of it
+    shape : (n, m), of the rows
+    variance : of a number where rows are independent
+    """
+    size = shape[0] * shape[1]
+    by_rows = by_target[:size]
+    scores = (by_rows * remainder[:size]).reshape(shape).sum(axis=1)
     # independent rows beside blocks of neighbouring ones (a sandwich): beside smooth columns the
     # blocks' sums are too small
-    by_rows = inverse[0, : rest.size]
-    by_prior = inverse[0, rest.size :]
-    score = by_rows * remainder[: rest.size]
-    scores = score.reshape(rest.shape).sum(axis=1)
     blocks = [block.sum() for block in np.array_split(scores, DELAY.blocks)]
-    freedom = max(rest.size - len(values), 1)
-    white = np.linalg.norm(by_rows) * np.sqrt(squares / freedom)
+    white = np.linalg.norm(by_rows) * np.sqrt(variance)
     noise = max(float(np.linalg.norm(blocks)), float(white))
     # what the prior leaves open no exact row tells: along one line a delay is an offset
-    sd = float(np.hypot(noise, np.linalg.norm(by_prior)))
-    return Delay(float(values[0]), sd, unit, share), values[1:]
+    return float(np.hypot(noise, np.linalg.norm(by_target[size:])))
 
 
 def _explain(

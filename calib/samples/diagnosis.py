@@ -67,14 +67,12 @@ def diagnose(
     if mistake is not None:
         return [mistake]
 
-    findings = []
     joints = _wrong_joints(fit, rows)
-    if joints is not None:
-        findings.append(joints)
-    may_be_mirrored = joints is None or not joints.mistake
-    if rows.plane is not None or affine or not may_be_mirrored:
+    findings = [] if joints is None else [joints]
+    if joints is not None and joints.mistake:
         return findings
-    if _is_mirrored(predicted[answered], x[answered]):
+    has_own_axes = rows.plane is None and not affine
+    if has_own_axes and _is_mirrored(predicted[answered], x[answered]):
         words = (
             "the positions are mirrored, compared with the robot: the sensor's axes are "
             "left-handed, or one of them is reversed"
@@ -133,7 +131,7 @@ def _wrong_unit(
     as_it_is = fit.misfit(rows.q)
     for q, finding in units(rows.q, rows.revolute):
         if fit.misfit(q) < DIAGNOSIS.far_better * as_it_is:
-            return _only_if(finding)
+            return finding
     words = (
         f"the positions extend over {ratio:.4g} times what the robot's links allow, "
         f"in {rows.unit}"
@@ -161,18 +159,11 @@ def _wrong_joints(fit: _PositionFit, rows: Samples) -> Finding | None:
         _, best = min(
             reversed(better), key=lambda item: fit.misfit(item[0], tool=False)
         )
-        finding = _only_if(best)
-        if finding.kind == "reversed" and rows.x.shape[1] == 2:
+        if best.kind == "reversed" and rows.x.shape[1] == 2:
             # it may be learned
-            finding = replace(finding, hint="", mistake=False)
-        return finding
+            return replace(best, hint="", mistake=False)
+        return best
     return None
-
-
-def _only_if(finding: Finding) -> Finding:
-    """A finding of another interpretation, as a sentence."""
-    words = f"the log fits the robot only if {finding.words}"
-    return replace(finding, words=words)
 
 
 def _wrong_orientations(
@@ -239,13 +230,14 @@ def unit_hint(ratio: float, unit: str) -> str:
     return ""
 
 
-def rows_behind(predict: Predict, q: Array, x: Array) -> int:
+def rows_behind(q: Array, predicted: Array, x: Array) -> int:
     """Return by how many rows positions follow the joints, 0 where no shift fits far better.
+
+    q, predicted, x : (n, dof), (n, m), (n, m), joints, positions there and measured ones
 
     Rows along a path fit nearly as well a row later; poses in any order fit not at all.
     """
     n = len(q)
-    predicted = predict(q)
     most = min(DIAGNOSIS.most_behind, n // 5)
     if most < 1 or not np.isfinite(predicted).all():
         return 0

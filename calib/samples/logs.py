@@ -15,13 +15,8 @@ from ..common.arrays import Array
 from ..common.scale import METRES
 from ..common.wording import by_name, listing, vector
 from ..errors import LogError, OptionError
-from .cells import (
-    Cells,
-    complete_rows,
-    read_cells,
-    rows_in_ranges,
-    rows_in_sight,
-)
+from .camera import Camera
+from .cells import Cells, sound_cells
 from .delays import with_offset
 from .diagnosis import diagnose
 from .findings import Finding, refuse_mistakes, still_columns
@@ -102,18 +97,15 @@ def read_log(
         label, names, arm, ranges, prismatic, degrees=degrees
     )
 
-    cells = read_cells(source, roles, joint_columns)
-    complete = complete_rows(cells, roles)
-    inside = rows_in_ranges(complete, joint_columns, ranges)
-    sound = rows_in_sight(inside).without_gaps()
+    cells = sound_cells(source, roles, joint_columns, ranges)
     q, lower, upper, joint_notes = settle_joints(
-        joint_columns, sound.q, sound.numbers, anywhere=roles.touched
+        joint_columns, cells.q, cells.numbers, anywhere=roles.touched
     )
-    notes = [*sound.notes, *joint_notes]
+    notes = [*cells.notes, *joint_notes]
     if roles.touched:
-        readings = _touches(sound, q, unit, arm)
+        readings = _touches(cells, q, unit, arm)
     else:
-        readings, words = _positions(sound, roles, unit, arm, outputs, degrees)
+        readings, words = _positions(cells, roles, unit, arm, outputs, degrees)
         notes += words
         refuse_mistakes(still_columns(q, readings.x, roles.joints), label)
 
@@ -125,28 +117,31 @@ def read_log(
         upper=upper,
         revolute=tuple(joint.revolute for joint in joint_columns),
         arm=arm and replace(arm, lower=lower, upper=upper),
-        side=sound.side,
-        time=sound.time,
-        episode=sound.episode,
-        rows=sound.numbers,
+        side=cells.side,
+        time=cells.time,
+        episode=cells.episode,
+        rows=cells.numbers,
         columns=roles.column_of,
         degrees=any(turning) and all(turning),
         source=source.about if lens is None else {**source.about, "lens": lens},
-        dropped=cells.total - len(complete.numbers),
-        left_out=len(inside.numbers) - len(sound.numbers),
+        dropped=cells.dropped,
+        left_out=cells.left_out,
         **vars(readings),
     )
-    camera = samples.camera
-    if camera is None and lens is not None:
-        raise OptionError(
-            "`lens` is for pixels of an arm in space: expected columns u and v"
-        )
-    if camera is not None and camera.note:
-        notes.append(camera.note)
+    notes += _camera_notes(samples.camera, lens)
     if arm is not None and not roles.touched:
         notes += refuse_mistakes(_diagnosis(samples, arm), label)
     samples = replace(samples, notes=tuple(notes))
     return samples if time_offset is None else with_offset(samples, time_offset)
+
+
+def _camera_notes(camera: Camera | None, lens: Document | None) -> list[str]:
+    """Return what was assumed of a log's camera; OptionError for a lens of no camera."""
+    if camera is None and lens is not None:
+        raise OptionError(
+            "`lens` is for pixels of an arm in space: expected columns u and v"
+        )
+    return [camera.note] if camera is not None and camera.note else []
 
 
 def _diagnosis(samples: Samples, arm: Arm) -> list[Finding]:

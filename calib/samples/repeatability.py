@@ -115,11 +115,13 @@ def repeatability(samples: Samples) -> Repeatability:
         noise = sensor if repeats > returns else np.zeros(3)
         return_weight = axes * float(weights.sum())
         arm = _return_sd(between, axes * returns, return_weight, noise)
+    sensor_sd, sensor_low, sensor_high = sensor.tolist()
+    arm_sd, arm_low, arm_high = arm.tolist()
     return Repeatability(
-        sensor=float(sensor[0]),
-        arm=float(arm[0]),
-        sensor_interval=(float(sensor[1]), float(sensor[2])),
-        arm_interval=(float(arm[1]), float(arm[2])),
+        sensor=sensor_sd,
+        arm=arm_sd,
+        sensor_interval=(sensor_low, sensor_high),
+        arm_interval=(arm_low, arm_high),
         poses=poses,
         repeats=repeats,
         returns=returns,

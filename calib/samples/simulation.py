@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -143,11 +142,10 @@ def _values(what: str, value: str, relative: bool) -> tuple[float, ...]:
     if what == "mirror":
         return _MIRRORS.get(value, ())
     percent = value.endswith("%") and (relative or what == "outliers")
+    if percent:
+        value = value.removesuffix("%")
     try:
-        numbers = [
-            float(number)
-            for number in value.removesuffix("%" * percent).split(",")
-        ]
+        numbers = [float(number) for number in value.split(",")]
     except ValueError:
         return ()
     if percent:
@@ -326,8 +324,8 @@ class Simulation:
 def _behind_play(theta: Array, width: float) -> Array:
     """Let a joint (n,) follow its motor (n,), in the order of motion, with play [rad or m]."""
     half = width / 2.0
-    joint = accumulate(
-        theta.tolist(),
-        lambda at, motor: min(max(at, motor - half), motor + half),
-    )
-    return np.fromiter(joint, dtype=np.float64)
+    motors = theta.tolist()
+    joint = motors[:1]
+    for motor in motors[1:]:
+        joint.append(min(max(joint[-1], motor - half), motor + half))
+    return np.array(joint)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import csv
 import io
 import json
 import os
@@ -119,10 +120,10 @@ class Source:
             return cells.dt.epoch("us").cast(pl.Float64).to_numpy() * 1e-6
         times = self.numbers([name])[0][:, 0]
         times *= SECONDS.get(name_and_unit(name)[1], 1.0)
-        while (
-            np.abs(times).max(initial=0.0, where=np.isfinite(times)) > _LATEST
-        ):
+        latest = np.abs(times).max(initial=0.0, where=np.isfinite(times))
+        while latest > _LATEST:
             times /= 1e3
+            latest /= 1e3
         return times
 
     def numbers(self, names: Sequence[str]) -> tuple[Array, Index]:
@@ -156,27 +157,46 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     """
     if isinstance(path, Source):
         return path
-    import polars as pl
-
     name = os.fspath(path)
     label = "standard input" if name == "-" else printable(name)
-    file = Path(name)
-    recorded = file.suffix.lower() in RECORDINGS
-    try:
-        if file.is_dir() or (file.exists() and recorded):
-            raise LogError(
-                f"{label} is no table: expected a CSV or Parquet file",
-                hint=f"of a bag, pictures or a video make a log: calib log {label} -o log.csv",
-            )
-        content = _content(file)
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise LogError(f"cannot read {label!r}: {why}") from None
+    content = _content(Path(name), label)
     if content[8:].startswith(_MODEL):
         raise LogError(
             f"{label} is a model, not a log",
             hint="`log` takes a log (CSV or Parquet), a model is named without an option",
         )
+    table, about = _parse(content, label)
+    document = None
+    with suppress(ValueError):
+        document = json.loads(about)
+    if not isinstance(document, dict):
+        document = {}
+    return Source(label, table.with_row_index(_ROW, 1), document)
+
+
+def _content(file: Path, label: str) -> bytes:
+    """The bytes of a file, or of standard input.  Raises LogError if it is no table."""
+    if str(file) == "-":
+        return sys.stdin.buffer.read()
+    is_recording = file.suffix.lower() in RECORDINGS
+    try:
+        if file.is_dir() or (file.exists() and is_recording):
+            raise LogError(
+                f"{label} is no table: expected a CSV or Parquet file",
+                hint=f"of a bag, pictures or a video make a log: calib log {label} -o log.csv",
+            )
+        if file.is_block_device() or file.is_char_device():
+            raise OSError("it is a device, expected a CSV or Parquet file")
+        return file.read_bytes()
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise LogError(f"cannot read {label!r}: {why}") from None
+
+
+def _parse(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
+    """The rows of a CSV or Parquet file, and what it says of itself."""
+    import polars as pl
+
     try:
         if content.startswith(b"PAR1"):
             table = pl.read_parquet(content)
@@ -184,7 +204,9 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
             about = metadata.get(KEY, "")
         else:
             table, about = _read_text(content, label)
-        table = table.rename(lambda name: name.removesuffix(_POSITION_SUFFIX))
+        return table.rename(
+            lambda name: name.removesuffix(_POSITION_SUFFIX)
+        ), about
     except (
         pl.exceptions.PolarsError,
         pl.exceptions.PanicException,
@@ -194,21 +216,6 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
         raise LogError(
             f"{label} cannot be read: {reason}: {_EXPECTED}"
         ) from None
-    document = None
-    with suppress(ValueError):
-        document = json.loads(about)
-    if not isinstance(document, dict):
-        document = {}
-    return Source(label, table.with_row_index(_ROW, 1), document)
-
-
-def _content(file: Path) -> bytes:
-    """The bytes of a file, or of standard input."""
-    if str(file) == "-":
-        return sys.stdin.buffer.read()
-    if file.is_block_device() or file.is_char_device():
-        raise OSError("it is a device, expected a CSV or Parquet file")
-    return file.read_bytes()
 
 
 def _read_text(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
@@ -227,9 +234,16 @@ def _read_text(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
             f"{label} is empty: expected a header with the names of the columns"
         )
     separator = max(",;\t", key=lines[0].count)
-    table = pl.read_csv(
-        content, separator=separator, comment_prefix=COMMENT, infer_schema=False
-    )
+    try:
+        table = pl.read_csv(
+            content,
+            separator=separator,
+            comment_prefix=COMMENT,
+            infer_schema=False,
+        )
+    except pl.exceptions.ComputeError:
+        _refuse_long_rows(content, separator, label)
+        raise
     if separator != ",":
         table = _with_points(table)
     table = table.rename(lambda name: name.strip().replace('""', '"'))
@@ -237,6 +251,20 @@ def _read_text(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
     is_filled = table.select(pl.any_horizontal(pl.all().is_not_null()))
     numbers = is_filled.to_series().arg_true()
     return table.head(numbers[-1] + 1 if len(numbers) else 0), about
+
+
+def _refuse_long_rows(content: bytes, separator: str, label: str) -> None:
+    """Refuse a row of a CSV file that has more values than the header has names."""
+    text = content.decode("utf-8-sig", errors="replace")
+    lines = (line for line in text.splitlines() if not line.startswith(COMMENT))
+    with suppress(csv.Error):  # an open quote
+        header, *rows = csv.reader(lines, delimiter=separator)
+        for number, row in enumerate(rows, start=1):
+            if len(row) > len(header):
+                raise LogError(
+                    f"{label}, row {number} has {len(row)} values, the header {len(header)} names: "
+                    f"{_EXPECTED}"
+                )
 
 
 def _with_points(table: pl.DataFrame) -> pl.DataFrame:
@@ -332,5 +360,8 @@ def write_table(
 
 def rows_in_words(numbers: Index) -> str:
     """Name the first of some numbers of rows."""
-    shown = f"{', '.join(map(str, numbers[:5]))}{', ...' if len(numbers) > 5 else ''}"
-    return f"row{'s' * (len(numbers) > 1)} {shown}"
+    shown = [str(number) for number in numbers[:5]]
+    if len(numbers) > 5:
+        shown.append("...")
+    noun = "row" if len(numbers) == 1 else "rows"
+    return f"{noun} {', '.join(shown)}"

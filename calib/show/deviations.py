@@ -4,6 +4,7 @@ Motions of the tip that several parameters share are told once: a minimal set of
 the order of `_ORDER`, stands for all others (zeros before turned origins, lengths before shifts).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from ..body.covariance import Z95
 from ..body.curves import waves_of
 from ..body.structure import Structure
 from ..common.arrays import Array, Index
-from ..common.rows import solve_least_squares
+from ..common.rows import row_lengths, solve_least_squares
 from ..common.wording import quantity
 from ..errors import CalibError
 from ..model.model import Model
@@ -82,7 +83,7 @@ def deviations_of(model: Model) -> list[Deviation]:
     shares = solve_least_squares(columns[:, chosen], columns[:, others])
     root = body.full_root
     values = steps[chosen] + shares @ steps[others]
-    halves = Z95 * np.linalg.norm(root[chosen] + shares @ root[others], axis=1)
+    halves = Z95 * row_lengths(root[chosen] + shares @ root[others])
     deviations = []
     for k, value, half in zip(
         chosen, values.tolist(), halves.tolist(), strict=True
@@ -91,14 +92,21 @@ def deviations_of(model: Model) -> list[Deviation]:
         name = _in_words(label.name, str(label.joint))
         effect = float(sizes[k]) * abs(value)
         deviations.append(Deviation(name, value, half, label.unit, effect))
+    deviations += _error_curves(structure, columns, steps)
+    return sorted(deviations, key=lambda deviation: -deviation.effect)
+
+
+def _error_curves(
+    structure: Structure, columns: Array, steps: Array
+) -> Iterator[Deviation]:
+    """The error curves of joints that have one, of steps (d,) from the drawing's parameters."""
     for k, joint in enumerate(structure.joint_names):
         waves = structure.groups[f"curve.{k}"]
         effect = float(np.linalg.norm(columns[:, waves] @ steps[waves]))
         if effect:
             rms = float(np.linalg.norm(steps[waves])) / 2**0.5
             name = f"{joint}: error curve, rms"
-            deviations.append(Deviation(name, rms, 0.0, "rad", effect))
-    return sorted(deviations, key=lambda deviation: -deviation.effect)
+            yield Deviation(name, rms, 0.0, "rad", effect)
 
 
 def frame_parameters(body: Body) -> Index:
@@ -119,7 +127,7 @@ def error_curve(body: Body, joint: int, q: Array) -> tuple[Array, Array]:
         indices = indices[:0]
     waves = waves_of(q).T[:, : len(indices)]
     root = body.root[np.searchsorted(body.active, indices)]
-    half = Z95 * np.linalg.norm(waves @ root, axis=1)
+    half = Z95 * row_lengths(waves @ root)
     return np.asarray(waves @ body.beta[indices]), np.asarray(half)
 
 

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from ..body.sensor_pose import SensorPose
 from ..common.arrays import Array
+from ..common.rows import finite_rows
 from ..common.scale import Scale
 from ..model.model import Model
 from ..model.nominal import visited_joints
@@ -40,7 +41,7 @@ def place_model(model: Model, robot: Robot | None) -> Placement:
         points = robot.tips(q)
     else:
         points = Space.of(model).forward(q)[0]
-    answered = np.isfinite(x).all(axis=1) & np.isfinite(points).all(axis=1)
+    answered = finite_rows(x) & finite_rows(points)
     scale = model.sensory.scale
     return _projective(scale, scale.to_unit(x[answered]), points[answered])
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..change.verdict import Verdict
 from ..common.arrays import Array
-from ..common.rows import row_lengths, solve_least_squares
+from ..common.rows import finite_rows, row_lengths, solve_least_squares
 from ..model.model import Model
 from ..samples.samples import Samples
 from ..training.residuals import fresh_points
@@ -63,7 +63,7 @@ class Bar(NamedTuple):
     @staticmethod
     def of(name: str, errors: Array, blocks: int = 10) -> Bar:
         """The mean distance of errors (n, m), with the spread of contiguous blocks of rows."""
-        distance = np.linalg.norm(errors, axis=1)
+        distance = row_lengths(errors)
         pieces = np.array_split(distance, min(blocks, len(distance)))
         means = [piece.mean() for piece in pieces]
         student = 2.26  # 95 % of ten blocks
@@ -206,7 +206,7 @@ def _rows_of_training(model: Model) -> StudiedRows | None:
         source = "rows held out"
     else:
         return None
-    answered = np.isfinite(held_out + learned).all(axis=1)
+    answered = finite_rows(held_out + learned)
     if not answered.any():
         return None
     return StudiedRows(

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from ..common.rows import finite_rows
 from ..maps.map import Map
 from ..model.model import Model
 from .settings import SETTINGS
@@ -50,5 +51,5 @@ def bound_field(model: Model) -> tuple[Array, Array]:
     shape = SETTINGS.field, len(about.lower)
     q = np.random.default_rng(0).uniform(about.lower, about.upper, shape)
     x = model.forward(q)
-    answered = np.isfinite(x).all(axis=1)
+    answered = finite_rows(x)
     return x[answered], model.model_error(q[answered])

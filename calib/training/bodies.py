@@ -25,10 +25,9 @@ from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..common.choices import VIEWS
-from ..common.rows import row_lengths
+from ..common.rows import row_lengths, thinned
 from ..common.scale import METRES
 from ..errors import OptionError
-from ..samples.camera import Camera
 from ..samples.samples import Samples
 from .options import TrainingOptions
 from .settings import LEARNING
@@ -48,10 +47,12 @@ def fit_bodies(
     logs : a row for each pose of each sensor by its name, of the same joints; the first one's
         drawing counts
     """
-    fitted = {name: _fitted_rows(samples) for name, samples in logs.items()}
+    fitted: dict[str, Samples] = {}
     structures: dict[str, Structure] = {}
     rows: dict[str, Rows] = {}
-    for name, samples in fitted.items():
+    for name, log in logs.items():
+        samples = log.take(thinned(len(log), LEARNING.most_rows))
+        fitted[name] = samples
         structures[name], rows[name] = _template_of(samples, options)
     fits = fit_sensors(structures, rows, seed=options.seed)
     return {
@@ -68,12 +69,6 @@ def fit_body(samples: Samples, options: TrainingOptions) -> BodyFit:
 def mean_error(fit: BodyFit) -> float:
     """Mean distance of held-out rows from the body [unit]."""
     return float(row_lengths(fit.held_out).mean())
-
-
-def _fitted_rows(samples: Samples) -> Samples:
-    """The samples that a body is fitted to: of a long log every so many-eth."""
-    every = -(-len(samples) // LEARNING.most_rows)  # rounded up
-    return samples.take(slice(None, None, every))
 
 
 def _with_notes(fit: BodyFit, samples: Samples) -> BodyFit:
@@ -194,7 +189,9 @@ def _in_space(samples: Samples, view: str) -> Template:
         return unknown, measured
     camera = samples.camera
     if camera is not None and measured.z.shape[1] == 2:
-        return _camera_template(samples, arm, camera)
+        lens = {"lens": camera.lens, "lens_sd": camera.lens_sd}
+        seen = structure_of(arm, "pinhole", unit="px", extent=extent, **lens)
+        return seen, measured
     if simulation is not None:
         view = "base"
     elif view == "auto":
@@ -208,21 +205,6 @@ def _in_space(samples: Samples, view: str) -> Template:
     rotvec = logarithm(matrix_of(samples.orientation))
     poses = replace(measured, z=np.hstack([measured.z, rotvec]))
     return structure.with_sensor(view=_POSED[view]), poses
-
-
-def _camera_template(
-    samples: Samples, arm: SpatialArm, camera: Camera
-) -> Template:
-    """The template of an arm in space that a camera sees, with what is known of its lens."""
-    structure = structure_of(
-        arm,
-        "pinhole",
-        unit="px",
-        extent=_extent(samples.x),
-        lens=camera.lens,
-        lens_sd=camera.lens_sd,
-    )
-    return structure, Rows(samples.q, samples.x)
 
 
 def _extent(x: Array) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from ..body.approach import Approach, learn_play
 from ..body.body_fit import BodyFit
 from ..common.arrays import Array, Index
+from ..common.rows import thinned
 from ..common.wording import unit_of_joint
 from ..maps.predictor import BodyInBox
 from ..samples.delays import Trajectory
@@ -67,9 +68,8 @@ class FittedLog(SoundLog):
     @property
     def rows(self) -> Index:
         """Rows (k,) of the samples that the body is fitted to: all but of a long log."""
-        count = len(self.samples)
-        every = -(-count // len(self.fit.held_out))  # rounded up
-        return np.arange(0, count, every)
+        numbers = np.arange(len(self.samples))
+        return numbers[thinned(len(numbers), len(self.fit.held_out))]
 
     @property
     def body(self) -> BodyInBox:
@@ -143,7 +143,7 @@ def _play_of(log: FittedLog) -> Array | None:
     exact = simulation is not None and not simulation.hidden
     if len(log.rows) < BACKLASH.fewest or exact or samples.side is None:
         return None
-    rows = log.rows[:: -(-len(log.rows) // BACKLASH.most)]
+    rows = log.rows[thinned(len(log.rows), BACKLASH.most)]
     scale = samples.unit_box
     u = scale.to_unit(samples.q[rows])
     value, slope = log.body.value_and_slope(u)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..body.belief import Body
+from ..body.parameters import Prior
+from ..body.structure import Structure
+from ..common.arrays import Array
 from ..common.rows import finite_rows
 from ..samples.delays import Delay, Trajectory, estimate_delay
 from ..samples.motion import directions
@@ -41,13 +44,12 @@ def _delay(
     if structure.outputs != samples.x.shape[1]:
         return None
     prior = structure.prior(structure.chain_blocks)
-    active = prior.active
     beta = body.beta.copy()
     if fresh:
         beta[prior.sd == 0] = prior.mean[prior.sd == 0]
     middle = len(samples) // 2
     half = LATE_CLOCK.rows // 2
-    rows = np.arange(len(samples))[max(0, middle - half) : middle + half]
+    rows = np.arange(max(0, middle - half), min(middle + half, len(samples)))
     late = 0.0
     share = 0.0
     rms = np.inf
@@ -59,24 +61,14 @@ def _delay(
         q = q[inside]
         predicted, slope = structure.predict_and_slope(q, beta)
         residual = structure.residual(samples.x[inside], predicted)
-        _, columns = structure.linearise(q, beta, active)
-        step = estimate_delay(
-            residual,
-            np.einsum("nmk,nk->nm", slope, speed[inside]),
-            columns,
-            prior.sd[active] ** -2.0,
-            (prior.mean - beta)[active],
-            # joints with play err by their direction
-            play=slope * directions(q)[:, None],
-            unit=trajectory.unit,
-        )
+        velocity = np.einsum("nmk,nk->nm", slope, speed[inside])
+        # joints with play err by their direction
+        play = slope * directions(q)[:, None]
+        step = _step(structure, prior, beta, q, residual, velocity, play)
         if step is None:
             return None
-        delay, change = step
+        delay, beta = step
         share = share or delay.share
-        moved = np.zeros(len(beta))
-        moved[active] = change
-        beta = structure.retract(beta, moved)
         late += delay.value
         # while the parameters beside it still move, its deviation is too large
         rms_before = rms
@@ -84,4 +76,32 @@ def _delay(
         is_settled = abs(delay.value) < LATE_CLOCK.settled * delay.sd
         if is_settled and rms > LATE_CLOCK.falls * rms_before:
             break
-    return Delay(late, delay.sd, delay.unit, share)
+    return Delay(late, delay.sd, trajectory.unit, share)
+
+
+def _step(
+    structure: Structure,
+    prior: Prior,
+    beta: Array,
+    q: Array,
+    residual: Array,
+    velocity: Array,
+    play: Array,
+) -> tuple[Delay, Array] | None:
+    """How much later positions are than joints (n, dof), and parameters (d,) that change beside it.
+
+    residual, velocity, play : (n, m), (n, m), (n, m, dof), see `estimate_delay`
+    """
+    active = prior.active
+    _, columns = structure.linearise(q, beta, active)
+    precision = prior.sd[active] ** -2.0
+    pull = (prior.mean - beta)[active]
+    estimate = estimate_delay(
+        residual, velocity, columns, precision, pull, play=play
+    )
+    if estimate is None:
+        return None
+    delay, change = estimate
+    moved = np.zeros(len(beta))
+    moved[active] = change
+    return delay, structure.retract(beta, moved)

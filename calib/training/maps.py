@@ -9,12 +9,14 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from ..common.parallel import side_by_side
+from ..common.rows import thinned
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps import model_selection
 from ..maps.association import Association
 from ..maps.density import kind_of
 from ..maps.links import wiring_of
+from ..maps.map import Map
 from ..maps.som import SOM
 from .fitted_log import FittedLog, SoundLog
 from .options import LATTICE, UNFOLD, Progress, TrainingOptions
@@ -37,11 +39,11 @@ def maps_of(
     # a log may leave parts of the joints' range out, a simulation only has too few samples
     nodes = math.prod(options.shapes[0])
     if samples.simulation is None or len(samples) < nodes:
-        every = -(-len(u) // LEARNING.most_rows)
+        learned = thinned(len(u), LEARNING.most_rows)
         rng = np.random.default_rng(options.stream("imagined"))
         drawn = rng.random((LEARNING.imagined * nodes, u.shape[1]))
-        u = np.concatenate([u[::every], drawn])
-        x = np.concatenate([x[::every], log.body.value(drawn)])
+        u = np.concatenate([u[learned], drawn])
+        x = np.concatenate([x[learned], log.body.value(drawn)])
     misfit = misfit_around(log, u)
     return associate(scale, u, x, options, misfit, progress)
 
@@ -70,17 +72,10 @@ def associate(
     """
     box = Scale.of_data(x)
     v = box.to_unit(x)
-    shapes = options.shapes
-    network = options.map or LATTICE
-    in_order = kind_of(network) == "som"
-    soms: list[SOM] = []
-    for shape, name in zip(shapes, ("motor", "sensory"), strict=True):
-        seed = options.stream(name)
-        som = SOM(
-            shape, network, options.rule, options.epochs, options.sigma, seed
-        )
-        soms.append(som)
-    motor_som, sensory_som = soms
+    in_order = kind_of(options.map or LATTICE) == "som"
+    motor_shape, sensory_shape = options.shapes
+    motor_som = _untrained("motor", motor_shape, options)
+    sensory_som = _untrained("sensory", sensory_shape, options)
 
     def report(done: float, error: float) -> None:
         if progress is not None:
@@ -89,7 +84,9 @@ def associate(
     if options.rule == "online" and in_order:
         # The links that eq. 5 has made on the way lag behind the maps (30x30 nodes, five passes of
         # 20,000 samples: `activity` 9.2 mm); kept are those at which it comes to rest (2.9 mm).
-        pair = motor_som.online_pair((u, v), (scale, box), shapes, report)
+        pair = motor_som.online_pair(
+            (u, v), (scale, box), options.shapes, report
+        )
         motor = pair.motor
         sensory = pair.sensory
     else:
@@ -104,10 +101,28 @@ def associate(
             # steps of a few samples hold the interpreter's lock: two threads would fight for it
             motor = fit_motor()
             sensory = fit_sensory()
-    for name, network_map in (("motor", motor), ("sensory", sensory)):
-        if not network_map.spacing > LEARNING.collapsed:
-            raise OptionError(
-                f"the {name} map did not unfold: its nodes collapsed",
-                hint=UNFOLD,
-            )
+    _refuse_collapsed("motor", motor)
+    _refuse_collapsed("sensory", sensory)
     return Association.learn(motor, u, sensory, v, wiring_of(options.links))
+
+
+def _untrained(
+    name: str, shape: tuple[int, ...], options: TrainingOptions
+) -> SOM:
+    """The motor or the sensory map before its training."""
+    return SOM(
+        shape,
+        options.map or LATTICE,
+        options.rule,
+        options.epochs,
+        options.sigma,
+        options.stream(name),
+    )
+
+
+def _refuse_collapsed(name: str, network: Map) -> None:
+    """Raise OptionError for a map whose nodes are all at one place."""
+    if not network.spacing > LEARNING.collapsed:
+        raise OptionError(
+            f"the {name} map did not unfold: its nodes collapsed", hint=UNFOLD
+        )

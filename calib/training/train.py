@@ -234,7 +234,7 @@ def _about(samples: Samples, options: TrainingOptions) -> About:
         columns=samples.columns,
         degrees=samples.degrees,
         picture=None if samples.camera is None else samples.camera.size,
-        frame=str(samples.source.get("frame", "")),
+        frame=str(samples.source.get("frame") or ""),
         sensor=samples.sensor,
         limits=None if arm is None else _limits(samples, arm),
     )

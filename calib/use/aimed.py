@@ -17,7 +17,6 @@ from ..inverse.newton import Newton
 from ..model.model import Model
 from .pose_space import PoseSpace
 from .settings import AIMING, PLANNING
-from .whitened import whitened_jacobian
 
 
 @dataclass(frozen=True)
@@ -73,16 +72,17 @@ def at_point(
     Where the point is, is not known.  Raises OptionError if none is found.
     """
     structure, beta = chain_in_base(source)
-    target = number_rows(
-        np.ravel(point), ("x", "y", "z"), "touch", OptionError
-    )[0][0]
+    axes = ("x", "y", "z")
+    rows, _ = number_rows(np.ravel(point), axes, "touch", OptionError)
+    target = rows[0]
     start = rng.uniform(space.lower, space.upper, (AIMING.drawn, structure.dof))
     targets = np.tile(target, (AIMING.drawn, 1))
     q, distance = joints_towards(structure, beta, start, targets, space)
     q = q[distance < AIMING.near][: AIMING.most]
+    at = ", ".join(f"{value:g}" for value in target)
     if not len(q):
         raise OptionError(
-            f"touch {', '.join(f'{value:g}' for value in target)}: no posture within the limits "
+            f"touch {at}: no posture within the limits "
             "reaches this point of the base frame [m]; give another"
         )
     body = None if isinstance(source, Arm) else source.body
@@ -100,7 +100,6 @@ def at_point(
         places = np.broadcast_to(place, (len(q), 3, 3))
         return greedy(np.concatenate([tip, places], axis=2), count)
 
-    at = ", ".join(f"{value:g}" for value in target)
     why = (
         f"the tip at ({at}) m in the base frame, chosen to tell most of the arm"
     )
@@ -121,3 +120,22 @@ def chain_in_base(source: Arm | Model) -> tuple[SpatialStructure, Array]:
             "expected a robot that moves in space, or a model of one"
         )
     return without_sensor(body.structure, body.beta)
+
+
+def whitened_jacobian(
+    structure: SpatialStructure,
+    beta: Array,
+    q: Array,
+    groups: Sequence[str],
+    noise: float,
+) -> Array:
+    """Return the derivative (n, m, k) of readings by k parameters, both divided by their sd.
+
+    q : (n, dof), joint values [rad or m]
+    groups : of the parameters; their sd is that of the prior, where a plan does not limit it
+    noise : sd of a reading [unit]
+    """
+    prior = structure.prior(groups)
+    sd = np.minimum(prior.sd, PLANNING.widest)
+    slope = structure.linearise(q, beta, prior.active)[1]
+    return slope * sd[prior.active] / noise

@@ -13,6 +13,7 @@ from ..arm.rotations import logarithm
 from ..common.arrays import Array
 from ..common.choices import check_choice
 from ..common.inputs import joint_numbers, query_rows
+from ..common.rows import row_lengths
 from ..errors import QueryError, require
 from ..model.model import Model
 from ..model.nominal import visited_joints
@@ -68,7 +69,7 @@ class Corrected:
         """From the target to where the corrected joints lead, by the learned map, (n,) [unit]."""
         model = self._wanted.model
         x = model.positions_at(self._unit, model.default_readout)
-        return np.asarray(np.linalg.norm(x - self.target, axis=1))
+        return row_lengths(x - self.target)
 
     @cached_property
     def expected_error(self) -> Array:
@@ -86,8 +87,8 @@ class Corrected:
             return None
         nominal = wanted.pose(self.given)[1]
         real = wanted.space.evaluate(self.nearest)[1]
-        rotvec = logarithm(real @ np.swapaxes(nominal, 1, 2))
-        return np.asarray(np.linalg.norm(rotvec, axis=1))
+        rotvec = logarithm(real @ nominal.mT)
+        return row_lengths(rotvec)
 
     @property
     def _unit(self) -> Array:

@@ -104,17 +104,12 @@ class Geometry:
                 turn = across
             else:
                 shift = across
-            origins.append(
-                (structure.shifts[row], shift, structure.turns[row], turn)
-            )
-        tip = groups["tool"], np.eye(3), groups["tool.rotation"], np.eye(3)
-        return [
-            (
-                self._quantity(self._parts(shifts, shift)),
-                self._quantity(self._parts(turns, turn)),
-            )
-            for shifts, shift, turns, turn in [*origins, tip]
-        ]
+            shifts = self._parts(structure.shifts[row], shift)
+            turns = self._parts(structure.turns[row], turn)
+            origins.append((self._quantity(shifts), self._quantity(turns)))
+        shifts = self._parts(groups["tool"], np.eye(3))
+        turns = self._parts(groups["tool.rotation"], np.eye(3))
+        return [*origins, (self._quantity(shifts), self._quantity(turns))]
 
     @property
     def frame(self) -> Alignment | None:

@@ -23,6 +23,7 @@ from ..body.rows import Rows
 from ..body.settings import FREE, PRIOR, PRIOR_SHARE, SHIFT, STUDENT
 from ..body.spatial import SpatialStructure, structure_of
 from ..common.arrays import Array
+from ..common.rows import finite_rows, row_lengths
 from ..common.scale import METRES
 from ..errors import CalibError, OptionError
 from ..model.alignment import Alignment
@@ -90,7 +91,7 @@ class Points:
         if model.body is None:
             independent = min(independent, FITTING.patches)
         error = noise * math.sqrt(len(q) / independent)
-        answered = np.isfinite(x).all(axis=1)
+        answered = finite_rows(x)
         return cls(q[answered], x[answered], model.about.unit, error)
 
 
@@ -367,4 +368,4 @@ def _rms(rows: Array) -> float:
 
 
 def _reach(x: Array) -> float:
-    return float(np.linalg.norm(x - x.mean(axis=0), axis=1).max())
+    return float(row_lengths(x - x.mean(axis=0)).max())

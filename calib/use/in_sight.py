@@ -44,35 +44,27 @@ def in_sight(
     for group in ("tool", "tool.rotation"):
         beta[structure.groups[group]] = 0.0
     posed = structure.with_sensor(view="base pose")
-    if not isinstance(source, SpatialArm):
-        rig = rig_of_model(source)
-        others = []
-    elif start is not None and not isinstance(board, bool):
-        flange = _flange_at(posed, beta, start[None])[0]
-        around = flange, parse_board(board), eye == "hand"
-        rig = guessed_rig(*around)
-        others = [guessed_rig(*around, rng) for _ in range(AIMING.guesses)]
-    else:
-        raise OptionError(
-            "handeye: expected the board and `start`, joint values at which the camera sees it in "
-            "the middle of its picture"
-        )
+    flange_at_start = None
+    if start is not None:
+        flange_at_start = _flange_at(posed, beta, start[None])[0]
+    rigs = _possible_rigs(source, board, eye == "hand", flange_at_start, rng)
+    rig = rigs[0]
 
     # joints that bring the board where it is drawn, and see it
     begin = rng.uniform(space.lower, space.upper, (AIMING.drawn, structure.dof))
     if start is not None:
         begin[: AIMING.drawn // 2] = start
     drawn = rig.draw(AIMING.drawn, rng)
-    targets = np.concatenate(
-        [shift_of(drawn), logarithm(turn_of(drawn))], axis=1
-    )
+    targets = np.hstack([shift_of(drawn), logarithm(turn_of(drawn))])
     q, _ = joints_towards(posed, beta, begin, targets, space)
     q = np.unique(q.round(4), axis=0)
     flange = _flange_at(posed, beta, q)
     seen = rig.sees(flange)
+
     # those first that see it wherever camera and board may be
-    views = [seen & guess.sees(flange) for guess in others]
-    chance = np.sum([seen, *views], axis=0)
+    chance = np.zeros(len(q))
+    for possible in rigs:
+        chance += seen & possible.sees(flange)
     order = np.lexsort([rng.random(len(q)), -chance])
     q = q[order[: min(AIMING.most, np.count_nonzero(seen))]]
     if len(q) < 3:
@@ -88,6 +80,31 @@ def in_sight(
 
     why = "the board in the picture from many sides, chosen to tell most of the camera"
     return Candidates(q, best, why)
+
+
+def _possible_rigs(
+    source: Arm | Model,
+    board: Pattern | str | bool,
+    in_hand: bool,
+    flange: Array | None,
+    rng: np.random.Generator,
+) -> list[ExpectedRig]:
+    """The rig of a model, or those that an arm may have, the likeliest first.
+
+    flange : (4, 4) [m], where it is when the camera sees the middle of the board
+    """
+    if not isinstance(source, SpatialArm):
+        return [rig_of_model(source)]
+    if flange is None or isinstance(board, bool):
+        raise OptionError(
+            "handeye: expected the board and `start`, joint values at which the camera sees it in "
+            "the middle of its picture"
+        )
+    pattern = parse_board(board)
+    rigs = [guessed_rig(flange, pattern, in_hand)]
+    for _ in range(AIMING.guesses):
+        rigs.append(guessed_rig(flange, pattern, in_hand, rng))
+    return rigs
 
 
 def _flange_at(posed: SpatialStructure, beta: Array, q: Array) -> Array:

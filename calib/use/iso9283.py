@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.rows import finite_rows, group_means
+from ..common.rows import finite_rows, group_means, row_lengths
 from ..errors import CalibError, LogError
 from ..model.model import Model
 from ..samples.motion import visits_of
@@ -106,7 +106,8 @@ def _pose_tests(model: Model, samples: Samples) -> tuple[list[PoseTest], int]:
     joints = group_means(visits.visit, q[visits.rows])
     attained = group_means(visits.visit, samples.x[visits.rows])
     first = np.unique(visits.visit, return_index=True)[1]
-    places, pose, counts = np.unique(
+    # of each visit its pose, of each pose its visits
+    _, pose, counts = np.unique(
         visits.pose[first], return_inverse=True, return_counts=True
     )
     corrected = model.forward(joints)
@@ -115,14 +116,14 @@ def _pose_tests(model: Model, samples: Samples) -> tuple[list[PoseTest], int]:
     if model.about.urdf:
         with suppress(CalibError):
             delivered = Wanted.of(model).target(joints)
-    repeated = [k for k in range(len(places)) if counts[k] > 1]
+    repeated = np.flatnonzero(counts > 1)
     tests = []
     for k in repeated:
         members = pose == k
         if not answered[members].all():
             continue
         barycentre = attained[members].mean(axis=0)
-        distance = np.linalg.norm(attained[members] - barycentre, axis=1)
+        distance = row_lengths(attained[members] - barycentre)
         as_delivered = None
         if delivered is not None:
             as_delivered = _distance(delivered[members], barycentre)

@@ -2,9 +2,9 @@
 
 import json
 import math
-import os
 from collections.abc import Mapping
 
+from ..common.atomic import FilePath
 from ..common.wording import listing
 from ..errors import OptionError
 from ..model.model import Model
@@ -20,7 +20,7 @@ RANGES_MOVE = "the ends of the motors' ranges move with their zeros: drive to th
 """What whoever writes corrected zeros should be told."""
 
 
-def zeros(model: Model) -> dict[str, Quantity]:
+def zeros_of(model: Model) -> dict[str, Quantity]:
     """Return the zeros of the joints that the log tells, with the drawing's geometry trusted.
 
     The first joint's is one with the sensor's frame, the last one's often with a turn of what is
@@ -35,7 +35,7 @@ def zeros(model: Model) -> dict[str, Quantity]:
 
 
 def with_corrected_zeros(
-    path: str | os.PathLike[str], offsets: Mapping[str, float]
+    path: FilePath, offsets: Mapping[str, float]
 ) -> tuple[str, dict[str, int]]:
     """Return LeRobot's calibration with corrected zeros, and by how many ticks each moved.
 

@@ -18,22 +18,21 @@ from ..arm.arm import Arm, SpatialArm
 from ..body.information import greedy, most_telling
 from ..body.spatial import structure_of
 from ..common.arrays import Array, Index, ReadOnly
+from ..common.atomic import FilePath
 from ..common.choices import EYES, check_choice
 from ..common.inputs import whole
+from ..common.rows import row_lengths
 from ..common.scale import Scale
 from ..common.wording import by_name
 from ..errors import OptionError, require
 from ..model.model import Model
 from ..samples.tables import write_table
-from .aimed import Candidates, at_point
+from .aimed import Candidates, at_point, whitened_jacobian
 from .in_sight import in_sight
 from .pose_space import PoseSpace, space_of, usable_postures
 from .settings import PLANNING
-from .whitened import whitened_jacobian
 
 if TYPE_CHECKING:
-    import os
-
     from ..recording.board import Pattern
 
 
@@ -101,7 +100,7 @@ class Plan(ReadOnly):
             table["expected_error"] = self.expected_error
         return table
 
-    def write(self, path: str | os.PathLike[str]) -> None:
+    def write(self, path: FilePath) -> None:
         """Write the table as CSV, or Parquet by its name, whole or not at all."""
         write_table(path, self.columns())
 
@@ -167,13 +166,15 @@ def plan(
     rng = np.random.default_rng(whole("seed", seed, 0, 2**63 - 1))
     if not isinstance(source, Arm):
         require("source", source, Model)
+    check_choice("eye", eye, EYES)
     if above is not None and not np.isfinite(above):
         raise OptionError(f"above {above!r}: expected a height [m]")
-    space = space_of(source, margin, ranges)
-    begin = space.start(start)
     if touch is not None and handeye is not None:
         raise OptionError("expected one of `touch` and `handeye`")
-    check_choice("eye", eye, EYES)
+    space = space_of(source, margin, ranges)
+    begin = space.start(start)
+
+    # postures that serve the purpose, without those that cannot be measured
     if touch is not None:
         candidates = at_point(source, space, touch, rng)
     elif handeye is not None:
@@ -188,34 +189,49 @@ def plan(
         if above is not None:
             allowed += f" and above {above:g} m"
         raise OptionError(f"{allowed}; ask for fewer, or allow more")
+
+    # those that tell most, on a short way
     chosen = q[candidates.best(q, n)]
-    route, length = _route(space, np.vstack([begin, chosen]))
+    route = _short_route(space, np.vstack([begin, chosen]))
+    why = f"{n} poses, {candidates.why}"
+    return _plan_of_route(source, space, route, why, notes)
+
+
+def _short_route(space: PoseSpace, postures: Array) -> Array:
+    """Postures (n, dof) in an order of short moves from the first on."""
+    # by the span alone: the upper end of a whole turn is not its lower end to a cable
+    moves = np.abs(postures[:, None] - postures[None]) / space.scale.span
+    return postures[shortest_tour(moves.max(axis=-1))]
+
+
+def _plan_of_route(
+    source: Arm | Model,
+    space: PoseSpace,
+    route: Array,
+    why: str,
+    notes: Sequence[str],
+) -> Plan:
+    """The plan of postures (n + 1, dof), the start first, with what is expected at them."""
+    q = route[1:]
+    moves = np.abs(np.diff(route, axis=0))
+    shares = moves / space.scale.span
     expected_error = None
     unit = "m"
     if not isinstance(source, Arm):
-        expected_error = source.expected_error(route[1:])
+        expected_error = source.expected_error(q)
         unit = source.about.unit
     return Plan(
         space.joint_names,
-        route[1:],
-        source.forward(route[1:]),
+        q,
+        source.forward(q),
         expected_error,
-        start=begin,
-        travel=np.abs(np.diff(route, axis=0)).sum(axis=0),
-        length=length,
+        start=route[0],
+        travel=moves.sum(axis=0),
+        length=float(shares.max(axis=1).sum()),
         unit=unit,
-        why=(f"{n} poses, {candidates.why}",),
+        why=(why,),
         notes=tuple(notes),
     )
-
-
-def _route(space: PoseSpace, nodes: Array) -> tuple[Array, float]:
-    """Postures (n, dof) in an order of short moves from the first on, and the moves' length."""
-    # by the span alone: the upper end of a whole turn is not its lower end to a cable
-    moves = np.abs(nodes[:, None] - nodes[None]) / space.scale.span
-    distances = moves.max(axis=-1)
-    order = shortest_tour(distances)
-    return nodes[order], float(distances[order[:-1], order[1:]].sum())
 
 
 def all_over(
@@ -261,7 +277,7 @@ def farthest(scale: Scale, q: Array, n: int) -> Index:
         row = int(distances.argmax())
         chosen[k] = row
         distances = np.minimum(
-            distances, np.linalg.norm(scale.difference(u, u[row]), axis=1)
+            distances, row_lengths(scale.difference(u, u[row]))
         )
         distances[row] = -1.0  # where points repeat, none is chosen twice
     return chosen

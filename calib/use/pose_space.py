@@ -20,6 +20,7 @@ from ..errors import OptionError
 from ..model.model import Model
 from ..model.nominal import nominal_arm
 from ..model.space import Space
+from ..recording.track import usable_rows
 from .settings import PLANNING
 
 
@@ -41,9 +42,8 @@ class PoseSpace:
         if q is None:
             return np.asarray(np.clip(0.0, self.lower, self.upper))
         names = self.joint_names
-        values: Array = number_rows(np.ravel(q), names, "start", OptionError)[
-            0
-        ][0]
+        rows, _ = number_rows(np.ravel(q), names, "start", OptionError)
+        values: Array = rows[0]
         low = self.scale.lower
         high = low + self.scale.span
         beyond = np.abs(values - np.clip(values, low, high))
@@ -137,32 +137,22 @@ def usable_postures(
     z = `height` [m] of its base frame: the tip and the joints' origins, not links and tools beyond.
     Raises OptionError if a height is given for an arm whose base frame is not known.
     """
-    usable = np.ones(len(q), dtype=bool)
-    notes = []
-
-    def leave_out(bad: Mask, why: str) -> None:
-        count = np.count_nonzero(bad & usable)
-        if count:
-            share = f"{count} of {len(q)} candidates were left out"
-            notes.append(f"{share} because {why}")
-            usable[bad] = False
-
     arm = arm_of(source)
+    doubts: dict[str, Mask] = {}
+    hints: list[str] = []
     unchecked = "obstacles and self-collision"
     if isinstance(arm, SpatialArm):
         hits = hits_itself(arm.urdf, arm.joint_names, arm.locked, q)
         if hits is not None:
+            doubts["the arm hits itself"] = hits
             unchecked = "meshes, obstacles and the moves between poses"
-            leave_out(hits, "the arm hits itself")
         lowest = _lowest_points(arm, q)
         if height is not None:
-            leave_out(
-                lowest <= height,
-                f"the tip or a joint is below z = {height:g} m there",
-            )
-            unchecked = f"{unchecked}, what is mounted beyond the tip"
+            below = f"the tip or a joint is below z = {height:g} m there"
+            doubts[below] = lowest <= height
+            unchecked += ", what is mounted beyond the tip"
         elif lowest.min() < 0.0:
-            notes.append(
+            hints.append(
                 f"the arm goes down to z = {lowest.min():.3f} m of its base frame: if a table is "
                 "there, give its height with `above`"
             )
@@ -175,13 +165,17 @@ def usable_postures(
     body = None if isinstance(source, Arm) else source.body
     if isinstance(source, Model) and body and is_camera(body.structure.view):
         chain = Space.of(source)
-        leave_out(
-            ~chain.sees(chain.evaluate(q)[0]),
-            "the tip is outside of the camera's picture there",
-        )
-        unchecked = f"{unchecked}, links that hide the tip"
-    notes.append(f"{unchecked} are not checked: move slowly the first time")
-    return usable, notes
+        outside = ~chain.sees(chain.evaluate(q)[0])
+        doubts["the tip is outside of the camera's picture there"] = outside
+        unchecked += ", links that hide the tip"
+    usable, dropped = usable_rows(np.ones(len(q), dtype=bool), doubts)
+    notes = [
+        f"{count} of {len(q)} candidates were left out because {why}"
+        for why, count in dropped.items()
+        if count
+    ]
+    last = f"{unchecked} are not checked: move slowly the first time"
+    return usable, [*notes, *hints, last]
 
 
 def _lowest_points(arm: SpatialArm, q: Array) -> Array:
@@ -207,12 +201,7 @@ def hits_itself(
         import pinocchio as pin
     except ImportError:  # it has no wheel for Windows
         return None
-    root = ET.fromstring(urdf)  # noqa: S314 - a URDF was checked when it was read
-    for link in root.iter("link"):
-        for body in link.findall("collision"):
-            if body.find("geometry/mesh") is not None:
-                link.remove(body)
-    text = ET.tostring(root, encoding="unicode")
+    text = _without_meshes(urdf)
     try:
         model: Any = pin.buildModelFromXML(text)
         bodies: Any = pin.buildGeomFromUrdfString(
@@ -220,24 +209,36 @@ def hits_itself(
         )
     except Exception:  # Pinocchio raises what its parser happened to throw
         return None
+
+    # pairs of bodies on links that are not joined
     carriers = [body.parentJoint for body in bodies.geometryObjects]
     above = model.parents
     for (i, a), (k, b) in combinations(enumerate(carriers), 2):
         if a != b and above[a] != b and above[b] != a:
             bodies.addCollisionPair(pin.CollisionPair(i, k))
+
+    # those that meet in each posture
     data = model.createData()
     results = pin.GeometryData(bodies)
     met = np.zeros((len(q), len(bodies.collisionPairs)), dtype=bool)
-    places = [
-        model.joints[model.getJointId(name)].idx_v
-        for name in (*locked, *joint_names)
-    ]
+    names = [*locked, *joint_names]
+    places = [model.joints[model.getJointId(name)].idx_v for name in names]
+    velocity = np.zeros(model.nv)
     for row, values in zip(met, q, strict=True):
         # a joint without limits has cosine and sine as its configuration: `integrate` fills both
-        velocity = np.zeros(model.nv)
         velocity[places] = [*locked.values(), *values]
         posture = pin.integrate(model, pin.neutral(model), velocity)
         pin.computeCollisions(model, data, bodies, results, posture, False)
         row[:] = [result.isCollision() for result in results.collisionResults]
     compared = met[: PLANNING.compared].mean(axis=0) < PLANNING.always
     return np.asarray(met[:, compared].any(axis=1)) if compared.any() else None
+
+
+def _without_meshes(urdf: str) -> str:
+    """A URDF without the collision bodies that are meshes."""
+    root = ET.fromstring(urdf)  # noqa: S314 - a URDF was checked when it was read
+    for link in root.iter("link"):
+        for body in link.findall("collision"):
+            if body.find("geometry/mesh") is not None:
+                link.remove(body)
+    return ET.tostring(root, encoding="unicode")

@@ -9,7 +9,7 @@ from pathlib import Path
 from string import Template
 from xml.sax.saxutils import quoteattr
 
-from ..common.atomic import atomic_write
+from ..common.atomic import FilePath, atomic_write
 from ..common.wording import one_line
 from ..errors import OptionError
 from ..model.model import Model
@@ -29,9 +29,7 @@ _TEMPLATES = {
 """Files of the package, and the template of each in `ros2_package`."""
 
 
-def write_ros2_package(
-    model: Model, folder: str | os.PathLike[str]
-) -> list[Path]:
+def write_ros2_package(model: Model, folder: FilePath) -> list[Path]:
     """Write a package that `colcon build` takes, and return its files.
 
     Its node corrects whole trajectories, publishes where the sensor (and a board) is, and tells by

@@ -16,6 +16,7 @@ from ..arm.loading import arm_from_urdf
 from ..arm.posture import posture_of
 from ..arm.rotations import exponential
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from ..common.wording import listing
 from ..errors import OptionError
 from ..inverse.closed_form import meeting_point
@@ -86,7 +87,7 @@ def _frames(urdf: str, tip: str) -> Array:
     directions[-1] = _nearest_column(hand, directions[-1])
 
     across = directions - (directions * axes).sum(axis=1)[:, None] * axes
-    x = across / np.linalg.norm(across, axis=1)[:, None]
+    x = across / row_lengths(across)[:, None]
     frames = np.tile(np.eye(4), (len(axes), 1, 1))
     frames[:, :3] = np.stack([x, np.cross(axes, x), axes, points], axis=2)
     return frames

@@ -5,6 +5,7 @@ Only the origins that change are rewritten; comments, other elements and the lay
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -62,13 +63,12 @@ def corrected_urdf(geometry: Geometry) -> str:
 def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
     """Origins (4, 4) of the joints from the root to the tip with which all links are as fitted."""
     arm = geometry.arm
-    structure = geometry.structure
-    beta = geometry.beta
     path = urdf.path(arm.tip)
-    planar = isinstance(arm, PlanarArm)
     last = path[-1]
-    moves = last.kind != "prismatic" and structure.deviations(beta).tool.any()
-    if planar and moves and last.name in geometry.places:
+    deviations = geometry.structure.deviations(geometry.beta)
+    moves = last.kind != "prismatic" and deviations.tool.any()
+    is_planar = isinstance(arm, PlanarArm)
+    if is_planar and moves and last.name in geometry.places:
         raise RobotError(
             f"the tip {arm.tip!r} is the origin of joint {last.name!r}: it has no link of its "
             "own that could be corrected",
@@ -78,20 +78,7 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
         )
     values = {**arm.locked, **dict.fromkeys(geometry.places, 0.0)}
     drawn = posture_of(urdf, values).frames
-    offsets = structure.chain.coupling @ beta[structure.groups["offset"]]
-    motion = move(structure.links(beta), offsets[:, None])
-    carried = np.eye(4)
-    fitted = {urdf.root: np.eye(4)}
-    for joint in path:
-        if joint.name in geometry.places:
-            k = geometry.places.index(joint.name)
-            carried = rigid(
-                motion.frames[k + 1, :, :, 0], motion.places[k, :, 0]
-            )
-            carried = carried @ rigid(np.eye(3), -structure.chain.points[k])
-        fitted[joint.child] = carried @ drawn[joint.child]
-    if planar:  # in space the sensed point is a probe or a tag, not the tip
-        fitted[arm.tip] = rigid(motion.rotation[:, :, 0], motion.position[:, 0])
+    fitted = _fitted_frames(geometry, urdf, drawn)
     origins = {}
     for joint in path:  # a locked joint's own motion stays behind its origin
         lock = np.linalg.solve(
@@ -100,6 +87,32 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
         origin = np.linalg.solve(fitted[joint.parent], fitted[joint.child])
         origins[joint.name] = origin @ lock
     return origins
+
+
+def _fitted_frames(
+    geometry: Geometry, urdf: Urdf, drawn: Mapping[str, Array]
+) -> dict[str, Array]:
+    """Frames (4, 4) of the links to the tip where joints read zero, as fitted.
+
+    drawn : the same by the drawing
+    """
+    arm = geometry.arm
+    structure = geometry.structure
+    beta = geometry.beta
+    offsets = structure.chain.coupling @ beta[structure.groups["offset"]]
+    motion = move(structure.links(beta), offsets[:, None])
+    carried = np.eye(4)
+    fitted = {urdf.root: np.eye(4)}
+    for joint in urdf.path(arm.tip):
+        if joint.name in geometry.places:
+            k = geometry.places.index(joint.name)
+            frame = rigid(motion.frames[k + 1, :, :, 0], motion.places[k, :, 0])
+            carried = frame @ rigid(np.eye(3), -structure.chain.points[k])
+        fitted[joint.child] = carried @ drawn[joint.child]
+    if isinstance(arm, PlanarArm):
+        # in space the sensed point is a probe or a tag, not the tip
+        fitted[arm.tip] = rigid(motion.rotation[:, :, 0], motion.position[:, 0])
+    return fitted
 
 
 def check_output(path: str, nominal: str) -> None:

@@ -4,6 +4,7 @@ Exit code 3 if the real arm cannot reach one of these places, or if a joint woul
 more than the limit; the other rows are written.
 """
 
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import calib
@@ -36,6 +37,8 @@ def correct(
 ) -> Outcome:
     import numpy as np
 
+    from calib.common.rows import finite_rows
+
     from ..query import Files, Query, with_answers
 
     files = Files(input_, columns, output)
@@ -57,43 +60,49 @@ def correct(
     table["reachable"] = result.reachable
     if result.angle is not None:  # in space
         table["angle"] = result.angle
-    rows = np.flatnonzero(valid) + 1
+    rows = np.flatnonzero(valid)
     most = ", ".join(map(joints.change, range(len(joints.names)), result.limit))
     failures = {
         "out_of_reach": (
-            rows[~result.reachable].tolist(),
+            rows[~result.reachable],
             "out of reach for the real arm",
         ),
         "beyond_limit": (
-            rows[result.exceeded].tolist(),
+            rows[result.exceeded],
             f"a joint would change by more than the limit ({most}), no answer; if the change is "
             "right, give a larger --limit",
         ),
     }
-    change = {}
-    sizes = []
-    answered = np.isfinite(result.q).all(axis=1)
-    # of changes that are all beyond the limit their sizes are told
-    shown = answered if answered.any() else result.reachable
-    size = np.abs(result.change[shown])
-    if len(size):
-        units = query.model.about.units_of_joints
-        for name, kind, column, bound in zip(
-            joints.names, units, size.T, result.limit.tolist(), strict=True
-        ):
-            mean = float(column.mean())
-            largest = float(column.max())
-            change[name] = {"mean": mean, "max": largest, "limit": bound}
-            words = (
-                f"{with_unit(mean, kind)} (largest {with_unit(largest, kind)})"
-            )
-            sizes.append(f"{name} {words}")
-    lines = [f"mean change: {', '.join(sizes)}"] if sizes else []
+    answered = finite_rows(result.q)
     refused = result.exceeded.any() and not answered.any()
+    # of changes that are all beyond the limit their sizes are told
+    shown = np.flatnonzero(answered if answered.any() else result.reachable)
+    change = _change_of_joints(joints.names, result, shown.tolist())
+    sizes = []
+    for k, (name, size) in enumerate(change.items()):
+        unit = query.model.about.units_of_joints[k]
+        mean = with_unit(size["mean"], unit)
+        sizes.append(f"{name} {mean} (largest {with_unit(size['max'], unit)})")
     return query.write(
         batch,
         None if refused else with_answers(batch, table),
         failures,
-        lines=lines,
+        lines=[f"mean change: {', '.join(sizes)}"] if sizes else [],
         facts={"change": change or None},
     )
+
+
+def _change_of_joints(
+    names: Sequence[str], result: calib.Corrected, rows: Sequence[int]
+) -> dict[str, dict[str, float]]:
+    """Mean and largest change of each joint [rad or m] in some rows, and its limit."""
+    if not rows:
+        return {}
+    changes = {}
+    for k, name in enumerate(names):
+        sizes = abs(result.change[rows, k])
+        mean = float(sizes.mean())
+        largest = float(sizes.max())
+        limit = float(result.limit[k])
+        changes[name] = {"mean": mean, "max": largest, "limit": limit}
+    return changes

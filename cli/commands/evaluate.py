@@ -11,9 +11,9 @@ from calib.use import standing
 
 from .. import options as opt
 from ..logs import LogFormat, log_of, with_facts
-from ..output import Outcome, say
+from ..output import NO, Outcome, say
 from ..parsing import BadOption
-from ..summary import code_of, error_table, summary
+from ..summary import error_table, summary
 
 if TYPE_CHECKING:
     from calib.use.iso9283 import Iso9283
@@ -72,7 +72,7 @@ def evaluate(
     if result.touch:
         document["touch"] = result.touch
         lines = [*warnings, f"{model}: {_scatter(result)}", *limit]
-        return Outcome(document, lines, code=code_of(warnings))
+        return Outcome(document, lines, code=NO if warnings else 0)
     others = [] if log is not None else loaded.sensors[1:]
     lines = [
         *warnings,
@@ -81,19 +81,12 @@ def evaluate(
         *limit,
     ]
     if iso:
-        from calib.use.iso9283 import iso9283
-
-        if log is None:
-            raise BadOption(
-                "--iso9283 is of a log with repeated poses: expected --data LOG too"
-            )
-        standard = iso9283(loaded, log)
+        standard = _standard(loaded, log)
         document["iso9283"] = standard.to_json()
-        say(standard.notes)
         lines.append(_standard_line(standard))
     title = f"errors on {result.rows} {result.source}"
     table = error_table(loaded, result.errors, title)
-    return Outcome(document, lines, [table], code=code_of(warnings))
+    return Outcome(document, lines, [table], code=NO if warnings else 0)
 
 
 def _warnings_of_log(result: calib.Evaluation) -> list[str]:
@@ -104,6 +97,19 @@ def _warnings_of_log(result: calib.Evaluation) -> list[str]:
         f"THE BOUND DOES NOT HOLD: the model does not hold for this log, its 95 % bound covers "
         f"{100 * result.within['covered']:.0f} % of the rows; calib check says what changed"
     ]
+
+
+def _standard(model: calib.Model, log: calib.Samples | None) -> Iso9283:
+    """Test the poses of a log by the standard, and say where it falls short."""
+    from calib.use.iso9283 import iso9283
+
+    if log is None:
+        raise BadOption(
+            "--iso9283 is of a log with repeated poses: expected --data LOG too"
+        )
+    standard = iso9283(model, log)
+    say(standard.notes)
+    return standard
 
 
 def _standard_line(standard: Iso9283) -> str:
@@ -117,11 +123,12 @@ def _standard_line(standard: Iso9283) -> str:
 
 def _scatter(result: calib.Evaluation) -> str:
     scatter = result.touch["scatter"]
+    mean = with_unit(scatter["mean"], "m")
+    most = with_unit(scatter["p95"], "m")
     line = (
-        f"tips scatter about their sockets by {with_unit(scatter['mean'], 'm')}"
+        f"tips scatter about their sockets by {mean}, 95 % within {most}, in {result.rows} "
+        f"touches, {result.left_out} left out"
     )
-    line += f", 95 % within {with_unit(scatter['p95'], 'm')}"
-    line += f", in {result.rows} touches, {result.left_out} left out"
     distances = result.touch["distances"]
     if not distances:
         return line

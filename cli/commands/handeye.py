@@ -16,10 +16,9 @@ from calib.use import standing
 
 from .. import options as opt
 from ..logs import Selection
-from ..output import Outcome, note, say
+from ..output import NO, Outcome, note, say
 from ..parsing import BadOption, check_file
 from ..pictures import need_joints
-from ..summary import code_of
 
 UNITS = {
     "position": "m",
@@ -135,7 +134,9 @@ def handeye(
             atomic_write(path, text.encode())
             note(f"where all is stands in {path}")
     document = {**rig.to_json(), "units": UNITS}
-    return Outcome(document, [*warnings, *rig.lines()], code=code_of(warnings))
+    return Outcome(
+        document, [*warnings, *rig.lines()], code=NO if warnings else 0
+    )
 
 
 def _save(rig: calib.HandEye, path: str) -> list[str]:

@@ -7,8 +7,8 @@ from calib.common.wording import by_name, printable, with_unit
 from calib.use import standing
 
 from .. import options as opt
-from ..output import Line, Outcome, as_typed
-from ..summary import code_of, error_table, summary
+from ..output import NO, Line, Outcome, as_typed
+from ..summary import error_table, summary
 
 
 def info(model: opt.ModelFile, degrees: opt.Degrees = False) -> Outcome:
@@ -59,11 +59,11 @@ def info(model: opt.ModelFile, degrees: opt.Degrees = False) -> Outcome:
         body_lines = body.describe(about.lower, about.upper)
         lines += ["", "body", *(f"  {printable(line)}" for line in body_lines)]
     if not about.errors:
-        return Outcome(document, lines, code=code_of(warnings))
+        return Outcome(document, lines, code=NO if warnings else 0)
     lines += ["", "accuracy"]
     sensors = map(loaded.by, loaded.sensors)
     lines += map(standing.accuracy_as_made, sensors)
     if not warnings:
         lines.append(standing.limiting_factor(loaded, about.errors))
     table = error_table(loaded, about.errors, "errors when it was made")
-    return Outcome(document, lines, [table], code=code_of(warnings))
+    return Outcome(document, lines, [table], code=NO if warnings else 0)

@@ -12,14 +12,14 @@ from typing import Annotated
 
 from typer import Argument
 
+import calib
 from calib.common.wording import error_size
 from calib.use import standing
 
 from .. import options as opt
 from ..logs import Selection
-from ..output import Line, Outcome, TextTable, say, with_decimals
+from ..output import NO, Line, Outcome, TextTable, say, with_decimals
 from ..parsing import check_file
-from ..summary import code_of
 
 
 def lerobot(
@@ -52,10 +52,10 @@ def lerobot(
         str | None, opt.value("--model MODEL", "Keep what was learned, too.")
     ] = None,
 ) -> Outcome:
-    import calib
     from calib.common.atomic import atomic_write
+    from calib.recording.handeye import best_rig
     from calib.recording.lerobot import Dataset, Motors, read_dataset
-    from calib.use.lerobot import RANGES_MOVE, with_corrected_zeros, zeros
+    from calib.use.lerobot import RANGES_MOVE, with_corrected_zeros, zeros_of
 
     check_file(output, (".json",))
     check_file(model, (".calib",), option="--model")
@@ -66,24 +66,14 @@ def lerobot(
         dataset, arm.joint_names, camera, motors
     )
     say(notes)
-    rigs: dict[str, calib.HandEye] = {}
-    refusals: list[calib.CalibError] = []
-    for unit, table in tables.items():
-        try:
-            rigs[unit] = calib.handeye(arm, frames, table, board, eye)
-        except calib.CalibError as error:
-            refusals.append(error)
-    if not rigs:
-        raise refusals[0]
-    unit = min(rigs, key=lambda name: rigs[name].held_out["rms"])
-    rig = rigs[unit]
+    unit, rig = best_rig(arm, frames, tables, board, eye)
     say([f"joints are read as {unit}", *rig.notes])
     assert rig.poses is not None  # noqa: S101 - of joints there is a log
     learned = calib.train(rig.poses)
-    offsets = zeros(learned)
-    text, ticks = with_corrected_zeros(
-        calibration, {name: float(z.value) for name, z in offsets.items()}
-    )
+    zeros = zeros_of(learned)
+    offsets = {name: float(zero.value) for name, zero in zeros.items()}
+    intervals = {name: float(zero.interval) for name, zero in zeros.items()}
+    text, ticks = with_corrected_zeros(calibration, offsets)
     if model is not None:
         learned.save(model)
     atomic_write(output, text.encode())
@@ -91,8 +81,8 @@ def lerobot(
     document = {
         "output": output,
         "offsets": {
-            name: {"offset": float(z.value), "interval": float(z.interval)}
-            for name, z in offsets.items()
+            name: {"offset": offset, "interval": intervals[name]}
+            for name, offset in offsets.items()
         },
         "ticks": ticks,
         "hand": rig.hand,
@@ -100,11 +90,11 @@ def lerobot(
         "units": {"offsets": "rad", "position": "m", "rotation": "rad"},
     }
     rows = []
-    for name, zero in offsets.items():
+    for name, offset in offsets.items():
         old = int(motors.document[name]["homing_offset"])
-        interval = error_size(math.degrees(zero.interval))
-        offset = with_decimals(math.degrees(zero.value), 2)
-        rows.append([name, offset, interval, str(old), str(old + ticks[name])])
+        zero = with_decimals(math.degrees(offset), 2)
+        interval = error_size(math.degrees(intervals[name]))
+        rows.append([name, zero, interval, str(old), str(old + ticks[name])])
     header = ["joint", "zero is off by [deg]", "+-", "homing offset was", "is"]
     line = f"{output}: {len(offsets)} zeros corrected"
     unknown = [name for name in arm.joint_names if name not in offsets]
@@ -112,4 +102,4 @@ def lerobot(
         line += f"; {' and '.join(unknown)} stay, since no picture tells theirs"
     warnings = standing.bound_warnings(learned.about)
     lines: list[Line] = [*warnings, line, TextTable(header, rows)]
-    return Outcome(document, lines, code=code_of(warnings))
+    return Outcome(document, lines, code=NO if warnings else 0)

@@ -18,13 +18,11 @@ from .. import parsing
 from ..output import Outcome, say
 from ..parsing import TABLES, BadOption, above_zero, check_file, refuse
 from ..pictures import (
-    JointFile,
-    Moving,
     is_film,
     is_of_camera,
     read_setting,
     record_board,
-    record_tag,
+    with_seen_picture,
 )
 
 if TYPE_CHECKING:
@@ -78,21 +76,27 @@ def log(
     degrees: opt.Degrees = False,
     prismatic: opt.Prismatic = None,
 ) -> Outcome:
+    from calib.recording.motion_tables import read_joints
+    from calib.recording.tag_logs import log_pictures, log_video
     from calib.samples.logs import write_log
     from calib.samples.roles import log_columns
 
     check_file(output, TABLES, stream=True)
     sliding = prismatic or ()
-    moving = Moving(max_gap, still, time_offset)
     of_tag = (tag, tags_at, tag_size, tag_height, picture)
     of_pictures = (*of_tag, joints_file, board, lens, camera, eye)
     is_bag = not any(map(is_of_camera, bag)) and all(
         option is None for option in of_pictures
     )
-    joint_file = JointFile(joints_file, joints, degrees, sliding)
+    table = None
     if not is_bag:
         topics = {"joints_topic": joints_topic, "tip_topic": tip_topic}
-        _check_pictures(bag, eye, {**topics, "frames": frames}, moving)
+        of_videos = {"still": still, "time_offset": time_offset}
+        _check_pictures(bag, eye, {**topics, "frames": frames}, of_videos)
+    if joints_file is not None:
+        table = read_joints(
+            joints_file, joints, degrees=degrees, prismatic=sliding
+        )
     if is_bag:
         from calib.recording.bags import read_bag
 
@@ -105,11 +109,13 @@ def log(
             tip_topic=tip_topic,
             frames=frames,
             joints=joints,
-            **vars(moving),
+            max_gap=max_gap,
+            still=still,
+            time_offset=time_offset,
         )
         say(rows.notes)
     elif eye is not None:
-        rows = record_board(bag[0], board, eye, lens, joint_file, camera)
+        rows = record_board(bag[0], table, joints, board, eye, lens, camera)
     else:
         setting = read_setting(
             output,
@@ -121,7 +127,23 @@ def log(
             tag_size=tag_size,
             tag_height=tag_height,
         )
-        rows = record_tag(bag, output, setting, joint_file, picture, moving)
+        if table is None:
+            raise BadOption(
+                "--joints-file FILE is missing: pictures and videos need it"
+            )
+        if is_film(bag):
+            rows = log_video(
+                bag[0],
+                table,
+                setting,
+                time_offset=time_offset,
+                still=still,
+                max_gap=max_gap,
+            )
+        else:
+            rows = log_pictures(bag, table, setting)
+        say(rows.notes)
+        rows = with_seen_picture(rows, bag, output, setting, picture)
     units = "[rad, m, s]"
     if not is_bag:
         units = f"[rad, {rows.unit}]{_noise(rows)}"
@@ -150,12 +172,11 @@ def _check_pictures(
     names: Sequence[str],
     eye: str | None,
     of_bags: Mapping[str, object],
-    moving: Moving,
+    of_videos: Mapping[str, object],
 ) -> None:
     """Refuse options of bags, of a video where pictures are named, and several videos."""
     refuse(of_bags, "is for bags, not for pictures and videos")
     if not is_film(names):
-        of_videos = {"still": moving.still, "time_offset": moving.time_offset}
         refuse(of_videos, "is for videos and bags, not pictures")
     if len(names) > 1 and (is_film(names) or eye is not None):
         raise BadOption(

@@ -30,7 +30,7 @@ def plan(
     robot: Annotated[
         str, Argument(metavar="ROBOT|MODEL", help="To measure, or to improve.")
     ],
-    output: opt.NewPoses,
+    output: opt.NewTable,
     poses: Annotated[
         int,
         opt.value("--poses -n N", "How many poses.", parsing.whole(1, 1000)),

@@ -10,10 +10,9 @@ import calib
 from calib.use import standing
 
 from .. import options as opt
-from ..output import Outcome, progress
+from ..output import NO, Outcome, progress
 from ..parsing import BadOption, bad_value, check_file
 from ..pictures import load_drawn, size_of_page
-from ..summary import code_of
 
 
 def report(
@@ -59,4 +58,4 @@ def report(
             atomic_write(path, to_file(figure, kind))
             lines.append(str(path))
     document = {"output": output, "png": png, "figures": figures}
-    return Outcome(document, lines, code=code_of(warnings))
+    return Outcome(document, lines, code=NO if warnings else 0)

@@ -26,10 +26,10 @@ from ..logs import (
     read_measured_log,
     with_facts,
 )
-from ..output import Outcome, progress, say
+from ..output import NO, Outcome, progress, say
 from ..parsing import TABLES, BadOption, check_file, refuse
 from ..pictures import photo_of_log, with_photo
-from ..summary import code_of, error_table, summary
+from ..summary import error_table, summary
 
 
 def train(
@@ -192,7 +192,7 @@ def _outcome(model: calib.Model, path: str) -> Outcome:
     title = f"errors on {as_made(model).source}"
     table = error_table(model, about.errors, title)
     document = summary(model, path, about.errors, model.seconds)
-    return Outcome(document, lines, [table], code=code_of(warnings))
+    return Outcome(document, lines, [table], code=NO if warnings else 0)
 
 
 def _default_path(origin: str) -> str:

@@ -182,6 +182,8 @@ def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond():
             assert words in model.unanswered
     assert np.isnan(model.inverse(position, near=q + 50.0)).all()
     assert "expected a value in its range" in model.unanswered
+    assert np.isnan(model.forward(q + 50.0)).all()
+    assert "is outside of the learned range" in model.unanswered
     # in another process, too
     again = cold(model)
     assert np.isnan(again.inverse_pose(position + 9.0, turn, q)).all()

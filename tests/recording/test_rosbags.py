@@ -49,7 +49,8 @@ def write(
         whole, rest = (int(100 + t), int(1e9 * (t % 1))) if stamped else (0, 0)
         stamp = types["builtin_interfaces/msg/Time"](whole, rest)
         extra = {"seq": 0} if kind == "ros1" else {}
-        return types["std_msgs/msg/Header"](stamp=stamp, frame_id="base", **extra)
+        extra["frame_id"] = "base" if stamped else ""
+        return types["std_msgs/msg/Header"](stamp=stamp, **extra)
 
     def joint_state(t, q):
         return types["sensor_msgs/msg/JointState"](
@@ -123,6 +124,7 @@ def test_joints_are_interpolated_to_the_positions(tmp_path, kind, name, tip, sta
     bag = write(tmp_path / name, kind, tip, stamped=stamped)
     found = read_bag(bag, joints=["shoulder", "elbow"])
     assert found.joint_names == ("shoulder", "elbow")
+    assert found.source["frame"] == ("base" if stamped else None)
     assert len(found.q) == 298
     assert (np.diff(found.time) > 0).all()
     assert np.abs(found.x - x_at(0.013 + found.time)).max() < 1e-9

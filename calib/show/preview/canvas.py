@@ -83,7 +83,7 @@ class Canvas:
         first = transforms if transforms.ndim == 2 else transforms[0]
         self.places[path] = first.T.ravel().tolist()
         if transforms.ndim == 3 and np.ptp(transforms, axis=0).max() > 1e-9:
-            self.tracks[path] = packed(transforms.swapaxes(1, 2), np.float32)
+            self.tracks[path] = packed(transforms.mT, np.float32)
 
     def data(
         self,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...common.arrays import Array
+from ...common.rows import row_lengths
 from ...common.wording import quantity
 from ...maps.lattice import Lattice
 from ...maps.map import Map
@@ -84,9 +85,9 @@ def _draw_map(
     nodes = "x".join(map(str, som.lattice.shape))
     canvas.layer(name, "scale", f"{nodes} nodes", shown=shown)
     canvas.add(f"{name}/lattice", "lines", tints, points, edges)
-    lengths = np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1)
-    width = 0.5 * np.median(lengths) / canvas.size
-    width = float(np.clip(width, 0.003, 0.02))
+    lengths = row_lengths(np.diff(points[edges], axis=1)[:, 0])
+    share = 0.5 * np.median(lengths) / canvas.size
+    width = float(np.clip(share, 0.003, 0.02))
     canvas.add(f"{name}/nodes", "points", tints, points, size=width)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...arm.rigid import rigid
 from ...common.arrays import Array
-from ...common.rows import spread_rows
+from ...common.rows import row_lengths, spread_rows
 from ...common.wording import quantity
 from ...maps.lattice import Lattice
 from ...model.about import Photo
@@ -276,7 +276,7 @@ def _draw_motion(
     canvas: Canvas, motion: Motion, placement: Placement, unit: str
 ) -> None:
     """Draw the balls that run along."""
-    errors = np.linalg.norm(motion.predicted - motion.measured, axis=1)
+    errors = row_lengths(motion.predicted - motion.measured)
     words_of_errors = f"{quantity(errors.mean(), unit)} off on average"
     measured = placement.lift(motion.measured)
     predicted = placement.lift(motion.predicted)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import secrets
 import threading
 import webbrowser
@@ -12,7 +11,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.util import find_spec
 from pathlib import Path
 
-from ...common.atomic import atomic_write
+from ...common.atomic import FilePath, atomic_write
 from ...common.wording import fill_template
 from ...errors import OptionError, require
 from ...model.model import Model
@@ -25,7 +24,7 @@ _ADDRESS = "127.0.0.1"  # no other computer can reach it
 
 def preview(
     model: Model | HandEye,
-    path: str | os.PathLike[str] | None = None,
+    path: FilePath | None = None,
     log: Samples | None = None,
     *,
     port: int = 0,

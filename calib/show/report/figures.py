@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...common.arrays import Array
-from ...common.rows import spread_rows
+from ...common.rows import row_lengths, spread_rows
 from ...common.wording import (
     by_name,
     for_people,
@@ -206,16 +206,20 @@ def joints(study: Study) -> Figure | None:
         return None
     figure, axes = panels([1.25] * len(turning))
     for ax, k in zip(axes, turning, strict=True):
+        grid = np.linspace(about.lower[k], about.upper[k], 200)
+        curve, half = error_curve(body, k, grid)
+
+        # what rows say that hold the joint by a long lever: what the model leaves, and the curve
         lever = slope[:, : structure.blocks[0], k]
         length = levers[:, k]
         long = length > SETTINGS.lever * length.max()
         along = (rows.held_out[spread] * lever).sum(axis=1)[long]
-        grid = np.linspace(about.lower[k], about.upper[k], 200)
-        curve, half = error_curve(body, k, grid)
         learned = np.interp(q[long, k], grid, curve)
         readings = 1e3 * (along / length[long] ** 2 + learned)
         degrees = np.degrees(q[long, k])
         ax.plot(degrees, readings, ".", color=GREY, rasterized=True)
+
+        # the learned curve and its band
         values = np.degrees(grid)
         band = 1e3 * np.array([curve - half, curve + half])
         ax.fill_between(values, *band, color=ACCENT, alpha=0.3)
@@ -258,7 +262,7 @@ def arrows(study: Study) -> Figure | None:
     factor = for_people(unit)[0]
     x = factor * rows.x[spread]
     error = factor * rows.held_out[spread]
-    length = float(np.quantile(np.linalg.norm(error, axis=1), 0.95))
+    length = float(np.quantile(row_lengths(error), 0.95))
     longest = SETTINGS.arrow * float(np.ptp(x, axis=0).max())
     times = float(f"{max(longest / max(length, 1e-12), 1.0):.0e}")
     views = study.views[:2]

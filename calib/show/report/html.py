@@ -1,19 +1,18 @@
 """HTML: the pieces that pages of reports are filled from."""
 
-import os
 import re
 from collections.abc import Mapping
 from html import escape
 
 from matplotlib.figure import Figure
 
-from ...common.atomic import atomic_write
+from ...common.atomic import FilePath, atomic_write
 from ...common.wording import fill_template, number
 from .drawing import to_svg
 
 
 def write_page(
-    path: str | os.PathLike[str],
+    path: FilePath,
     *,
     title: str,
     verdict: str,

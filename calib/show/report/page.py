@@ -1,6 +1,5 @@
 """Page: a report that answers how accurate, what is off, where, why so, in one file offline."""
 
-import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from html import escape
@@ -8,6 +7,7 @@ from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
+from ...common.atomic import FilePath
 from ...common.wording import (
     fill_template,
     number,
@@ -106,7 +106,7 @@ HEADINGS = ("", "What is off", "The pictures", "Where", "Why so", "The maps")
 
 def report(
     model: Model | HandEye,
-    path: str | os.PathLike[str],
+    path: FilePath,
     log: Samples | None = None,
     *,
     progress: Progress | None = None,
@@ -259,7 +259,7 @@ def _table(model: Model) -> str:
     )
 
 
-def _report_rig(rig: HandEye, path: str | os.PathLike[str]) -> str:
+def _report_rig(rig: HandEye, path: FilePath) -> str:
     """Write a report of a rig, and return its verdict in words."""
     sections = dict.fromkeys(HEADINGS, "")
     _add(sections, RIG, rig)

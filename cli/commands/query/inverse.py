@@ -65,30 +65,19 @@ def inverse(
     from ...query import Files, Query
 
     is_pose = quaternion is not None or rpy is not None
-    for is_wrong, why in (
-        (
-            all_branches and readout,
-            "--all is of the default readout alone: no --readout",
-        ),
-        (
-            input_ and (is_pose or keep or on),
-            "--input has a column for each number: expected no other target",
-        ),
-        (
-            keep and (is_pose or near is None),
-            "--keep-orientation: expected --near beside it alone",
-        ),
-        (
-            free and not (is_pose or input_),
-            "--free: expected --quaternion or --rpy beside it",
-        ),
-        (
-            quaternion and rpy,
-            "--quaternion and --rpy are given: expected one of them",
-        ),
-    ):
-        if is_wrong:
-            raise BadOption(why)
+    why = ""
+    if all_branches and readout:
+        why = "--all is of the default readout alone: no --readout"
+    elif input_ and (is_pose or keep or on):
+        why = "--input has a column for each number: expected no other target"
+    elif keep and (is_pose or near is None):
+        why = "--keep-orientation: expected --near beside it alone"
+    elif free and not (is_pose or input_):
+        why = "--free: expected --quaternion or --rpy beside it"
+    elif quaternion and rpy:
+        why = "--quaternion and --rpy are given: expected one of them"
+    if why:
+        raise BadOption(why)
     files = Files(input_, columns, output, target)
     query = Query.of(model, files, unit, degrees, "base" if on else frame)
     anchor = query.within_range("--near", near)

@@ -62,20 +62,19 @@ def path(
         "jump": np.isin(np.arange(len(way.q)), way.jumps).astype(np.int64),
     }
     missed = ~way.reachable
-    furthest = query.positions.words(
-        float(way.distance[missed].max(initial=0.0))
-    )
+    largest = float(way.distance[missed].max(initial=0.0))
+    furthest = query.positions.words(largest)
     failures = {
         "jumps": (
-            (way.jumps + 1).tolist(),
+            way.jumps,
             "a jump cannot be avoided, the branch ends before",
         ),
         "left_out": (
-            (np.flatnonzero(way.left_out) + 1).tolist(),
+            np.flatnonzero(way.left_out),
             "left out, far beyond all that the arm reaches: the joints stay",
         ),
         "out_of_reach": (
-            (np.flatnonzero(missed) + 1).tolist(),
+            np.flatnonzero(missed),
             f"out of reach, by {furthest} at most: attainable points close by",
         ),
     }
