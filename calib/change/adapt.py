@@ -201,10 +201,8 @@ def _is_contradicted(verdict: Verdict) -> bool:
     """Whether the rows contradict the model: noise alone is no error of it, rows miss evenly."""
     if verdict.changed:
         return True
-    rows = verdict.rows
-    missed = rows.distance
-    uneven = np.quantile(missed, 0.95) > ADAPTING.tail * np.median(missed)
-    return bool(uneven and np.mean(missed > rows.bound) > 0.5)
+    missed = np.mean(verdict.rows.distance > verdict.rows.bound)
+    return bool(missed > 0.5) and not verdict.bound.may_be_noise
 
 
 def _with_wider_bound(

@@ -42,9 +42,6 @@ class AdaptationSettings:
     # share of the error before: a model that misses rows by less is written although the linear
     # equations promised more.  Exact rows after a lens: 1e-5 mm promised, 20 mm before.
     clearly_better: float = 0.01
-    # ratio of the 95 % quantile of distances to their median that is no noise (in the plane that of
-    # noise is 2.1): a bump of 5 mm that 3 of 30 rows saw
-    tail: float = 3.0
     # least spread of rows in any direction, over that of the learned range
     wide: float = 0.5
     # cells along each joint, for the share of the range that a log measured

@@ -30,7 +30,7 @@ from .explanation import Explanation
 from .frame import Reference
 from .noise import FALSE_ALARM
 from .rows import LogRows, Observations
-from .significance import BoundTest, GroupTests
+from .significance import FEW_WRONG, BoundTest, GroupTests
 from .system import Nuisance, System
 
 TOOL = "tool"  # the group of where it is
@@ -43,8 +43,6 @@ class EvidenceSettings:
     # share of the positions' spread: a log that is further off from every hypothesis is explained
     # by none
     unexplained: float = 0.1
-    # share of rows that may contradict all others where the rest is as near as told
-    few_wrong: float = 0.05
     # score of a mirror, another sense or another unit, which are no matter of chance
     discrete: float = 2.0
     # sizes of a change that no cause names, over what the rows are missed by
@@ -200,7 +198,7 @@ class Evidence:
         Rows that lag or whose joints are exchanged come near too, but for those at each jump.
         """
         count = len(self.rows) + self.rows.wrong
-        few = self.rows.wrong <= EVIDENCE.few_wrong * count
+        few = self.rows.wrong <= FEW_WRONG * count
         return few and distance < self.bound.usual < np.inf
 
     @property

@@ -140,7 +140,7 @@ def _update_by_posterior(
     logged = evidence.rows.q[rows]
     residual = posterior.cross_residual()
     residual += body.predict(observations.q) - body.predict(logged)
-    if evidence.score > 1.0 and not evidence.is_one_place:
+    if evidence.score > 1.0:
         body = _as_uncertain(body, explanation, evidence)
     body = _with_sound_bound(body, logged, row_lengths(residual))
     return _update(evidence, explanation, body, rows, residual)
@@ -270,7 +270,8 @@ def _as_uncertain(body: Body, best: Explanation, evidence: Evidence) -> Body:
         ]
     if evidence.unnamed > greatest - MARGIN:
         differences.append(best.reference.beta - body.beta)
-    if evidence.unnamed > greatest:
+    is_unknown = not (evidence.is_attributed or evidence.rows.widespread)
+    if is_unknown or evidence.unnamed > greatest:
         missed = evidence.rows.x - evidence.rows.predicted
         size = np.sqrt((missed**2).mean(axis=0))
         body = replace(body, residual=np.maximum(body.residual, size))

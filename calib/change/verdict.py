@@ -265,5 +265,5 @@ def notes_of(rows: LogRows, bound: BoundTest, score: float) -> list[str]:
     """Return the notes on the rows, and that the bound does not hold."""
     notes = list(rows.notes)
     if not bound.holds:
-        notes.append(bound.words(noisier=score <= 1.0))
+        notes.append(bound.words(changed=score > 1.0))
     return notes

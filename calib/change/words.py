@@ -112,7 +112,9 @@ def _play(evidence: Evidence, play: Play) -> Cause:
 def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
     """A joint whose encoder is noisy, and a scatter that is larger than usual."""
     tests = evidence.tests
-    causes = []
+    causes: list[Cause] = []
+    if not (drifted or evidence.bound.may_be_noise):
+        return causes
     if tests.noisy is not None and not drifted:
         name, unit = _joint(evidence, tests.noisy[0])
         sd = tests.noisy[1]

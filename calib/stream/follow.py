@@ -11,6 +11,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.choices import MAPS
+from ..common.rows import row_lengths
 from ..errors import ModelError, OptionError
 from ..maps.density import gain_of
 from ..maps.lattice import Lattice
@@ -48,6 +49,8 @@ class FollowSettings:
     no_chance: float = 4.0
     # times the error of an unchanged arm, from which that of the links is a change
     unusual: float = 2.0
+    # share of samples beyond a log's own 95 % bound, from which that is a change
+    beyond: float = 0.5
 
 
 FOLLOW = FollowSettings()
@@ -101,7 +104,8 @@ class OnlineAdapter:
     """A model that follows a stream of samples.
 
     It watches until the sensory distortion (eq. 9) or the links' residual leaves what
-    training knew.  Then sigma is reset to the radius at which training had the same
+    training knew, or most samples are beyond the bound that a log told: maps of many joints
+    are too coarse to tell.  Then sigma is reset to the radius at which training had the same
     distortion (eq. 10), eta and beta rise (eq. 12), and all three decay while the maps
     (eq. 1 to 3) and the links (eq. 11) follow the samples.  Once they are settled it keeps
     their last rates.
@@ -130,9 +134,13 @@ class OnlineAdapter:
         self._since = -1  # samples since a change was noticed, -1 before
         # radii of the motor and the sensory map from which sigma decays [nodes]
         self._starts = [FOLLOW.sigma_end, FOLLOW.sigma_end]
-        # running means: distortions of the motor and the sensory map, and the error
+        # running means: distortions of the motor and the sensory map, the error, and the share of
+        # samples beyond the bound
         self._mean: Array | None = None
-        # of the last two, as an unchanged arm would show them
+        self._last_predicted: Array | None = (
+            None  # (m,) of the last sample [unit]
+        )
+        # sensory distortion and error, as an unchanged arm would show them
         self._expected = np.zeros(2)
         # latest samples since the change, block by block
         self._q: list[Array] = []
@@ -163,7 +171,9 @@ class OnlineAdapter:
         motor, sensory = self._maps()
         zeta_motor = (motor.nearest(u)[0] ** 2).mean()  # eq. 9
         zeta_sensory = (sensory.nearest(v)[0] ** 2).mean()
-        latest = np.array([zeta_motor, zeta_sensory, self._error(u, v)])
+        latest = np.array(
+            [zeta_motor, zeta_sensory, self._error(u, v), self._beyond(u, v)]
+        )
         expected = self._expected_at(u)
         if self._mean is None:
             self._mean = latest
@@ -174,10 +184,14 @@ class OnlineAdapter:
         self._expected = self._expected + weight * step
         threshold, largest_error = self._thresholds(sensory)
         self._seen += len(u)
-        mean_motor, mean_sensory, error = self._mean.tolist()
-        departed = False
-        if self._seen >= FOLLOW.window / 2:
-            departed = mean_sensory > threshold or error > largest_error
+        mean_motor, mean_sensory, error, beyond = self._mean.tolist()
+        departed = (
+            mean_sensory > threshold
+            or error > largest_error
+            or beyond > FOLLOW.beyond
+        )
+        if self._seen < FOLLOW.window / 2:
+            departed = False
 
         rows = slice(None)
         if self._since < 0 and (self._force or departed):
@@ -208,6 +222,27 @@ class OnlineAdapter:
         residual = self._vdsom.predict(u) - v
         residual *= self._model.sensory.scale.span
         return float(np.linalg.norm(residual, axis=1).mean())
+
+    def _beyond(self, u: Array, v: Array) -> float:
+        """Share of some samples that are beyond the model's own bound on what a sensor reads.
+
+        Where a clock is late they lie on the way from the last prediction to the next.
+        """
+        model = self._model
+        if model.about.bound_of != "sensor reading":
+            return 0.0
+        predicted = model.predictor.value(u)
+        last = self._last_predicted
+        if last is None:
+            last = predicted[0]
+        self._last_predicted = predicted[-1]
+        back = -np.diff(predicted, axis=0, prepend=last[None])
+        residual = model.sensory.scale.from_unit(v) - predicted
+        square = np.maximum((back**2).sum(axis=1), 1e-300)
+        share = np.clip((residual * back).sum(axis=1) / square, 0.0, 1.0)
+        distance = row_lengths(residual - share[:, None] * back)
+        bound = model.expected_error(model.motor.scale.from_unit(u))
+        return float(np.mean(distance > bound))
 
     def _reset_sigma(self, zeta: Array) -> None:
         """Start sigma where training had the same distortions of both maps (eq. 10)."""

@@ -248,16 +248,16 @@ def p95_and_coverage(model: Model, residuals: Residuals) -> dict[str, float]:
     """The 95th percentile of the errors [unit], and the share that the model's own bound covers.
 
     Both are of the rows that the model answers; "answered" is their share where it is not all.
+    Of fewer than ten rows no share is told.
     """
     errors = residuals.distances(model.default_readout)
     bound = residuals.widening * predict(model, residuals.motion).bound
     answered = np.isfinite(bound)
     rounding = 1e-12  # of an exact arm both are
     inside = errors[answered] <= bound[answered] + rounding
-    within = {
-        "p95": float(np.quantile(errors, 0.95)),
-        "covered": float(inside.mean()) if len(inside) else 1.0,
-    }
+    within = {"p95": float(np.quantile(errors, 0.95))}
+    if len(inside) >= TESTING.fewest:
+        within["covered"] = float(inside.mean())
     if not answered.all():
         within["answered"] = float(answered.mean())
     return within

@@ -86,10 +86,12 @@ class Evaluation:
     verdict: Verdict | None = None
 
     @property
-    def bound_holds(self) -> bool:
-        """Whether the rows agree with the model's own bound."""
+    def bound_holds(self) -> bool | None:
+        """Whether the rows agree with the model's own bound; None where they are too few to say."""
         if self.verdict is not None:
             return self.verdict.bound_holds
+        if self.rows < TESTING.fewest:
+            return None
         return holds(self.within, self.rows)
 
     def __repr__(self) -> str:

@@ -39,14 +39,14 @@ class MonitorSettings:
     every: int = 10
     # nodes of the model's own residual
     nodes: int = 20
-    # standard errors from which an autocorrelation is none of chance
-    chance: float = 3.0
     # largest autocorrelation from sample to sample that is counted
     most_alike: float = 0.99
     # share of calm samples that may be alarms
     false_alarm: float = 1e-6
     # times the usual residual that one counts for at most
     clip: float = 8.0
+    # standard deviation of how much later positions may come than joints [samples]
+    late: float = 1.0
 
     @property
     def fade(self) -> float:
@@ -69,6 +69,8 @@ class State(NamedTuple):
     noise: float
     # the most telling group of parameters, where one fired
     fired: tuple[str, ...]
+    # [samples], by which positions come later than joints: no change of the arm
+    delay: float = 0.0
 
 
 class Monitor:
@@ -157,18 +159,23 @@ class Monitor:
             score=score,
             noise=equations.noise,
             fired=(test.name,) if drifted else (),
+            delay=equations.delay,
         )
 
 
 class _Equations:
     """The system of the samples that are remembered: B, what is not known, and X, what may change.
 
-    gram : (r + k + 1)^2, fading products of the columns B (r), X (k) and of the residuals
-    solution : (r + k,), what explains the samples
+    Noise that drifts slowly looks like a change.  It is known by its steps from sample to sample,
+    of mean square 2 s^2 (1 - a) for the usual noise s and an autocorrelation a.  Of the
+    products G of rows and S of their steps those of whitened rows are
+
+        W = ((1 - a)^2 G + a S) / (1 - a^2)
     """
 
     def __init__(self, model: Model, body: Body) -> None:
         self.noise = float(body.noise[0])  # [unit]
+        self.delay = 0.0  # [samples]
         self._reference = Reference(body, body.beta)
         structure = body.structure
         units = np.clip(model.motor.units, 0.0, 1.0)
@@ -183,81 +190,92 @@ class _Equations:
         }
         self._moves = moves_of(structure, body.beta, nodes)[self._changes]
         self._sd = sd_of_changes(self._reference)[self._changes]
-        # B: the posterior of the parameters, and a smooth residual about some nodes
+        # B: a late clock, the posterior of the parameters, and a smooth residual about some nodes
         self._posterior, self._root = prior_columns(
             self._reference, CREEP_WAVES, CREEP_SHARE
         )
         self._nodes = nodes[spread_rows(len(nodes), MONITOR.nodes)]
         outputs = structure.outputs
-        self._nuisances = outputs * len(self._nodes) + self._root.shape[1]
+        self._nuisances = 1 + outputs * len(self._nodes) + self._root.shape[1]
 
-        size = self._nuisances + len(self._changes)
-        self._gram = np.zeros((size + 1, size + 1))
-        self._solution = np.zeros(size)
-        # what the solution left of the last sample; fading sums of its products with the next, and
-        # of its squares
-        self._last_rest = np.zeros(outputs)
-        self._lagged = np.zeros(2)
+        size = self._nuisances + len(self._changes) + 1
+        # fading products of the columns B (r), X (k) and the residuals: G, and S of their steps
+        self._products = np.zeros((size, size))
+        self._steps = np.zeros((size, size))
+        self._alike = 0.0  # a
+        # of the last sample: where it was predicted, and its row (m, r + k + 1)
+        self._last_predicted: Array | None = None
+        self._last_row: Array | None = None
 
     def add(self, q: Array, residual: Array) -> None:
         """Take residuals (b, m) [unit] of samples at joints (b, dof)."""
-        columns = self._columns(q)
-        y = self._clipped(residual / self._reference.sizes)
-        weights = MONITOR.fade ** np.arange(len(q))[::-1]
-        forgetting = MONITOR.fade ** len(q)
-        # how alike the noise of a sample is to that of the next
-        rest = y - columns @ self._solution
-        before = np.concatenate([self._last_rest[None], rest[:-1]])
-        products = (rest * before).sum(axis=1)
-        squares = (rest**2).sum(axis=1)
-        lagged = np.array([products, squares]) @ weights
-        self._lagged = forgetting * self._lagged + lagged
-        self._last_rest = rest[-1]
-
+        sizes = self._reference.sizes
+        columns = self._columns(q) / sizes[:, None]
+        y = self._clipped(residual / sizes, columns[:, :, 0])
         rows = np.concatenate([columns, y[:, :, None]], axis=2)
-        rows *= np.sqrt(weights)[:, None, None]
-        flat = rows.reshape(-1, rows.shape[2])
-        self._gram = forgetting * self._gram + flat.T @ flat
+        steps = _steps(rows, self._last_row)
+        self._last_row = rows[-1]
+        forgetting = MONITOR.fade ** len(q)
+        self._products = forgetting * self._products + _fading_products(rows)
+        self._steps = forgetting * self._steps + _fading_products(steps)
 
     def _columns(self, q: Array) -> Array:
-        """Columns (b, m, r + k) at joints (b, dof), over the noise."""
+        """Columns (b, m, r + k) at joints (b, dof) [unit], the first by a late clock."""
         body = self._reference.body
-        _, slope = body.structure.linearise(q, self._reference.beta)
+        predicted, slope = body.structure.linearise(q, self._reference.beta)
+        late = -_steps(predicted, self._last_predicted)
+        self._last_predicted = predicted[-1]
         residual_sd = body.kappa * self._reference.residual_sd
         columns = [
+            MONITOR.late * late[:, :, None],
             smooth_columns(body, residual_sd, q, self._nodes),
             slope[:, :, self._posterior] @ self._root,
             slope[:, :, self._changes],
         ]
-        sizes = self._reference.sizes
-        return np.asarray(np.concatenate(columns, axis=2) / sizes[:, None])
+        return np.concatenate(columns, axis=2)
 
-    def _clipped(self, y: Array) -> Array:
-        """Residuals (b, m), over the noise, none of which is many times as long as usual."""
+    def _clipped(self, y: Array, late: Array) -> Array:
+        """Residuals (b, m), over the noise, none of which is many times as long as usual.
+
+        late : (b, m), what a late clock does, which may be much, to most of the samples alike
+        """
+        squares = np.maximum((late**2).sum(axis=1), 1e-300)
+        delay = np.median((y * late).sum(axis=1) / squares)
+        rest = y - delay * late
         most = MONITOR.clip * max(self.noise / self._reference.sizes[0], 1.0)
-        length = np.linalg.norm(y, axis=1) / math.sqrt(y.shape[1])
-        return np.asarray(y / np.maximum(length / most, 1.0)[:, None])
+        length = np.linalg.norm(rest, axis=1) / math.sqrt(y.shape[1])
+        excess = np.maximum(length / most, 1.0)
+        return np.asarray(delay * late + rest / excess[:, None])
 
     def most_telling(self, weight: float, independent: float) -> GroupTest:
         """The most telling of the tests of all groups.
 
         weight : of the samples, which fade; independent : how many as telling ones
         """
-        gram = self._gram * independent / weight
+        alike = self._alike
+        gram = (1.0 - alike) ** 2 * self._products + alike * self._steps
+        gram *= independent / weight / (1.0 - alike**2)
         count = independent * self._reference.structure.outputs
         # the noise and the solution where everything may have changed
         sd = np.concatenate([np.ones(self._nuisances), self._sd, [1.0]])
         freed = gram * sd * sd[:, None]
         every = Statistics.of_gram(count, freed, len(gram) - 1)
-        size = every.most_likely_noise(usual_noise(self._reference))
+        usual = usual_noise(self._reference)
+        size = every.most_likely_noise(usual)
         precision = freed[:-1, :-1] + size**2 * np.eye(len(gram) - 1)
-        self._solution = sd[:-1] * np.linalg.solve(precision, freed[:-1, -1])
+        solution = sd[:-1] * np.linalg.solve(precision, freed[:-1, -1])
+        freedom = every.noise_freedom(size)
         self.noise = float(self._reference.sizes[0]) * size
+        self.delay = MONITOR.late * float(solution[0])
+        # how alike what it leaves of a sample is to that of the next
+        rest = np.append(-solution, 1.0)
+        square = rest @ self._steps @ rest * independent / weight
+        usual_square = 2.0 * max(freedom, 1.0) * usual**2
+        alike = 1.0 - float(square) / usual_square
+        self._alike = min(max(alike, 0.0), MONITOR.most_alike)
         # each group beside that noise
-        temper = self._correlation_time(independent)
         products = Statistics.of_gram(count, gram, self._nuisances)
-        freedom = every.noise_freedom(size) / temper
-        tests = FTests(products, size, freedom, temper, len(self._groups))
+        tests = FTests(products, size, freedom, 1.0, len(self._groups))
         groups = tests.of_groups(self._groups, self._moves)
         penalty = math.log(max(freedom, 1.0))
         # of chances too small for a number the more likely change
@@ -265,15 +283,20 @@ class _Equations:
             groups, key=lambda t: (t.score, t.statistic - penalty * t.freedom)
         )
 
-    def _correlation_time(self, independent: float) -> float:
-        """Samples that count for one, where noise is alike from each to the next."""
-        product, square = self._lagged.tolist()
-        alike = product / max(square, 1e-300)
-        numbers = independent * self._reference.structure.outputs
-        if alike < MONITOR.chance / math.sqrt(numbers):
-            return 1.0
-        alike = min(alike, MONITOR.most_alike)
-        return (1.0 + alike) / (1.0 - alike)
+
+def _steps(values: Array, last: Array | None) -> Array:
+    """Steps (b, ..) of values (b, ..) from one to the next, the first from that before them."""
+    if last is None:
+        last = values[0]
+    return np.diff(values, axis=0, prepend=last[None])
+
+
+def _fading_products(rows: Array) -> Array:
+    """Products (c, c) of the columns of rows (b, m, c), the older ones of less weight."""
+    age = np.arange(len(rows))[::-1]
+    roots = MONITOR.fade ** (age / 2.0)
+    flat = (roots[:, None, None] * rows).reshape(-1, rows.shape[2])
+    return np.asarray(flat.T @ flat)
 
 
 def monitor(model: Model) -> Monitor:

@@ -5,12 +5,15 @@ The command line and the report's page print the same ones.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from ..body.covariance import Z95
 from ..common.choices import READOUTS
 from ..common.wording import printable, with_unit
 
 if TYPE_CHECKING:
+    from ..body.belief import Body
     from ..model.about import About, Errors
     from ..model.model import Model
     from .evaluate import Evaluation
@@ -27,14 +30,15 @@ def accuracy(model: Model, evaluation: Evaluation) -> str:
     unit = model.about.unit
     within = evaluation.within
     line = f"{with_unit(_mean_distance(evaluation.errors), unit)} on average"
-    if within:
+    if "covered" in within:
         limit = with_unit(within["p95"], unit).removeprefix("below ")
         line += f", 95 % within {limit}"
-        answered = within.get("answered", 1.0)
-        if answered > 0.0:
-            line += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
-        if 0.0 < answered < 1.0:
-            line += f" of the {100 * answered:.0f} % that have an answer"
+        line += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
+        if "answered" in within:
+            answered = 100 * within["answered"]
+            line += f" of the {answered:.0f} % that have an answer"
+    elif within:
+        line += "; too few answers to say whether the 95 % bound holds"
     line += f", on {evaluation.rows} {evaluation.source}"
     if evaluation.left_out:
         line += f"; {evaluation.left_out} left out, wrong or outside of what was learned"
@@ -81,6 +85,7 @@ def differences_from_drawing(model: Model) -> str:
     if about.urdf:
         nothing = "nothing that differs from the drawing by more than these rows can show"
         untold = untold[:1]
+        body = _where_joints_differ(body)
     lines = [
         printable(" ".join(line.split()))
         for line in body.describe(about.lower, about.upper)
@@ -90,6 +95,17 @@ def differences_from_drawing(model: Model) -> str:
     if more > 0:
         lines[_MOST:] = [f"{more} more in calib info"]
     return f"found: {'; '.join(lines) or nothing}"
+
+
+def _where_joints_differ(body: Body) -> Body:
+    """Return the body as if no row had told of joints that are within their intervals as drawn."""
+    structure = body.structure
+    differs = abs(body.beta - structure.neutral()) > Z95 * body.sds_by_rows
+    root = body.root.copy()
+    for row, index in enumerate(body.active.tolist()):
+        if structure.labels[index].joint is not None and not differs[index]:
+            root[row] = 0.0
+    return replace(body, root=root)
 
 
 def limiting_factor(model: Model, errors: Errors) -> str:

@@ -1,4 +1,7 @@
-"""Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
+"""Re-calibrate a model from a few new samples. Exit code 3 if it does not improve.
+
+A file is written then only where the bound has to be wider.
+"""
 
 from pathlib import Path
 from typing import Annotated

@@ -91,7 +91,7 @@ def evaluate(
 
 def _warnings_of_log(result: calib.Evaluation) -> list[str]:
     """Say in one line that the rows of a log miss a model's own bound far too often."""
-    if result.bound_holds:
+    if result.bound_holds is not False:  # or too few rows say nothing
         return []
     return [
         f"THE BOUND DOES NOT HOLD: the model does not hold for this log, its 95 % bound covers "

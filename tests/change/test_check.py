@@ -120,6 +120,18 @@ def learned(robot="two_link"):
     return calib.train(bare(robot, 400, 7), size=6)
 
 
+@pytest.mark.parametrize(("n", "every"), [(25, 3), (100, 4), (100, 3)])
+def test_rows_of_another_sensor_are_no_noise_and_no_calm(n, every):
+    """A scatter of 10 mm beside .2 was called noise; with rows left out it was still calibrated."""
+    rows = bare("two_link", n, 11)
+    x = rows.x.copy()
+    x[::every] += 0.055 * np.random.default_rng(n).standard_normal(x[::every].shape)
+    verdict = calib.check(learned(), replace(rows, x=x))
+    assert (verdict.drifted, verdict.is_calm, verdict.causes) == (False, False, ())
+    assert verdict.covered == pytest.approx(1 - 1 / every, abs=0.09)
+    assert "no noise, wrong rows" in verdict.notes[-1]
+
+
 @pytest.mark.parametrize("changes", [(), ("elbow.offset=0.005",)])
 def test_few_rows_say_nothing(changes):
     rows = bare("six_axis", 11, 3, *changes)

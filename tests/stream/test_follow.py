@@ -1,7 +1,7 @@
 """Streams: maps that follow one (eq. 9 to 12), and the monitor, one sample at a time."""
 
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import models
 import numpy as np
@@ -81,17 +81,32 @@ def test_distortion_is_the_running_mean_of_equation_9_and_a_calm_stream_changes_
     assert adapter.model() is small()
 
 
-@pytest.mark.parametrize("path", [True, False])
-def test_a_calm_stream_is_no_change_to_the_maps_of_few_rows(path):
-    """They lie where those rows do, and along a path distortions are not those of all joints."""
+@pytest.mark.parametrize(("path", "late"), [(True, 0), (False, 0), (True, 1)])
+def test_a_calm_stream_is_no_change_to_a_model_of_few_rows(path, late):
+    """Maps lie where those rows do; on a path distortions are others, and positions may be late."""
     samples = models.log(1000, noise=1e-3, seed=4)
     if path:
         swing = 0.5 - 0.5 * np.cos(np.arange(1000)[:, None] / np.array([40.0, 57.0]))
         q = samples.lower + swing * (samples.upper - samples.lower)
         away = samples.x - two_link(samples.q)
-        samples = replace(samples, q=q, x=two_link(q) + away)
+        samples = replace(samples, q=q, x=two_link(np.roll(q, late, axis=0)) + away)
     one = calib.train(models.log(300, noise=1e-3))
     assert not any(step.adapting for step in followed(one, samples, 1500)[0])
+    told = states(calib.monitor(one), samples.take(slice(300)))
+    assert not any(state.drifted for state in told)
+    assert told[-1].delay == pytest.approx(late, abs=0.1)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.003, 0.1])
+def test_maps_too_coarse_for_many_joints_follow_what_a_bound_tells(offset):
+    samples = models.bare("spatial_three", 200, 5, f"elbow.offset={offset}")
+    steps, _ = followed(in_three(), samples, 1500)
+    assert steps[0].adapting == (offset > 0.0)
+
+
+@cache
+def in_three():
+    return calib.train(models.bare("spatial_three", 60, 0), size=2)
 
 
 def test_between_two_epochs_the_radius_is_interpolated_geometrically():
@@ -182,6 +197,16 @@ def test_a_change_within_a_stream(change):
     monitor = calib.monitor(model(1e-3))
     assert not alarmed(monitor, babbled(n=300))
     assert alarmed(monitor, babbled(change, n=200, seed=2))
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.005])
+def test_noise_that_drifts_slowly_is_no_change_and_hides_none(offset):
+    samples = babbled(f"elbow.offset={offset}", n=200, noise=0.0)
+    drift = np.random.default_rng(0).normal(0.0, 1e-3, (200, 2))
+    for k in range(1, 200):
+        drift[k] = 0.98 * drift[k - 1] + np.sqrt(1.0 - 0.98**2) * drift[k]
+    noisy = replace(samples, x=samples.x + drift)
+    assert alarmed(calib.monitor(model(1e-3)), noisy) == (offset > 0.0)
 
 
 def test_a_window_shows_a_tenth_of_a_degree_at_a_millimetre_of_noise():
