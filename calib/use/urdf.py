@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from ..arm.arm import PlanarArm
 from ..arm.description import parse_robot
 from ..arm.posture import posture_of
 from ..arm.rigid import rigid
+from ..arm.robot_text import MJCF, parse_xml
 from ..arm.spatial_chain import move
 from ..arm.urdf import Urdf
 from ..common.arrays import Array
@@ -58,6 +60,26 @@ def corrected_urdf(geometry: Geometry) -> str:
         if np.abs(drawn[name] - origin).max() > FITTING.tiny:
             moved[name] = origin
     return with_origins(text, moved)
+
+
+def gap_to_yourdfpy(text: str, tip: str) -> float:
+    """How far [m] yourdfpy places a tip from where calib does, joints at their neutral values.
+
+    An MJCF, which yourdfpy does not read, has no gap.
+    """
+    if parse_xml(text).tag == MJCF:
+        return 0.0
+    from yourdfpy import URDF
+
+    urdf = parse_robot(text)
+    values = urdf.values({})
+    robot = URDF.load(BytesIO(text.encode()), load_meshes=False)
+    robot.update_cfg(
+        {name: values[name] for name in robot.actuated_joint_names}
+    )
+    there = robot.get_transform(tip, urdf.root)
+    here = posture_of(urdf, values).frames[tip]
+    return float(np.linalg.norm(there[:3, 3] - here[:3, 3]))
 
 
 def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:

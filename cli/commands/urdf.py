@@ -20,6 +20,8 @@ from ..units import units_of
 if TYPE_CHECKING:
     from calib.use.geometry import Geometry
 
+_SAME = 1e-6  # m, between two readers of one file
+
 
 def urdf(
     model: opt.ModelFile,
@@ -31,7 +33,12 @@ def urdf(
     from calib.common.atomic import atomic_write
     from calib.use.frames import assumption
     from calib.use.geometry_fit import fit_geometry
-    from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
+    from calib.use.urdf import (
+        MOST_UNEXPLAINED,
+        check_output,
+        corrected_urdf,
+        gap_to_yourdfpy,
+    )
 
     check_file(output, (".urdf", ".xml"))
     loaded = calib.load(model)
@@ -40,7 +47,11 @@ def urdf(
     geometry = fit_geometry(loaded, drawn=free == "offsets")
     explained = geometry.residual <= MOST_UNEXPLAINED * geometry.reach
     if explained:
-        atomic_write(output, corrected_urdf(geometry).encode())
+        corrected = corrected_urdf(geometry)
+        atomic_write(output, corrected.encode())
+        gap = gap_to_yourdfpy(corrected, geometry.arm.tip)
+        if gap > _SAME:
+            note(f"yourdfpy reads the tip of {output} {1e3 * gap:.3g} mm off")
     unit = geometry.unit
     document = {
         "urdf": output if explained else None,

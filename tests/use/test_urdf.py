@@ -16,7 +16,7 @@ from calib import load_arm
 from calib.arm.loading import arm_from_urdf
 from calib.body.spatial import structure_of
 from calib.use.geometry_fit import fit_geometry
-from calib.use.urdf import corrected_urdf
+from calib.use.urdf import corrected_urdf, gap_to_yourdfpy
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ ARMS = {
 
 
 @pytest.mark.parametrize("source", ARMS)
-def test_pinocchio_reads_the_fitted_geometry(source):
+def test_pinocchio_and_yourdfpy_read_the_fitted_geometry(source):
     """With every parameter of the chain off; the probe is at the tip."""
     arm = ARMS[source]
     structure, rng = structure_of(arm, "base"), np.random.default_rng(1)
@@ -95,7 +95,9 @@ def test_pinocchio_reads_the_fitted_geometry(source):
         beta[structure.groups[group]] = rng.normal(0, 0.05, len(structure.groups[group]))
     geometry = replace(fit_geometry(in_space()), arm=arm, structure=structure, beta=beta)
     points, turns = structure.pose(q, beta)
-    again = arm_from_urdf(corrected_urdf(geometry), arm.joint_names, arm.tip, lock=arm.locked)
+    text = corrected_urdf(geometry)
+    assert gap_to_yourdfpy(text, arm.tip) < 1e-9
+    again = arm_from_urdf(text, arm.joint_names, arm.tip, lock=arm.locked)
     if source == "followed":  # Pinocchio alone does not know what follows what
         places, matrices = again.chain.poses(q)
     else:
