@@ -5,13 +5,15 @@ import json
 import os
 import sys
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 import calib
+from calib.kernel.compiled import COMPILER
+from calib.training.residuals import TESTING
 
 # a deadline would test how busy the machine is
 settings.register_profile(
@@ -68,6 +70,17 @@ class Program:
 
 
 run_in_process = Program()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _quicker(request):
+    """Test simulations on fewer points where no test is of their errors; optimise C for its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        if {"inverse", "kernel"} & {*request.path.parts}:
+            patch.setattr("calib.training.residuals.TESTING", replace(TESTING, fresh=1000))
+        if "kernel" not in request.path.parts:
+            patch.setattr("calib.kernel.compiled.COMPILER", replace(COMPILER, quick=("-O1",)))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -102,14 +102,13 @@ class Loads:
         positions = self._point_positions(motion)
         across = cross(gravity[:, None], motion.axes)
         across *= self.chain.nominal_links.turning
-        by_joint = np.empty((len(self.joints), self.chain.joints, len(q)))
-        for k in range(self.chain.joints):
-            # a joint before the load's turns the whole lever, one beyond it the points that follow
-            first = np.minimum(self.joints, k)
-            last = np.maximum(self.joints, k)
-            moved = self._pull(motion, positions, last)
-            by_joint[:, k] = (across[first] * moved).sum(axis=1)
-        slopes = np.einsum("ekn,kd->edn", by_joint, self.chain.coupling)
+        joints = np.arange(self.chain.joints)[:, None]
+        # a joint before the load's turns the whole lever, one beyond it the points that follow
+        first = np.minimum(self.joints, joints)
+        last = np.maximum(self.joints, joints)
+        moved = self._pull(motion, positions, last)
+        by_joint = (across[first] * moved).sum(axis=2)
+        slopes = np.einsum("ken,kd->edn", by_joint, self.chain.coupling)
         return np.asarray(slopes)
 
     def _point_positions(self, motion: Motion) -> Array:
@@ -121,9 +120,9 @@ class Loads:
     def _pull(
         self, motion: Motion, positions: Array, joints: NDArray[np.intp]
     ) -> Array:
-        """How joints (e,) move each load's weighted sum of points beyond them, (e, 3, n)."""
-        weights = self.weights * (self.links >= joints[:, None])
-        total = weights.sum(axis=1)[:, None, None]
+        """How joints (..., e) move the weighted sum of points beyond them, (..., e, 3, n)."""
+        weights = self.weights * (self.links >= joints[..., None])
+        total = weights.sum(axis=-1)[..., None, None]
         moments = np.tensordot(weights, positions, axes=1)
         moments -= total * motion.places[joints]
         axes = motion.axes[joints]

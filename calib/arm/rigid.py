@@ -68,8 +68,8 @@ def shifts_along_parents(poses: Array) -> Array:
 
 
 def place_points(poses: Array, points: Array) -> Array:
-    """Points (n, k, 3) of a body (k, 3) at its poses (n, 4, 4)."""
+    """Points (..., k, 3) of a body (k, 3) at its poses (..., 4, 4)."""
     turns = turn_of(poses).mT
     shifts = shift_of(poses)
     places: Array = points @ turns
-    return places + shifts[:, None]
+    return places + shifts[..., None, :]

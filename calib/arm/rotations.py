@@ -81,9 +81,10 @@ def cross_matrix(vectors: ArrayLike) -> Array:
 
 
 def nearest_rotation(matrix: Array) -> Array:
-    """The rotation (3, 3) nearest to a matrix (Kabsch 1976)."""
+    """The rotations (..., 3, 3) nearest to matrices (Kabsch 1976)."""
     u, _, vt = np.linalg.svd(matrix)
-    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
+    u[..., 2] *= np.linalg.det(u @ vt)[..., None]
+    return np.asarray(u @ vt)
 
 
 def similarity(

@@ -24,7 +24,7 @@ from ..samples.findings import Finding
 from ..samples.interpretations import interpretations
 from ..samples.settings import DIAGNOSIS
 from .motion_tables import FlangeTable
-from .start import RigStart, find_start
+from .start import RigStart, find_start, find_starts
 from .view import View
 
 AXES = ["".join(axes) for axes in permutations("xyz")]
@@ -163,10 +163,10 @@ def choose(table: FlangeTable, view: View) -> Choice:
 
     Raises OptionError where no reading is left.
     """
-    fits = [
-        (reading, find_start(reading.flange[view.rows], view, table.unit))
-        for reading in _readings_as_stated(table)
-    ]
+    readings = _readings_as_stated(table)
+    flanges = np.stack([reading.flange[view.rows] for reading in readings])
+    starts = find_starts(flanges, view, table.unit)
+    fits = list(zip(readings, starts, strict=True))
     fits.sort(key=lambda fit: fit[1].rank)
     least = fits[0][1].rank
     tied = [fit for fit in fits if fit[1].rank < TIED * least]
@@ -198,11 +198,11 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     neutral = structure.neutral()
     q = view.pictures.q
 
-    def start(values: Array, view_of_finding: View) -> RigStart:
+    def flanges(values: Array) -> Array:
         places, turns = base.pose(values, neutral)
-        return find_start(rigid(turns, places), view_of_finding, "m")
+        return rigid(turns, places)
 
-    usual = start(q, view)
+    usual = find_start(flanges(q), view, "m")
     is_board = abs(np.expm1(usual.size)) < _MISSAID
     if usual.misfit < _FAR and is_board:
         return
@@ -211,14 +211,17 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     rows = spread_rows(len(q), _TRIED)
     thinned = replace(view, boards=view.boards[rows])
     other_eye = replace(thinned, in_hand=not view.in_hand)
+    others = list(_others(structure, view))
+    values = np.concatenate([joints[rows] for joints, _ in others])
+    poses = flanges(values).reshape(len(others), len(rows), 4, 4)
+    starts = find_starts(poses[:1], other_eye, "m")  # the eye is the first
+    starts += find_starts(poses[1:], thinned, "m")
     best = usual.misfit
     words = ""
     hint = ""
-    for values, finding in _others(structure, view):
-        view_of_finding = other_eye if finding.kind == "eye" else thinned
-        misfit = start(values[rows], view_of_finding).misfit
-        if misfit < _CLEAR * best:
-            best = misfit
+    for start, (_, finding) in zip(starts, others, strict=True):
+        if start.misfit < _CLEAR * best:
+            best = start.misfit
             words = finding.words
             hint = finding.hint
             if finding.kind == "exchanged":

@@ -16,7 +16,6 @@ import numpy as np
 from ..arm.rigid import inverse, place_points, rigid, shift_of, turn_of
 from ..arm.rotations import nearest_rotation
 from ..common.arrays import Array, Mask
-from ..common.rows import row_lengths
 from ..common.scale import METRES
 from .view import View
 
@@ -59,38 +58,56 @@ class RigStart:
 
 
 def find_start(flange: Array, view: View, unit: str | None = None) -> RigStart:
+    """Camera and board of flanges (n, 4, 4) in the base, see :func:`find_starts`."""
+    return find_starts(flange[None], view, unit)[0]
+
+
+def find_starts(
+    flanges: Array, view: View, unit: str | None = None
+) -> list[RigStart]:
     """Solve for camera and board; where the motions tell no lengths, with the board as stated.
 
     A flange that turns on the spot fits in any unit: then it is as far from its base as usual.
 
-    flange : (n, 4, 4), in the base
+    flanges : (m, n, 4, 4), in the base, by each of m readings
     unit : of the flange's lengths; by default, of those in which it is no nearer to its base than
         flanges are, the one in which the board is nearest to its stated size
     """
     # units in which the flange is far enough from its base
-    distances = row_lengths(shift_of(flange))
-    distance = float(np.median(distances))
-    far = [name for name in UNITS if distance / METRES[name] > NEAREST]
-    units = far or [*UNITS]
-    if unit:
-        units = [unit]
+    distances = np.linalg.norm(shift_of(flanges), axis=2)
+    units = []
+    usual_units = []
+    for distance in np.median(distances, axis=1).tolist():
+        far = [name for name in UNITS if distance / METRES[name] > NEAREST]
+        possible = far or [*UNITS]
+        if unit:
+            possible = [unit]
+        units.append(possible)
+        usual_units.append([_nearest(max(distance, 1e-9) / USUAL, possible)])
 
     # a metre as the motions tell it, or as the board's stated size does
-    by_motions = _solve(flange, view, units, None)
-    metre = max(distance, 1e-9) / USUAL
-    usual_unit = _nearest(metre, units)
-    by_board = _solve(flange, view, [usual_unit], METRES[usual_unit])
+    metres = np.array([METRES[name] for (name,) in usual_units])
+    by_motions = _solve(flanges, view, units, None)
+    by_board = _solve(flanges, view, usual_units, metres)
+    return [_better(*pair) for pair in zip(by_motions, by_board, strict=True)]
+
+
+def _better(by_motions: RigStart, by_board: RigStart) -> RigStart:
+    """The start whose metre is that of the board's stated size, where it fits as well."""
     limit = max(1.3 * by_motions.misfit, np.radians(0.2))
     if by_motions.is_sized:  # by chance, where a length of noise fits badly
         limit = 0.5 * by_motions.misfit
     return by_board if by_board.misfit < limit else by_motions
 
 
-def _usual(misses: Array) -> float:
-    """The miss of a usual picture: the median of those beyond the three that fit any reading."""
-    beyond = min(3, len(misses) - 1)
-    ascending = np.sort(misses)
-    return float(np.median(ascending[beyond:]))
+def _usual(misses: Array) -> Array:
+    """The miss (m,) of a usual picture: the median of those beyond the three that fit any reading.
+
+    misses : (m, n)
+    """
+    beyond = min(3, misses.shape[1] - 1)
+    ascending = np.sort(misses, axis=1)
+    return np.asarray(np.median(ascending[:, beyond:], axis=1))
 
 
 def _nearest(length: float, units: Sequence[str]) -> str:
@@ -99,110 +116,131 @@ def _nearest(length: float, units: Sequence[str]) -> str:
 
 
 def _solve(
-    flange: Array, view: View, units: Sequence[str], metre: float | None
-) -> RigStart:
-    """Camera X and board Y of flange poses (n, 4, 4), in closed form.
+    flanges: Array,
+    view: View,
+    units: Sequence[Sequence[str]],
+    metres: Array | None,
+) -> list[RigStart]:
+    """Camera X and board Y of flange poses (m, n, 4, 4), in closed form.
 
-    units : of which the flange's lengths may be
-    metre : of the boards, in the flange's unit; None where the motions tell it
+    units : of which each reading's lengths may be
+    metres : (m,), of the boards, in the flange's unit; None where the motions tell it
     """
-    motions = inverse(flange) if view.in_hand else flange
-    boards = view.boards
+    motions = inverse(flanges) if view.in_hand else flanges
+    boards = np.broadcast_to(view.boards, motions.shape)
     half_turn = view.board.half_turn
-    turned = np.zeros(len(motions), bool)
+    turned = np.zeros(motions.shape[:2], bool)
     if half_turn is not None:
-        turned = _half_turned(motions, boards, half_turn)
+        turned = _half_turned(motions, view.boards, half_turn)
         other_ends = boards @ half_turn
-        boards = np.where(turned[:, None, None], other_ends, boards)
+        boards = np.where(turned[:, :, None, None], other_ends, boards)
     points = view.board.points()
     every = max(len(points) // 8, 1)
-    form = _robust_closed_form(motions, boards, points[::every], metre)
-    board = form.board
-    if half_turn is not None and turned[0]:
+    forms = _robust_closed_form(motions, boards, points[::every], metres)
+    placed = forms.boards
+    if half_turn is not None:
         # the first picture tells from which end boards are numbered
-        board = board @ half_turn
-        turned = ~turned
+        first = turned[:, :1]
+        placed = np.where(first[:, :, None], placed @ half_turn, placed)
+        turned = turned ^ first
 
-    # metres of the flange's unit, by which the board may be of another size than stated
-    unit = _nearest(max(form.metre, 1e-9), units)
-    factor = form.metre / METRES[unit]
-    frames = np.stack([form.camera, board])
-    frames[:, :3, 3] *= factor
-    size = float(np.log(factor)) if factor > 0.0 else -np.inf
-    return RigStart(frames[0], frames[1], unit, size, form.misfit, turned)
+    starts = []
+    for k, metre in enumerate(forms.metres.tolist()):
+        # metres of the flange's unit, by which the board may be of another size than stated
+        unit = _nearest(max(metre, 1e-9), units[k])
+        factor = metre / METRES[unit]
+        frames = np.stack([forms.cameras[k], placed[k]])
+        frames[:, :3, 3] *= factor
+        size = float(np.log(factor)) if factor > 0.0 else -np.inf
+        misfit = float(forms.misfits[k])
+        start = RigStart(frames[0], frames[1], unit, size, misfit, turned[k])
+        starts.append(start)
+    return starts
 
 
-class ClosedForm(NamedTuple):
-    """X and Y of X B = M Y."""
+class ClosedForms(NamedTuple):
+    """X and Y of X B = M Y, by each of m readings of the motions."""
 
-    camera: Array  # (4, 4), X [m of the boards]
-    board: Array  # (4, 4), Y [m of the boards]
-    metre: float  # of the boards, in the motions' unit
-    misfit: float = np.inf  # of a usual picture [rad]
+    cameras: Array  # (m, 4, 4), X [m of the boards]
+    boards: Array  # (m, 4, 4), Y [m of the boards]
+    metres: Array  # (m,), of the boards, in the motions' unit
+    misfits: Array  # (m,), of a usual picture [rad]
 
 
 def _robust_closed_form(
-    motions: Array, boards: Array, points: Array, metre: float | None
-) -> ClosedForm:
+    motions: Array, boards: Array, points: Array, known: Array | None
+) -> ClosedForms:
     """X and Y, with pictures that contradict the others weighed down.
 
-    motions M, boards B : (n, 4, 4);  points : (k, 3), of the board [m]
+    motions M, boards B : (m, n, 4, 4);  points : (k, 3), of the board [m]
     """
-    weights = np.ones(len(motions))
+    weights = np.ones(motions.shape[:2])
     for _ in range(ROUNDS):
-        form = _closed_form(motions, boards, weights, metre)
-        in_metres = rigid(turn_of(motions), shift_of(motions) / form.metre)
-        predicted = inverse(form.camera) @ in_metres @ form.board
+        cameras, placed, metres = _closed_form(motions, boards, weights, known)
+        shifts = shift_of(motions) / metres[:, None, None]
+        in_metres = rigid(turn_of(motions), shifts)
+        predicted = inverse(cameras)[:, None] @ in_metres @ placed[:, None]
         misses = _gaps(predicted, boards, points)
-        misfit = _usual(misses)
-        far = misses / (3.0 * misfit + 1e-9)
+        misfits = _usual(misses)
+        far = misses / (3.0 * misfits[:, None] + 1e-9)
         growth = 1.0 + far**2
         weights = 1.0 / growth**2
-    return form._replace(misfit=misfit)
+    return ClosedForms(cameras, placed, metres, misfits)
 
 
 def _closed_form(
-    motions: Array, boards: Array, weights: Array, metre: float | None
-) -> ClosedForm:
-    """X and Y with weights (n,) of the pictures.
+    motions: Array, boards: Array, weights: Array, metres: Array | None
+) -> tuple[Array, Array, Array]:
+    """X, Y and metres with weights (m, n) of the pictures.
 
-    metre : of the boards in the motions' unit, where it is known
+    metres : (m,), of the boards in the motions' unit, where they are known
     """
     # turns: M' X B = Y, the pair of the largest singular value, which is 1 without noise
     turns = turn_of(motions)
-    board_turns = turn_of(boards)
-    pairs = np.einsum("i,iba,idc->acbd", weights, turns, board_turns)
-    left, _, right = np.linalg.svd(pairs.reshape(9, 9))
-    x_scaled = right[0].reshape(3, 3)
-    y_scaled = left[:, 0].reshape(3, 3)
-    sign = np.sign(np.linalg.det(x_scaled))
-    x_turn = nearest_rotation(sign * x_scaled)
-    y_turn = nearest_rotation(sign * y_scaled)
+    weighed_boards = weights[:, :, None, None] * turn_of(boards)
+    pairs = np.einsum("miba,midc->macbd", turns, weighed_boards)
+    left, _, right = np.linalg.svd(pairs.reshape(-1, 9, 9))
+    x_scaled = right[:, 0].reshape(-1, 3, 3)
+    y_scaled = left[:, :, 0].reshape(-1, 3, 3)
+    sign = np.sign(np.linalg.det(x_scaled))[:, None, None]
+    x_turns = nearest_rotation(sign * x_scaled)
+    y_turns = nearest_rotation(sign * y_scaled)
 
     # shifts of X and Y, and the length: linear least squares
-    places = shift_of(boards) @ x_turn.T
+    places = shift_of(boards) @ np.swapaxes(x_turns, 1, 2)
     same = np.broadcast_to(np.eye(3), turns.shape)
-    columns = [same, -turns, places[:, :, None]]
-    root = np.sqrt(weights)[:, None]
-    blocks = np.concatenate(columns, axis=2)
-    blocks *= root[:, :, None]
-    rows = blocks.reshape(-1, 7)
+    columns = [same, -turns, places[..., None]]
+    root = np.sqrt(weights)[:, :, None]
+    blocks = np.concatenate(columns, axis=3)
+    blocks *= root[..., None]
+    rows = blocks.reshape(len(motions), -1, 7)
     weighed = shift_of(motions) * root
-    target = weighed.ravel()
-    if metre is None:
-        shifts = np.linalg.lstsq(rows, target, rcond=1e-10)[0]
-        metre = float(shifts[6])
-        if abs(metre) < 1e-12:
-            metre = 1e-12
+    targets = weighed.reshape(len(motions), -1)
+    if metres is None:
+        shifts = _least_squares(rows, targets, 1e-10)
+        metres = shifts[:, 6]
+        metres = np.where(np.abs(metres) < 1e-12, 1e-12, metres)
     else:
-        target -= metre * rows[:, 6]
-        shifts = np.linalg.lstsq(rows[:, :6], target, rcond=1e-6)[0]
-    x_shift, y_shift = shifts[:6].reshape(2, 3) / metre
-    return ClosedForm(rigid(x_turn, x_shift), rigid(y_turn, y_shift), metre)
+        targets -= metres[:, None] * rows[:, :, 6]
+        shifts = _least_squares(rows[:, :, :6], targets, 1e-6)
+    shifts = shifts[:, :6] / metres[:, None]
+    cameras = rigid(x_turns, shifts[:, :3])
+    return cameras, rigid(y_turns, shifts[:, 3:]), metres
+
+
+def _least_squares(rows: Array, targets: Array, least: float) -> Array:
+    """The shortest solutions (m, k) of rows (m, r, k) and targets (m, r).
+
+    least : share of the largest singular value, below which one counts as nothing
+    """
+    inverses = np.linalg.pinv(rows, least)
+    return np.asarray((inverses @ targets[..., None])[..., 0])
 
 
 def _half_turned(motions: Array, boards: Array, half_turn: Array) -> Mask:
-    """Which boards (n,) are numbered from their other end.
+    """Which boards are numbered from their other end, (m, n).
+
+    motions : (m, n, 4, 4);  boards : (n, 4, 4)
 
     A board turns between two pictures by as much as the flange, wherever camera and board are.
     The signs of the leading eigenvector of how much better pairs of pictures fit unturned.
@@ -211,32 +249,33 @@ def _half_turned(motions: Array, boards: Array, half_turn: Array) -> Mask:
     plain = _flat_turns(boards)
     turned = _flat_turns(boards @ half_turn)
     # traces of the turns between each two pictures
-    traces = flange_turns @ flange_turns.T
+    traces = flange_turns @ np.swapaxes(flange_turns, 1, 2)
     miss_plain = np.abs(traces - plain @ plain.T)
     miss_turned = np.abs(traces - turned @ plain.T)
     _, vectors = np.linalg.eigh(miss_turned - miss_plain)
-    leading = vectors[:, -1]
-    largest = leading[np.abs(leading).argmax()]
+    leading = vectors[:, :, -1]
+    index = np.abs(leading).argmax(axis=1)
+    largest = np.take_along_axis(leading, index[:, None], axis=1)
     is_turned: Mask = leading * largest < 0
     return is_turned
 
 
 def _flat_turns(poses: Array) -> Array:
-    """Rotations of poses (n, 4, 4), each as nine numbers (n, 9)."""
-    return turn_of(poses).reshape(-1, 9)
+    """Rotations of poses (..., 4, 4), each as nine numbers (..., 9)."""
+    return turn_of(poses).reshape(*poses.shape[:-2], 9)
 
 
 def _gaps(predicted: Array, boards: Array, points: Array) -> Array:
-    """Rms angle (n,) [rad] between a board's points (k, 3) as predicted and as seen."""
+    """Rms angle (m, n) [rad] between a board's points (k, 3) as predicted and as seen."""
     expected = place_points(predicted, points)
     places = place_points(boards, points)
-    depth = places[:, :, 2:]
+    depth = places[..., 2:]
     # a board that is predicted behind the camera is far off, in no direction
-    ahead = np.maximum(expected[:, :, 2:], 0.05 * depth)
-    predicted_rays = expected[:, :, :2] / ahead
-    rays = places[:, :, :2] / depth
+    ahead = np.maximum(expected[..., 2:], 0.05 * depth)
+    predicted_rays = expected[..., :2] / ahead
+    rays = places[..., :2] / depth
     gaps = predicted_rays - rays
-    squares = (gaps**2).sum(axis=2)
-    rms = np.sqrt(squares.mean(axis=1))
+    squares = (gaps**2).sum(axis=-1)
+    rms = np.sqrt(squares.mean(axis=-1))
     limited: Array = np.minimum(rms, 3.0)
     return limited

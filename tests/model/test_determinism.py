@@ -9,13 +9,13 @@ from functools import cache
 import pytest
 
 RECIPES = {
-    "two links": {},
+    "two links": {"log": 0},
     "two links, online rule": {"rule": "online"},
-    "two links, dsom": {"map": "dsom", "n": 100, "size": 4},
-    "two links, growing neural gas": {"map": "gng", "n": 150, "size": 4},
-    "three links": {"robot": "three_link", "size": 4, "n": 300},
-    "a log": {"log": 60, "size": 4},
-    "maps and links alone": {"log": 60, "size": 4, "body": "none"},
+    "two links, dsom": {"map": "dsom"},
+    "two links, growing neural gas": {"map": "gng", "log": 40},
+    "three links": {"robot": "three_link"},
+    "a log": {},
+    "maps and links alone": {"body": "none"},
     "few-shot adaptation": {"adapt": "few-shot"},
     "online adaptation": {"adapt": "online"},
 }
@@ -25,16 +25,15 @@ WORK = """
 import hashlib, json, pathlib, sys, tempfile
 import calib
 
-def made(robot="two_link", log=0, adapt="", size=6, n=400, **options):
+def made(robot="two_link", log=100, adapt="", **options):
     arm = calib.load_arm(robot)
-    samples = calib.babble(arm, log or n, seed=1, noise=1e-3)
+    samples = calib.babble(arm, log or 300, seed=1, noise=1e-3)
     if log:
         s = samples
         samples = calib.Samples(s.q, s.x, s.joint_names, s.lower, s.upper, s.revolute, arm=arm)
-    model = calib.train(samples, size=size, seed=2, **options)
+    model = calib.train(samples, size=4, seed=2, **options)
     if adapt:
-        rows = {"few-shot": 60, "online": 200}[adapt]
-        new = calib.babble(arm, rows, seed=3, noise=1e-3, changes=["elbow.length=+5%"])
+        new = calib.babble(arm, 60, seed=3, noise=1e-3, changes=["elbow.length=+5%"])
         model = calib.adapt(model, new, method=adapt).model
         assert model.history
     with tempfile.TemporaryDirectory() as folder:
