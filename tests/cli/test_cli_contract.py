@@ -319,6 +319,11 @@ def test_a_log_of_another_unit_or_frame_is_told(run, tmp_path, factor, offset):
     assert "`" not in looked.out
 
 
+def test_what_is_found_is_more_than_the_rows_leave_open(run):
+    for log, words in (("log.csv", "found: nothing"), ("moved.csv", "found: elbow: +")):
+        assert words in run(f"train two_link --data {log} --size 2 -o n.calib").out
+
+
 def test_a_log_of_a_simulated_arm_is_judged_as_a_log(run, tmp_path):
     log = calib.babble(calib.load_arm("two_link"), 40, seed=8, noise=1e-3)
     rows = np.hstack([log.q, log.x])
