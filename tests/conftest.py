@@ -13,7 +13,6 @@ from hypothesis import HealthCheck, settings
 
 import calib
 from calib.kernel.compiled import COMPILER
-from calib.training.residuals import TESTING
 
 # a deadline would test how busy the machine is
 settings.register_profile(
@@ -72,15 +71,10 @@ class Program:
 run_in_process = Program()
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _quicker(request):
-    """Test simulations on fewer points where no test is of their errors; optimise C for its own."""
-    with pytest.MonkeyPatch.context() as patch:
-        if {"inverse", "kernel"} & {*request.path.parts}:
-            patch.setattr("calib.training.residuals.TESTING", replace(TESTING, fresh=1000))
-        if "kernel" not in request.path.parts:
-            patch.setattr("calib.kernel.compiled.COMPILER", replace(COMPILER, quick=("-O1",)))
-        yield
+@pytest.fixture(autouse=True)
+def _quick_compiler(monkeypatch):
+    """Optimise C little, in a third of the time; one test of the kernel does it as users do."""
+    monkeypatch.setattr("calib.kernel.compiled.COMPILER", replace(COMPILER, quick=("-O1",)))
 
 
 @pytest.fixture(scope="session")

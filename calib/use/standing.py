@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..body.covariance import Z95
 from ..common.choices import READOUTS
 from ..common.wording import printable, with_unit
 
@@ -99,6 +98,8 @@ def differences_from_drawing(model: Model) -> str:
 
 def _where_joints_differ(body: Body) -> Body:
     """Return the body as if no row had told of joints that are within their intervals as drawn."""
+    from ..body.covariance import Z95
+
     structure = body.structure
     differs = abs(body.beta - structure.neutral()) > Z95 * body.sds_by_rows
     root = body.root.copy()

@@ -13,6 +13,7 @@ from refusals import refused
 
 import calib
 from calib import OptionError
+from calib.kernel.compiled import Compiler
 from calib.model.header import Header
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
@@ -52,8 +53,11 @@ def poses(model, n):
 
 
 @pytest.mark.parametrize("kind", MODELS)
-def test_joints_alone_and_together_are_answered_as_by_numpy(kind):
+def test_joints_alone_and_together_are_answered_as_by_numpy(kind, monkeypatch):
     model = MODELS[kind]()
+    if kind == "six":  # as users' compilers optimise it; the others in a third of the time
+        monkeypatch.setattr("calib.kernel.compiled.COMPILER", Compiler())
+        model = cold(model)
     fast = warm(model)
     q = np.vstack([poses(model, 30), np.full(len(model.about.lower), 1e9)])
     atol = 1e-9 * model.reach
@@ -99,7 +103,7 @@ def test_a_position_that_nothing_reaches_is_answered_without_the_batch(kind):
     fast = warm(model)
     near = (model.about.lower + model.about.upper) / 2
     middle = model.sensory.weights.mean(axis=0)
-    far = middle + 2.0 * model.solver.extent * np.eye(len(middle))
+    far = (middle + 2.0 * model.solver.extent * np.eye(len(middle)))[:2]
     assert np.isnan(model.inverse(far, near=near)).all()
     together = model.inverse(far, near=near, nearest=True)
     for x, expected in zip(far, together, strict=True):

@@ -264,7 +264,7 @@ def test_rows_without_an_answer_do_not_speak_against_the_bound(size, share):
     model = calib.train(log(30 * size, 0.0), size=size, body="none")
     within = model.about.within
     assert within.get("answered", 1.0) == pytest.approx(share, abs=0.05)
-    assert within["covered"] > 0.85
+    assert within.get("covered", 1.0) > 0.85  # of fewer than ten answers there is no share
     assert model.about.bound_holds == (share > 0.5)
 
 

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from conftest import run_in_process
-from models import draw, in_space, log_of, of_the_drawing, six, trained
+from models import draw, in_space, log_of, of_the_drawing, six
 from scipy.spatial.transform import Rotation
 
 import calib
@@ -153,7 +153,7 @@ def test_six_joints_are_corrected_to_the_nominal_pose(tmp_path):
 
 
 def test_a_model_without_a_body_is_refused(run, tmp_path):
-    trained(n=100, size=3, body="none").save(tmp_path / "m.calib")
+    replace(model("real"), body=None).save(tmp_path / "m.calib")
     run.refused(1, "has no body", f"export {tmp_path}/m.calib -o {tmp_path}/arm.h")
 
 
