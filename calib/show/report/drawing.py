@@ -14,9 +14,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from ...common.arrays import Array
+from ...common.arrays import Array, Index
 from ...common.wording import clipped, for_people, printable
 from ..error_scale import STOPS, UNKNOWN, ErrorScale
 
@@ -113,7 +112,7 @@ def colour_bar(
 
 
 def draw_lattice(
-    ax: Axes, points: Array, edges: NDArray[np.intp], values: Array, top: float
+    ax: Axes, points: Array, edges: Index, values: Array, top: float
 ) -> LineCollection:
     """Draw edges (m, 2) between nodes (n, 2), coloured by the values (n,) of their ends."""
     lines = LineCollection(
