@@ -91,7 +91,7 @@ def read_log(
     roles = find_roles(source, arm, joints, columns or {})
     unit = _unit(source, roles, unit)
     _check_sensors(source)
-    _check_axes(label, roles, unit, outputs)
+    _check_axes(label, roles, unit, arm, outputs)
     names = by_name(roles.joints, roles.columns(roles.joints))
     joint_columns = columns_of_joints(
         label, names, arm, ranges, prismatic, degrees=degrees
@@ -236,7 +236,11 @@ def _check_sensors(source: Source) -> None:
 
 
 def _check_axes(
-    label: str, roles: Roles, unit: str, outputs: int | None
+    label: str,
+    roles: Roles,
+    unit: str,
+    arm: Arm | None,
+    outputs: int | None,
 ) -> None:
     """Raise LogError for positions that have too few axes, and for touches that are none in space.
 
@@ -245,6 +249,9 @@ def _check_axes(
     if not roles.touched:
         few = len(roles.axes) < (outputs or 2)
         # a camera sees two
+        if few and unit != "px" and arm is None:
+            words = f"{label} has x and y alone, and the model x, y and z"
+            raise LogError(words, hint="is it a log of another arm?")
         if few and unit != "px":
             raise LogError(
                 f"{label} has x and y alone, expected x, y and z of an arm in space",
