@@ -44,8 +44,7 @@ def answer_one(
             + " ".join(with_decimals(value, 6) for value in quaternion)
         )
     document |= numbers | query.meaning
-    outside = joints.beyond(query.model, q[0].tolist())
-    outside = outside or query.model.outside(q[0])
+    outside = query.model.outside(q[0], degrees=joints.degrees)
     if outside is not None:
         note(f"no answer: {outside}")
         return Outcome(document, code=NO)

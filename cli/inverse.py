@@ -6,15 +6,14 @@ It needs NumPy: the command imports it when it runs.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from calib.common.arrays import Array
 from calib.common.wording import by_name
 from calib.errors import QueryError
-from calib.model.answers import Answer
+from calib.model.answers import Answer, every_branch
 from calib.model.poses import solve_poses
 from calib.model.space import Space
 from calib.samples.batch import Batch
@@ -22,16 +21,13 @@ from calib.samples.roles import QUATERNION, from_angles
 
 from .output import NO, Outcome, note
 from .parsing import BadOption
-from .query import Query, with_answers
+from .query import BOUNDS, Query, with_answers
 
-Answers = dict[str, NDArray[Any]]
-"""Quantities of all answers by name, and the index of the "target" that each is of."""
-
-COLUMNS = (
-    *("target", "q", "position", "quaternion", "distance", "turned"),
-    *("expected_error", "model_error", "reachable"),
+DETAILS = (
+    *("position", "quaternion", "distance", "turned"),
+    *("expected_error", "model_error"),
 )
-"""Quantities of an answer, in the order in which they are printed."""
+"""Quantities of an answer beside its joints, in the order in which they are printed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,43 +69,48 @@ def answer_one(
 ) -> Outcome:
     """Answer one question, which may be a pixel on a plane of that height [m]."""
     joints = query.joints
-    is_pose = search.orientation is not None
     x, document = _question(query, search, typed, height)
     # in space all branches are looked for, so that the nearest is found
     every = search.all_branches or search.in_space(query)
-    answers = _answers(query, x[None], replace(search, all_branches=every))
+    answer = _answer(query, x[None], replace(search, all_branches=every))
     if not search.all_branches:
-        answers = {name: column[:1] for name, column in answers.items()}
-    q = answers.pop("q")
-    del answers["target"]
-    reachable = bool(answers.pop("reachable").any())
-    document["reachable"] = reachable
-    document["solutions"] = [
-        {
-            "joints": by_name(joints.names, values),
-            **{name: column[k] for name, column in answers.items()},
-        }
-        for k, values in enumerate(q.tolist())
+        answer = answer.rows(slice(1))
+    reachable = bool(answer.reachable.any())
+    solutions: list[dict[str, object]] = [
+        {"joints": by_name(joints.names, q)} for q in answer.q.tolist()
     ]
+    for name in DETAILS:
+        values = getattr(answer, name)
+        if values is not None:
+            for solution, value in zip(solutions, values, strict=True):
+                solution[name] = value
+    document |= {"reachable": reachable, "solutions": solutions}
     if query.frame == "base" and not Space.of(query.model).sees(x).all():
         note("the camera's picture does not show the target")
     document |= query.meaning
-    shown = by_name(query.axes, answers["position"].T)
-    shown["distance"] = answers["distance"]
-    if is_pose:
-        shown["turned"] = answers["turned"]
-    for name in query.bounds:
-        shown[name] = answers[name]
+    shown = by_name(query.axes, answer.position.T)
+    shown |= _numbers(answer, search, query.bounds)
     if reachable:
-        alone = [" ".join(joints.cells(row)) for row in q.tolist()]
-        return Outcome(document, [query.table(q, shown)], result=alone)
-    missed = f"nearest attainable {'pose' if is_pose else 'point'}"
-    distance = query.positions.words(float(answers["distance"].min()))
-    if is_pose:
-        distance += f" and {math.degrees(answers['turned'][0]):.3g} deg"
+        alone = [" ".join(joints.cells(row)) for row in answer.q.tolist()]
+        return Outcome(document, [query.table(answer.q, shown)], result=alone)
+    missed = "nearest attainable point"
+    distance = query.positions.words(float(answer.distance.min()))
+    if search.orientation is not None:
+        missed = "nearest attainable pose"
+        distance += f" and {math.degrees(shown['turned'][0]):.3g} deg"
     note(f"out of reach: the {missed} is {distance} away")
-    table = query.table(q, shown, missed)
+    table = query.table(answer.q, shown, missed)
     return Outcome(document, [table], result=(), code=NO)
+
+
+def _numbers(
+    answer: Answer, search: Search, bounds: Sequence[str]
+) -> dict[str, Array]:
+    """Return how far answers are off, and their bounds, by column of a table."""
+    names = ["distance", *bounds]
+    if search.orientation is not None:
+        names.insert(1, "turned")
+    return {name: getattr(answer, name) for name in names}
 
 
 def _question(
@@ -167,18 +168,15 @@ def answer_table(query: Query, search: Search) -> Outcome:
     if nearby[0] in batch.names:
         near = _columns(batch, values, nearby) / query.joints.to_typed
         search = replace(search, near=near)
-    answers = _answers(query, values[:, : len(axes)], search)
+    answer = _answer(query, values[:, : len(axes)], search)
     # with every branch a target has several answers
-    rows = np.flatnonzero(valid)[answers.pop("target")]
-    reachable = answers["reachable"]
-    q = answers.pop("q") * query.joints.to_typed
-    q[~reachable] = np.nan
-    added = by_name(names, q.T)
-    for name, column in answers.items():
-        is_wanted = name != "turned" or search.orientation is not None
-        if column.ndim == 1 and is_wanted:
-            added[name] = column
-    missed = np.unique(rows[~reachable])
+    rows = np.flatnonzero(valid)[answer.target]
+    q = answer.q * query.joints.to_typed
+    q[~answer.reachable] = np.nan
+    added: dict[str, ArrayLike] = {**by_name(names, q.T)}
+    added |= _numbers(answer, search, BOUNDS)
+    added["reachable"] = answer.reachable
+    missed = np.unique(rows[~answer.reachable])
     failures = {"out_of_reach": (missed, "out of reach")}
     if not search.all_branches:
         columns = with_answers(batch, added)
@@ -194,38 +192,23 @@ def _columns(batch: Batch, values: Array, names: Sequence[str]) -> Array:
     return values[:, [batch.names.index(name) for name in names]]
 
 
-def _answers(query: Query, x: Array, search: Search) -> Answers:
-    """Return the answers to targets (n, m), by quantity, and the "target" that each is of."""
+def _answer(query: Query, x: Array, search: Search) -> Answer:
+    """Return the answers to targets (n, m), positions or poses."""
     model = query.model
-    if search.in_space(query):
-        return _answers_in_space(query, x, search)
-    if not search.all_branches:
-        return _columns_of([model.solve(x, search.near, search.readout)])
-    return _columns_of(model.solve_all(x))
-
-
-def _columns_of(answers: Sequence[Answer]) -> Answers:
-    """Return the columns of answers, one after another, in the order of tables."""
-    columns: Answers = {}
-    for name in COLUMNS:
-        parts = [getattr(answer, name) for answer in answers]
-        if parts[0] is not None:
-            columns[name] = np.concatenate(parts)
-    return columns
-
-
-def _answers_in_space(query: Query, x: Array, search: Search) -> Answers:
-    """Return the answers to positions (n, 3) of an arm in space, or to poses."""
+    if not search.in_space(query):
+        if search.all_branches:
+            return every_branch(model, x)
+        return model.solve(x, search.near, search.readout)
     if search.readout is not None:
         raise BadOption(
             "--readout is for positions in the sensor's frame alone"
         )
-    if query.frame != "base" and Space.of(query.model).camera:
+    if query.frame != "base" and Space.of(model).camera:
         raise QueryError(
             "a pixel alone is no position in space; give --on z=H or --in base"
         )
-    answer = solve_poses(
-        query.model,
+    return solve_poses(
+        model,
         x,
         search.orientation,
         search.near,
@@ -234,4 +217,3 @@ def _answers_in_space(query: Query, x: Array, search: Search) -> Answers:
         keep=search.keep_orientation,
         free=search.free,
     )
-    return _columns_of([answer])

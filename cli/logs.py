@@ -201,11 +201,12 @@ def log_for(
     model = model.by(sensor)
     about = model.about
     unit = log_format.unit or source.unit or about.unit
-    # pixels and metres have no factor between them, and the plane of a camera model is another
-    if (unit == "px") != (about.unit == "px"):
+    # other units have no factor between them, and the plane of a camera model is another
+    if unit != about.unit and not {unit, about.unit} <= METRES.keys():
         raise LogError(
             f"{path} is in {unit}, the model in {about.unit}",
-            hint="record it with the same reference as the model's log, or train a model of it",
+            hint="give `unit` as the model has it, record it with the same reference as the "
+            "model's log, or train a model of it",
         )
     degrees = (
         about.degrees if log_format.degrees is None else log_format.degrees
@@ -231,7 +232,7 @@ def log_for(
     say(log.notes)
     ranges = (about.joint_names, about.lower, about.upper, about.revolute)
     check_joint_values(log.q, *ranges, degrees=degrees, label=path)
-    if unit == about.unit or not {unit, about.unit} <= set(METRES):
+    if unit == about.unit:
         return log
     factor = METRES[about.unit] / METRES[unit]
     say([f"positions converted from {unit} to {about.unit}"])

@@ -156,13 +156,14 @@ class Query:
         self, option: str, typed: Sequence[float] | None
     ) -> Array | None:
         """Return joint values (dof,) [rad or m] of an option, within what was learned."""
-        q = self.joints.one_each(option, typed)
-        if q is None:
+        values = self.joints.one_each(option, typed)
+        if values is None:
             return None
-        beyond = self.joints.beyond(self.model, q)
+        q = np.array(values)
+        beyond = self.model.beyond_range(q, degrees=self.joints.degrees)
         if beyond is not None:
             raise BadOption(f"{option} {beyond}")
-        return np.array(q)
+        return q
 
     def table(
         self, q: Array, quantities: Columns, title: str = ""

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import calib
 from calib.common.wording import by_name, for_people, unit_of_joint, with_unit
 
 from .output import with_decimals
@@ -39,7 +38,6 @@ class JointFormat:
         ]
         self.to_typed = [factor for factor, _ in units]
         """Factors from SI units to what is typed, and written to tables of answers."""
-        self._units = [unit for _, unit in units]
         self._printed = [
             for_people(unit) if unit == "m" else (factor, unit)
             for factor, unit in units
@@ -72,18 +70,6 @@ class JointFormat:
             value / factor
             for value, factor in zip(typed, self.to_typed, strict=True)
         ]
-
-    def beyond(self, model: calib.Model, q: Sequence[float]) -> str | None:
-        """Say which joint of q (dof,) [rad or m] is outside of its learned range, None if none."""
-        import numpy as np
-
-        from calib.model.about import range_in_words
-
-        for k in np.flatnonzero(~model.in_range(np.array([q]))[0]).tolist():
-            ends = range_in_words(model.about, k, degrees=self.degrees)
-            value = f"{q[k] * self.to_typed[k]:.6g} {self._units[k]}"
-            return f"{self.names[k]} = {value} is outside of the learned range {ends}"
-        return None
 
     def change(self, k: int, value: float) -> str:
         """Return a change of joint `k` [rad or m] in words, in deg or mm."""

@@ -71,7 +71,7 @@ def greedy(directions: Array, n: int) -> Index:
         gain[chosen] = -1.0
         best = int(gain.argmax())
         chosen.append(best)
-        directions = _after_reading(directions, directions[best])
+        directions = after_reading(directions, directions[best])
     return np.array(chosen, dtype=np.intp)
 
 
@@ -85,8 +85,8 @@ def _gains(directions: Array) -> Array:
     return gains
 
 
-def _after_reading(directions: Array, reading: Array) -> Array:
-    """Directions (k, p, r) after a reading of directions (p, r), whose unknowns it narrows."""
+def after_reading(directions: Array, reading: Array) -> Array:
+    """Directions (..., r) after a reading of directions (p, r), whose unknowns it narrows."""
     axes, sizes, _ = np.linalg.svd(reading.T, full_matrices=False)
     # of sd one before, along each way
     sd = 1 / np.sqrt(1 + sizes**2)

@@ -25,7 +25,7 @@ from .curves import HARMONICS, curve_slope, curve_value, waves_of
 from .layout import Layout
 from .loads import BendingLoads, loads_at
 from .parameters import Gaussian, Indices
-from .sensors import Sensor
+from .sensors import InSpace, Sensor
 from .views import Projection, Sight, TipMotion, compose
 
 Moving = Iterator[tuple[Indices, Callable[[], TipMotion]]]
@@ -218,9 +218,15 @@ class Structure(Layout):
     ) -> Iterator[tuple[Indices, Callable[[], Array]]]:
         """Parameters, and how outputs (..., m, n) move with them."""
         groups = self.groups
+        placing: Mapping[str, TipMotion] = {}
+        if isinstance(self.measurement, InSpace):
+            placing = self.sensor(beta).placing(motion.position)
+        for name, motions in placing.items():
+            yield groups[name], partial(sight.push, *motions)
         for name in self.sensor_blocks:
-            by_sensor = partial(self._by_sensor, name, q, motion, beta)
-            yield groups[name], by_sensor
+            if name not in placing:
+                by_sensor = partial(self._by_sensor, name, q, motion, beta)
+                yield groups[name], by_sensor
         chain_slope = sight.push(*motion.joints())
         for block in self.loads:
             by_loads = partial(self._by_loads, block, q, beta, chain_slope)

@@ -129,9 +129,14 @@ def solve(
 
 def solve_all(model: Parts, x: Array) -> list[Answer]:
     """All branches of each target (n, m) in full, the nearest to the ranges' middle first."""
+    every = every_branch(model, x)
+    return [every.rows(rows) for rows in slices(every.target, len(x))]
+
+
+def every_branch(model: Parts, x: Array) -> Answer:
+    """All branches of targets (n, m), one after another."""
     ways = model.solver.solve_all(in_sight(model, x))
-    every = answer(model, ways.u, x, ways.target)
-    return [every.rows(rows) for rows in slices(ways.target, len(x))]
+    return answer(model, ways.u, x, ways.target)
 
 
 def inverse_all(model: Parts, x: Array) -> list[Array]:

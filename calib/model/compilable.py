@@ -91,7 +91,7 @@ class Compilable(Parts):
         if not self.strict:
             return None
         if len(values) == 1:
-            why = self._beyond_range(np.asarray(values[0], float)) or why
+            why = self.beyond_range(np.asarray(values[0], float)) or why
         else:  # the first is `near`
             try:
                 answers.anchor(self, values[0], 1)

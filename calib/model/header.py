@@ -14,7 +14,7 @@ from ..inverse.settings import SOLVER
 from ..kernel.arm import KernelArm
 from ..kernel.source import braces, c_source, source, table
 from . import sections
-from .nominal import nominal_for_kernel
+from .nominal import Goal, nominal_for_kernel
 from .parts import Parts
 from .sections import Section, Tables, Words
 
@@ -50,8 +50,8 @@ class Header:
 
     model: Parts
     arm: KernelArm
-    nominal: KernelArm | None
-    correcting: int  # kind of the task that `calib_correct` solves, see task.h
+    # the nominal arm, and what of it `calib_correct` asks for
+    nominal: tuple[KernelArm, Goal] | None
     limit: Array  # (dof,) [rad or m], largest correction that is trusted
     # whether the body alone is written, without tables of bounds and starts
     small: bool = False
@@ -64,9 +64,9 @@ class Header:
                 "the model has no body, which a C header needs: train it with `body=auto`"
             )
         arm = KernelArm.of(model.body.structure, model.body.beta)
-        nominal, correcting = nominal_for_kernel(model, arm)
+        nominal = nominal_for_kernel(model, arm)
         limit = np.full(len(model.about.lower), _NO_LIMIT)
-        return Header(model, arm, nominal, correcting, limit, small)
+        return Header(model, arm, nominal, limit, small)
 
     def text(
         self,
@@ -99,8 +99,9 @@ class Header:
         arm = self.arm
         parts = [sections.joint_ranges(model), sections.body_arm(arm)]
         if self.nominal is not None:
-            words = {"correcting": self.correcting}
-            arms = {"nominal": self.nominal}
+            nominal, goal = self.nominal
+            words = {"correcting": int(goal)}
+            arms = {"nominal": nominal}
             parts.append(Section({"limit": self.limit}, words, arms))
         parts += sections.placed_arm(model, arm)
         if self.small:

@@ -219,14 +219,17 @@ class Model(Compilable):
         """
         return self._at(TRUE_BOUND, q, approach)
 
-    def outside(self, q: ArrayLike) -> str | None:
-        """Why the joint values (dof,) are outside of what was learned, None if they are not."""
+    def outside(self, q: ArrayLike, *, degrees: bool = False) -> str | None:
+        """Why the joint values (dof,) are outside of what was learned, None if they are not.
+
+        degrees : whether the words tell joints that turn in degrees
+        """
         rows, _ = number_rows(q, self.about.joint_names, "joint values")
         if len(rows) != 1:
             raise QueryError(f"{len(rows)} rows of joints: expected one")
         if bool(self.covers(rows)[0]):
             return None
-        return self._beyond_range(rows[0]) or (
+        return self.beyond_range(rows[0], degrees=degrees) or (
             "no row was measured near these joint values: the position may be off by more than "
             f"{MOST_SHARE:.0%} of the reach"
         )

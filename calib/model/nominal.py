@@ -6,6 +6,8 @@ compensates is in the arm and never in the sensor's frame.
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import numpy as np
 
 from ..arm.arm import PlanarArm, SpatialArm
@@ -96,31 +98,43 @@ def nominal_arm(model: Parts) -> PlanarArm | SpatialArm:
     )
 
 
+class Goal(IntEnum):
+    """What `calib_correct` asks for, as task.h numbers it."""
+
+    POSITION = 0
+    PLACE = 1
+    POSE = 2
+
+
 def nominal_for_kernel(
     model: Parts, arm: KernelArm
-) -> tuple[KernelArm | None, int]:
-    """The nominal arm, and what a correction asks for: a position (0), a place (1), a pose (2)."""
+) -> tuple[KernelArm, Goal] | None:
+    """Return the nominal arm and what a correction asks for; None where C cannot correct."""
     fitted = arm.structure
     simulated = model.about.source == "simulation" and not model.history
+    goal = Goal.POSITION
     if not model.about.urdf or model.body is None:
-        return None, 0
+        return None
     try:
         if isinstance(fitted, PlanarStructure):
             structure, beta = nominal_in_plane(model, based=simulated)
-            # of a reversed joint the wiring has to be mended
-            same = structure.signs == fitted.signs
-            return (KernelArm.of(structure, beta) if same else None), 0
+            if structure.signs != fitted.signs:
+                # of a reversed joint the wiring has to be mended
+                return None
+            return KernelArm.of(structure, beta), goal
         if fitted.informed:
-            kind = 2 if fitted.dof >= 6 else 1 if fitted.outputs == 2 else 0
+            if fitted.dof >= 6:
+                goal = Goal.POSE
+            elif fitted.outputs == 2:
+                goal = Goal.PLACE
             beta = nominal_behind(fitted, model.body.beta)
-            return KernelArm.of(fitted, beta), kind
-        drawn = nominal_arm(model) if simulated else None
+            return KernelArm.of(fitted, beta), goal
+        if not simulated:
+            return None
+        drawn = nominal_arm(model)
     except CalibError:
-        return None, 0
-    if (
-        not isinstance(drawn, SpatialArm)
-        or drawn.chain.joints != arm.chain.joints
-    ):
-        return None, 0
+        return None
+    if drawn.chain.joints != arm.chain.joints:
+        return None
     there = structure_of(drawn, "base")
-    return KernelArm.of(there, there.neutral()), 0
+    return KernelArm.of(there, there.neutral()), goal

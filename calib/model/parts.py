@@ -13,7 +13,7 @@ from ..body.belief import Body
 from ..common.arrays import Array, Mask, Shape, freeze
 from ..common.choices import MAP_READOUTS, READOUTS, check_choice
 from ..common.rows import row_lengths
-from ..common.wording import one_line
+from ..common.wording import one_line, unit_of_joint
 from ..errors import OptionError
 from ..inverse.links import solver_by_links
 from ..inverse.solver import Solver
@@ -26,7 +26,7 @@ from ..maps.local_models import NO_MODELS, LocalModels
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
 from ..samples.tables import Document
-from .about import About, MeasuredRows, Photo
+from .about import About, MeasuredRows, Photo, range_in_words
 from .baseline import Baseline, RowPlaces
 
 if TYPE_CHECKING:
@@ -215,14 +215,17 @@ class Parts:
         slack = np.where(scale.periodic, 1.0, ROUNDED)
         return (share >= -slack) & (share <= 1.0 + slack)
 
-    def _beyond_range(self, q: Array) -> str | None:
-        """Which of joint values (dof,) is outside of its learned range, None if none is."""
+    def beyond_range(self, q: Array, *, degrees: bool = False) -> str | None:
+        """Which of joint values (dof,) is outside of its learned range, None if none is.
+
+        degrees : whether joints that turn are told in degrees
+        """
         about = self.about
         for k in np.flatnonzero(~self.in_range(q[None])[0]).tolist():
-            return (
-                f"{about.joint_names[k]} = {q[k]:.6g} is outside of the learned range "
-                f"{about.lower[k]:.6g} to {about.upper[k]:.6g}"
-            )
+            factor, unit = unit_of_joint(about.revolute[k], degrees)
+            ends = range_in_words(about, k, degrees=degrees)
+            value = f"{about.joint_names[k]} = {q[k] * factor:.6g} {unit}"
+            return f"{value} is outside of the learned range {ends}"
         return None
 
     def covers(self, q: Array) -> Mask:

@@ -38,7 +38,6 @@ class Space:
 
     model: Parts
     body: Body  # the body in the view "base", in m
-    length: float  # [m], the arm's length
 
     @staticmethod
     def of(model: Parts) -> Space:
@@ -50,15 +49,21 @@ class Space:
                     "the model knows no arm in space in its base frame: expected one of an arm "
                     "that moves in space, learned together with its robot"
                 )
-            length = max(spatial(body).chain.reach, 1e-9)
-            model.cache["space"] = Space(model, body, length)
+            model.cache["space"] = Space(model, body)
         space: Space = model.cache["space"]
         return space
 
     @property
     def structure(self) -> SpatialStructure:
         """The chain, seen from its base."""
-        return spatial(self.body)
+        structure = self.body.structure
+        assert isinstance(structure, SpatialStructure)  # noqa: S101
+        return structure
+
+    @cached_property
+    def length(self) -> float:
+        """The arm's length [m]."""
+        return max(self.structure.chain.reach, 1e-9)
 
     # What the chain says.
 
@@ -178,13 +183,6 @@ class Space:
         bend = 3.0 * lens[3] * (place[:, :2] ** 2).sum(axis=1)
         unfolded = place[:, 2] ** 2 + bend >= 0
         return np.asarray(ahead & inside & unfolded)
-
-
-def spatial(body: Body) -> SpatialStructure:
-    """The chain of a body that moves in space; QueryError if it moves in a plane."""
-    if not isinstance(body.structure, SpatialStructure):
-        raise QueryError("expected a model of an arm in space")
-    return body.structure
 
 
 def measured_chain(body: Body | None) -> SpatialStructure | None:

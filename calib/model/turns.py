@@ -6,9 +6,8 @@ The box in which joints are learned is one turn wide at most: the arm is the sam
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array, Index, Mask
 from ..common.scale import TURN
 from .parts import Parts
 
@@ -54,9 +53,7 @@ def on_turn(model: Parts, q: Array, near: Array) -> Array:
     return np.where(periodic, np.clip(moved, lower, upper), q)
 
 
-def unwound(
-    model: Parts, q: Array, start: Array
-) -> tuple[Array, NDArray[np.intp]]:
+def unwound(model: Parts, q: Array, start: Array) -> tuple[Array, Index]:
     """Joints (n, dof) of a path on the turns that follow each other, and rows that turn round.
 
     A joint goes on over the seam of its turn where its limits allow; where they do not, it has to

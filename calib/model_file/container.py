@@ -79,7 +79,7 @@ def _checksum(tensors: Tensors, header: Mapping[str, object]) -> str:
 
 def save_maps(maps: object, path: str | os.PathLike[str]) -> None:
     """Write a map or an association into one file, whole or not at all."""
-    header, tensors = write(maps, type(maps), {})
+    header, tensors = write(maps, type(maps))
     kind = type(maps).__name__.lower()
     atomic_write(
         path,

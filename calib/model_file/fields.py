@@ -26,6 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.covariance import pack, unpack
+from ..body.planar import PlanarStructure
+from ..body.spatial import SpatialStructure
+from ..body.structure import Structure
 from ..common.arrays import TRIANGLE, Shape
 from ..common.inputs import LARGEST
 from ..errors import ModelError
@@ -36,8 +39,10 @@ T = TypeVar("T")
 Sizes = dict[str, int]
 """Lengths of axes, by their names."""
 
-Kinds = Mapping[type, tuple[type, ...]]
-"""Classes that may stand for a base class; a key `kind` tells which."""
+KINDS: Mapping[type, tuple[type, ...]] = {
+    Structure: (PlanarStructure, SpatialStructure)
+}
+"""Classes that stand for a base class; a key `kind` tells which."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,15 @@ class Hint:
     kinds: tuple[type, ...]  # types that a value may have
     optional: bool
     shape: Shape | None  # of an array
+
+    @property
+    def classes(self) -> dict[str, type]:
+        """Classes that an object may be of, by name."""
+        return {
+            str(getattr(one, "kind", one.__name__.lower())): one
+            for kind in self.kinds
+            for one in KINDS.get(kind, (kind,))
+        }
 
 
 def hint_of(annotation: object) -> Hint:
@@ -74,19 +88,17 @@ def hints_of(kind: type) -> dict[str, Hint]:
     }
 
 
-def write(
-    value: object, kind: type, kinds: Kinds
-) -> tuple[dict[str, object], Tensors]:
+def write(value: object, kind: type) -> tuple[dict[str, object], Tensors]:
     """Return a dataclass of a type as JSON-ready data, and its arrays by name."""
-    codec = Codec(kinds)
+    codec = Codec()
     data = codec.data_of(value, hint_of(kind), "")
     assert isinstance(data, dict)  # noqa: S101 - of a dataclass
     return data, codec.tensors
 
 
-def read(kind: type[T], data: object, tensors: Tensors, kinds: Kinds) -> T:
+def read(kind: type[T], data: object, tensors: Tensors) -> T:
     """Return the value of a type that was written; ModelError where something is wrong with it."""
-    value = Codec(kinds, tensors).value_of(data, hint_of(kind), "")
+    value = Codec(tensors).value_of(data, hint_of(kind), "")
     assert isinstance(value, kind)  # noqa: S101 - for the types
     return value
 
@@ -95,16 +107,7 @@ def read(kind: type[T], data: object, tensors: Tensors, kinds: Kinds) -> T:
 class Codec:
     """Values as plain data beside tensors."""
 
-    kinds: Kinds
     tensors: Tensors = field(default_factory=dict)
-
-    def classes(self, hint: Hint) -> dict[str, type]:
-        """Return the classes that an object may be of, by name."""
-        return {
-            str(getattr(one, "kind", one.__name__.lower())): one
-            for kind in hint.kinds
-            for one in self.kinds.get(kind, (kind,))
-        }
 
     def data_of(self, value: object, hint: Hint, path: str) -> object:
         """Return a value as plain data; infinite numbers and those that are none are null."""
@@ -126,7 +129,7 @@ class Codec:
         if not is_dataclass(kind):
             return value
         data: dict[str, object] = {}
-        classes = self.classes(hint)
+        classes = hint.classes
         if len(classes) > 1:
             names = list(classes)
             data["kind"] = names[list(classes.values()).index(kind)]
@@ -173,7 +176,7 @@ class Codec:
         self, data: Mapping[str, object], hint: Hint, path: str
     ) -> object:
         """Return the object at a place, whose axes of one name are of one length."""
-        classes = self.classes(hint)
+        classes = hint.classes
         name = next(iter(classes))
         if len(classes) > 1:
             name = str(data.get("kind"))

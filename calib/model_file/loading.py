@@ -62,7 +62,7 @@ def load_maps(path: str | os.PathLike[str]) -> Map | Association:
         )
     check_sum(header, tensors, name)
     try:
-        maps: Map | Association = read(kind, header["maps"], tensors, {})
+        maps: Map | Association = read(kind, header["maps"], tensors)
     except NONSENSE as error:
         reason = " ".join(str(error).split())[:120]
         raise ModelError(f"{name}: not complete ({reason})") from error

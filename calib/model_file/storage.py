@@ -7,19 +7,15 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..body.planar import PlanarStructure
-from ..body.spatial import SpatialStructure
-from ..body.structure import Structure
 from ..common.atomic import atomic_write
 from ..common.parallel import one_blas_thread
 from ..errors import CalibError, ModelError
 from ..maps.links import SparseRows
 from ..model.parts import Parts
 from .container import check_sum, pack, unpack
-from .fields import Kinds, read, write
+from .fields import read, write
 
 VERSION = 8  # of the format, as ``docs/format.md`` describes it
-KINDS: Kinds = {Structure: (PlanarStructure, SpatialStructure)}
 # what building a model from a description without sense raises
 NONSENSE = (
     CalibError,
@@ -52,7 +48,7 @@ def save(model: Parts, path: str | os.PathLike[str]) -> None:
 def to_bytes(model: Parts) -> bytes:
     """Content of a model file."""
     with one_blas_thread():  # a covariance is factored on the way into the file
-        header, tensors = write(model, type(model), KINDS)
+        header, tensors = write(model, type(model))
     return pack({**header, "format": VERSION}, tensors)
 
 
@@ -78,7 +74,7 @@ def model_of(kind: type[_M], data: bytes, name: str) -> _M:
         )
     check_sum(header, tensors, name)
     try:
-        model = read(kind, header, tensors, KINDS)
+        model = read(kind, header, tensors)
         _check(model)
         for other in model.others:
             _check(other)

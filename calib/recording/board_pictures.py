@@ -23,7 +23,7 @@ from .lens import calibrate_lens, lens_of_model
 from .lerobot import is_dataset, read_dataset
 from .motion_tables import JointTable, read_joints, read_shots
 from .pictures import Picture, Shot
-from .reference import Pose, find_pose, matrices
+from .reference import Pose, find_pose, frames_of
 
 LEAST = 4
 """Pictures of the board that tell where it is, and in which another one is looked for."""
@@ -131,7 +131,7 @@ def _log_covariance(
 
     Both are along the axes of what stands still; a board's turn and shift are along the camera's.
     """
-    boards = matrices(poses)
+    boards = frames_of(poses)
     if in_hand:
         axes = -turn_of(boards).mT
         lever = point - shift_of(boards)
@@ -149,7 +149,7 @@ def _log_covariance(
 
 def hand_poses(poses: Sequence[Pose], in_hand: bool) -> Array:
     """What is in the hand (p, 4, 4) [m], seen from what stands still."""
-    boards = matrices(poses)
+    boards = frames_of(poses)
     return inverse(boards) if in_hand else boards
 
 

@@ -111,7 +111,7 @@ class Unknowns:
 
 
 @dataclass(frozen=True, eq=False)
-class CornerSight:
+class PredictedCorners:
     """What cameras see of all corners, and how that follows the unknowns."""
 
     pixels: Array  # (N, 2)
@@ -174,17 +174,21 @@ class Bundle:
         rms: Array = np.sqrt(total / np.bincount(self.motion))
         return rms
 
-    def look(self, unknowns: Unknowns) -> CornerSight:
+    def predict(self, unknowns: Unknowns) -> PredictedCorners:
         """Pixels of all corners and their slopes at some values of the unknowns."""
         arm = unknowns.values[self.layout.arm]
         poses = self.motions.poses(arm)
         flange = step_from(poses, unknowns.errors[:, :POSE])
         by_arm = self.motions.slopes(arm)
         cameras = range(len(self.in_hand))
-        sights = [self._look(k, unknowns, flange, by_arm) for k in cameras]
-        return CornerSight(*map(np.concatenate, zip(*sights, strict=True)))
+        by_camera = [
+            self._predict_camera(k, unknowns, flange, by_arm) for k in cameras
+        ]
+        return PredictedCorners(
+            *map(np.concatenate, zip(*by_camera, strict=True))
+        )
 
-    def _look(
+    def _predict_camera(
         self, camera: int, unknowns: Unknowns, flange: Array, by_arm: Array
     ) -> tuple[Array, Array]:
         """Pixels (m, 2) of one camera's corners, and their slopes (m, 2, s + e).

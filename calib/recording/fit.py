@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Index
 from ..common.rows import row_lengths
-from .bundle import POSE, Bundle, CornerSight, Unknowns
+from .bundle import POSE, Bundle, PredictedCorners, Unknowns
 
 
 @dataclass(frozen=True)
@@ -109,19 +109,19 @@ def solve(
     Raises LinAlgError where the corners do not determine the unknowns.
     """
     fit = start
-    sight = bundle.look(fit.unknowns)
+    predicted = bundle.predict(fit.unknowns)
     for count in range(1, CORNER_FIT.steps + 1):
         before = fit.noise
-        step = _step(bundle, prior, fit, sight)
+        step = _step(bundle, prior, fit, predicted)
         but_lenses = np.delete(step.unknowns, bundle.layout.lenses.ravel())
         moves = np.append(but_lenses, step.errors)
         if not np.abs(moves).max() < CORNER_FIT.farthest:
             raise np.linalg.LinAlgError("the fit of corners diverged")
         unknowns = fit.unknowns.retract(step.unknowns, step.errors)
         fit = replace(fit, unknowns=unknowns, covariance=step.covariance)
-        sight = bundle.look(unknowns)
+        predicted = bundle.predict(unknowns)
         if learn:
-            fit = _learn(bundle, prior, fit, sight, step.variances)
+            fit = _learn(bundle, prior, fit, predicted, step.variances)
         if count >= CORNER_FIT.fewest and _is_settled(before, fit.noise):
             break
     # by the noise before the last step: priors that still shrink say too much
@@ -129,20 +129,20 @@ def solve(
     least_turn = error[3] / CORNER_FIT.reach
     error[:3] = np.maximum(error[:3], least_turn)
     careful = replace(fit, noise=replace(before, error=error))
-    step = _step(bundle, prior, careful, sight)
+    step = _step(bundle, prior, careful, predicted)
     return replace(fit, covariance=step.covariance)
 
 
 def information(
-    bundle: Bundle, noise: Noise, sight: CornerSight
+    bundle: Bundle, noise: Noise, predicted: PredictedCorners
 ) -> tuple[Array, Array]:
     """Normal equations of unknowns and errors at each motion, by its corners alone.
 
     Returns weighed products of slopes (n, s + e, s + e), and of slopes and residuals (n, s + e).
     """
-    residuals, weights = _residuals(bundle, noise, sight)
+    residuals, weights = _residuals(bundle, noise, predicted)
     root = np.sqrt(weights) / noise.corner[bundle.camera]
-    slopes = sight.slopes * root[:, None, None]
+    slopes = predicted.slopes * root[:, None, None]
     residuals = residuals * root[:, None]
     columns = slopes.shape[2]
     count = bundle.motions.count
@@ -158,10 +158,10 @@ def information(
 
 
 def _residuals(
-    bundle: Bundle, noise: Noise, sight: CornerSight
+    bundle: Bundle, noise: Noise, predicted: PredictedCorners
 ) -> tuple[Array, Array]:
     """Residuals (N, 2) [px] of corners, and Huber's weights (N,)."""
-    residuals = bundle.pixels - sight.pixels
+    residuals = bundle.pixels - predicted.pixels
     far = CORNER_FIT.huber * noise.corner[bundle.camera]
     lengths = row_lengths(residuals)
     ratios = far / np.maximum(lengths, 1e-12)
@@ -169,12 +169,15 @@ def _residuals(
 
 
 def _step(
-    bundle: Bundle, prior: CornerPrior, fit: CornerFit, sight: CornerSight
+    bundle: Bundle,
+    prior: CornerPrior,
+    fit: CornerFit,
+    predicted: PredictedCorners,
 ) -> Step:
     """A step in which the motions' errors are eliminated (Schur complement)."""
     noise = fit.noise
     size = bundle.layout.size
-    products, pulls = information(bundle, noise, sight)
+    products, pulls = information(bundle, noise, predicted)
 
     # errors (n, e) of each motion where the unknowns stay
     error_precision = noise.error**-2.0
@@ -213,7 +216,7 @@ def _learn(
     bundle: Bundle,
     prior: CornerPrior,
     fit: CornerFit,
-    sight: CornerSight,
+    predicted: PredictedCorners,
     variances: Array,
 ) -> CornerFit:
     """The fit with the noise that its residuals show.
@@ -221,7 +224,7 @@ def _learn(
     variances : (n, e), of the motions' errors
     """
     error, freedom = _error_noise(fit, variances)
-    corner = _corner_noise(bundle, fit, sight, freedom)
+    corner = _corner_noise(bundle, fit, predicted, freedom)
     noise = Noise(corner, error, _prior_noise(prior, fit))
     return replace(fit, noise=noise, freedom=freedom)
 
@@ -264,7 +267,7 @@ def _prior_noise(prior: CornerPrior, fit: CornerFit) -> Array:
 
 
 def _corner_noise(
-    bundle: Bundle, fit: CornerFit, sight: CornerSight, freedom: float
+    bundle: Bundle, fit: CornerFit, predicted: PredictedCorners, freedom: float
 ) -> Array:
     """Sd (c,) [px] of corners, the larger of two estimates.
 
@@ -273,12 +276,12 @@ def _corner_noise(
     freedom : degrees of freedom of the motions
     """
     noise = fit.noise
-    residuals, weights = _residuals(bundle, noise, sight)
+    residuals, weights = _residuals(bundle, noise, predicted)
     root = np.sqrt(weights)[:, None]
     residuals = residuals * root
     # by turn and shift of the flange, which move a board as its own would
     size = bundle.layout.size
-    by_flange = sight.slopes[:, :, size : size + POSE] * root[:, :, None]
+    by_flange = predicted.slopes[:, :, size : size + POSE] * root[:, :, None]
     cameras = len(noise.corner)
 
     # variance where corners err independently

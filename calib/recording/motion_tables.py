@@ -38,7 +38,8 @@ EXPECTED = (
 
 _LENGTHS = (6, 7, 12, 16)  # numbers of a row without a header
 _BESIDE = {"picture", "time", "timestamp", "episode"}
-_IGNORED = {*_BESIDE, *map(str.lower, MATRIX)}
+# numbers of rows, as pandas and databases write them, tell nothing
+_IGNORED = {*_BESIDE, "", "id", "index", *map(str.lower, MATRIX)}
 # "[mm]", "(deg)", "_mm": the fit finds units
 _UNIT = r"\s*[\[(].*[\])]$|_(?:m|cm|mm|in|rad|deg|grad)$"
 _OTHERS = {*_BESIDE, "x", "y", "z", *TURNS["xyzw"]}
@@ -65,6 +66,11 @@ class JointTable:
     dropped: int = 0
     episodes: Index | None = None  # (n,), the series that each row is of
     revolute: Sequence[bool] | None = None  # which joints turn; None: all
+
+    @property
+    def what(self) -> str:
+        """What messages call the rows' numbers."""
+        return "joints" if self.names else "poses"
 
 
 def read_joints(
@@ -169,15 +175,16 @@ def read_shots(
         words = f", which name {listing(names, 3)}"
         is_fitting = bool(rows) and len(set(paths)) == len(rows)
         lonely = {
-            "rows of joints, without a picture": len(names) - len(rows),
-            "pictures, without joints": total - len(rows),
+            f"rows of {table.what}, without a picture": len(names) - len(rows),
+            f"pictures, without {table.what}": total - len(rows),
         }
         for what, number in lonely.items():
             if number > 0:
                 notes.append(f"{number} {what}, are left out")
     if not is_fitting:
         raise LogError(
-            f"{total} pictures and {len(table.q) + table.dropped} rows of joints in {table.label} "
+            f"{total} pictures and {len(table.q) + table.dropped} rows of {table.what} in "
+            f"{table.label} "
             f"({table.dropped} with a missing value){words}: expected one row for each picture, in "
             "the order of names or by a column 'picture'"
         )

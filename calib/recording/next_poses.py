@@ -20,6 +20,7 @@ from ..arm.rigid import (
 )
 from ..arm.rotations import exponential
 from ..body.covariance import Z95
+from ..body.information import after_reading
 from ..common.arrays import Array, Index, Mask
 from ..errors import OptionError
 from ..samples.lens import Lens
@@ -148,9 +149,9 @@ class ExpectedRig:
         # normal equations of corners that are where the rig expects them
         bundle = self._bundle(motions)
         layout = bundle.layout
-        sight = bundle.look(self._unknowns(bundle))
-        bundle = replace(bundle, pixels=sight.pixels)
-        products, _ = information(bundle, self.noise, sight)
+        predicted = bundle.predict(self._unknowns(bundle))
+        bundle = replace(bundle, pixels=predicted.pixels)
+        products, _ = information(bundle, self.noise, predicted)
 
         # of all unknowns, less what errors of the motion take away
         size = layout.size
@@ -235,11 +236,9 @@ def _greedy_by_trace(
         best = int(np.where(waiting, explained @ weight, -1.0).argmax())
         waiting[best] = False
         chosen.append(best)
-        # of sd one before, along each way that the row tells
-        axes, sizes, _ = np.linalg.svd(directions[best].T, full_matrices=False)
-        lost = axes * (1.0 - 1.0 / np.sqrt(1.0 + sizes**2))
-        directions = directions - directions @ lost @ axes.T
-        hand = hand - hand @ lost @ axes.T
+        reading = directions[best]
+        directions = after_reading(directions, reading)
+        hand = after_reading(hand, reading)
         covariances.append(hand @ hand.T)
     return np.array(chosen, dtype=np.intp), np.array(covariances)
 

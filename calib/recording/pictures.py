@@ -60,10 +60,9 @@ def one_thread() -> Iterator[None]:
         cv2.setNumThreads(threads)
 
 
-def _natural(path: Path) -> list[tuple[int, int | str]]:
+def _natural(path: Path) -> str:
     """A key that sorts `img_10` after `img_9`."""
-    parts = re.split(r"(\d+)", path.name)
-    return [(0, int(p)) if p.isdigit() else (1, p.lower()) for p in parts if p]
+    return re.sub(r"\d+", lambda digits: digits[0].zfill(20), path.name.lower())
 
 
 def list_pictures(source: FilePath | Sequence[str]) -> list[Path]:

@@ -99,7 +99,7 @@ class Problem:
 
     def predict(self, fit: CornerFit) -> Array:
         """Pixels (N, 2) of all corners where the motions alone put them."""
-        return self.bundle.look(fit.unknowns.exact(len(self.rows))).pixels
+        return self.bundle.predict(fit.unknowns.exact(len(self.rows))).pixels
 
 
 def problem_of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:

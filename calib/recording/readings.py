@@ -17,14 +17,15 @@ from ..arm.rigid import inverse, rigid
 from ..arm.rotations import matrix_of
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array
-from ..common.choices import ROTATIONS
-from ..common.rows import spread_rows
+from ..common.choices import ROTATIONS, check_choice
+from ..common.rows import row_lengths, spread_rows
+from ..common.scale import METRES
 from ..errors import LogError, OptionError
 from ..samples.findings import Finding
 from ..samples.interpretations import interpretations
 from ..samples.settings import DIAGNOSIS
 from .motion_tables import FlangeTable
-from .start import RigStart, find_start, find_starts
+from .start import UNITS, RigStart, find_start, find_starts
 from .view import View
 
 AXES = ["".join(axes) for axes in permutations("xyz")]
@@ -61,6 +62,7 @@ of 12 rendered sets the next one 1.0 to 1.9 times worse, others 18 times or more
 _CLEAR = 0.4
 _FAR = np.radians(1.5)  # misfit beyond which other readings are tried
 _TRIED = 10  # pictures that these are tried on
+_REACH = (0.005, 20.0)  # of the flange of any arm [m]
 _MISSAID = 0.05  # of a board's size, that no print is off by
 
 
@@ -163,6 +165,7 @@ def choose(table: FlangeTable, view: View) -> Choice:
 
     Raises OptionError where no reading is left.
     """
+    _refuse_unit(table)
     readings = _readings_as_stated(table)
     flanges = np.stack([reading.flange[view.rows] for reading in readings])
     starts = find_starts(flanges, view, table.unit)
@@ -181,6 +184,22 @@ def choose(table: FlangeTable, view: View) -> Choice:
     )
     ties = tuple(reading.words for reading, _ in tied if reading is not best)
     return Choice(best, start, convention, ties)
+
+
+def _refuse_unit(table: FlangeTable) -> None:
+    """Refuse a stated unit in which no arm reaches the flange."""
+    if table.unit is None:
+        return
+    check_choice("unit", table.unit, UNITS)
+    places = table.numbers[:, :3] / METRES[table.unit]
+    distance = float(np.median(row_lengths(places)))
+    nearest, farthest = _REACH
+    # zero in any unit: a flange that turns at the base's origin
+    if distance > 0.0 and not nearest < distance < farthest:
+        raise OptionError(
+            f"unit {table.unit!r}: the flange is {distance:.3g} m from its base, expected "
+            f"{nearest:g} to {farthest:g} m: leave `unit` out to have it found"
+        )
 
 
 def _oddity(reading: Reading, named: str) -> tuple[bool, bool, bool]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arm.rigid import rigid
+from ..arm.rigid import inverse, rigid, shift_of, turn_of
 from ..arm.rotations import cross_matrix, exponential, similarity
 from ..common.arrays import Array
 from ..common.atomic import FilePath
@@ -43,24 +43,17 @@ Marks = Mapping[int, Array]
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where a frame is in the camera's: `seen = rotation @ point + shift` [m]."""
+    """Where a frame is before a camera."""
 
-    rotation: Array  # frame to camera (x right, y down, z ahead) (3, 3)
-    shift: Array  # the frame's origin in the camera's (3,) [m]
+    frame: Array  # (4, 4), in the camera's (x right, y down, z ahead) [m]
     # of a small turn [rad] in the camera's axes, of the shift [m], and of the lens's parameters,
     # which the pose was found with (15, 15)
     covariance: Array
 
-    @property
-    def camera(self) -> Array:
-        """The camera's place in the frame [m]."""
-        return -self.rotation.T @ self.shift
 
-
-def matrices(poses: Sequence[Pose]) -> Array:
-    """Poses as matrices (n, 4, 4)."""
-    turns = np.array([pose.rotation for pose in poses])
-    return rigid(turns, np.array([pose.shift for pose in poses]))
+def frames_of(poses: Sequence[Pose]) -> Array:
+    """Frames (n, 4, 4) [m] of some poses."""
+    return np.array([pose.frame for pose in poses])
 
 
 def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
@@ -94,7 +87,7 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     square = float((residuals**2).sum())
     variance = max(square / freedom, REFERENCE.noise**2)
     covariance[:6, :6] += np.linalg.pinv(by_pose.T @ by_pose) * variance
-    return Pose(rotation, shift.ravel(), covariance)
+    return Pose(rigid(rotation, shift.ravel()), covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +98,16 @@ class PlaneReference:
     pose: Pose
     height: float = 0.0  # z of the tag's plane in the frame [m]
 
+    @property
+    def camera(self) -> Array:
+        """The camera's place in the frame (3,) [m]."""
+        return shift_of(inverse(self.pose.frame))
+
     def positions(self, pixels: ArrayLike) -> Array:
         """Return x and y (n, 2) [m] where rays of pixels (n, 2) meet the plane, else NaN."""
         flat = self.lens.undistort(pixels)
-        camera = self.pose.camera
-        rays = np.c_[flat, np.ones(len(flat))] @ self.pose.rotation
+        camera = self.camera
+        rays = np.c_[flat, np.ones(len(flat))] @ turn_of(self.pose.frame)
         with np.errstate(divide="ignore", invalid="ignore"):
             lengths = (self.height - camera[2]) / rays[:, 2:]
             places = camera[:2] + lengths * rays[:, :2]
@@ -141,21 +139,17 @@ class PlaneReference:
     def _after(self, step: Array) -> PlaneReference:
         """The reference after a step (15,) of the pose's turn and shift, and of the lens."""
         turn, shift, parameters = np.split(step, [3, 6])
-        pose = replace(
-            self.pose,
-            rotation=exponential(turn) @ self.pose.rotation,
-            shift=self.pose.shift + shift,
-        )
+        frame = self.pose.frame
+        turned = exponential(turn) @ turn_of(frame)
+        pose = replace(self.pose, frame=rigid(turned, shift_of(frame) + shift))
         return replace(self, lens=self.lens.plus(parameters), pose=pose)
 
     def to_json(self) -> dict[str, object]:
         """Return the camera's pose over the frame, as plain values."""
-        rotation = self.pose.rotation.tolist()
-        camera = self.pose.camera.tolist()
         return {
             "kind": "plane",
-            "rotation": rotation,
-            "camera": camera,
+            "rotation": turn_of(self.pose.frame).tolist(),
+            "camera": self.camera.tolist(),
             "height": self.height,
         }
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arm.rigid import shift_of, turn_of
+from ..arm.rigid import inverse, shift_of, turn_of
 from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Index, Mask
 from ..common.atomic import FilePath
@@ -27,7 +27,7 @@ from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
 from .motion_tables import JointTable, read_shots
 from .pictures import Shot, Video
-from .reference import PlaneReference, find_pose, matrices
+from .reference import PlaneReference, find_pose, frames_of
 from .setting import LOOKS, Setting, Sightings, find_sightings
 from .tags import LEAST_NOISE, Tag
 from .track import jumps, left_out_notes, row_shift, usable_rows
@@ -358,16 +358,15 @@ def _by_tag_size(
     """
     corners = [[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]
     square = 0.5 * side * np.array(corners)
-    poses = matrices([find_pose(lens, square, tag.corners) for tag in tags])
-    turns = turn_of(poses)
-    x = shift_of(poses)
+    frames = frames_of([find_pose(lens, square, tag.corners) for tag in tags])
     if reference is None:
-        scale = x[:, 2] / lens.focal.mean()
-        return Positions(x, "m", scale, quaternion=quaternion_of(turns))
-    pixels = np.array([tag.centre for tag in tags])
-    frame = reference.pose.rotation
+        scale = shift_of(frames)[:, 2] / lens.focal.mean()
+        positions = Positions(shift_of(frames), "m", scale)
+    else:
+        frames = inverse(reference.pose.frame) @ frames
+        positions = _on_plane(reference, np.array([tag.centre for tag in tags]))
     return replace(
-        _on_plane(reference, pixels),
-        x=(x - reference.pose.shift) @ frame,
-        quaternion=quaternion_of(frame.T @ turns),
+        positions,
+        x=shift_of(frames),
+        quaternion=quaternion_of(turn_of(frames)),
     )

@@ -13,7 +13,7 @@ from ..samples.lens import Lens
 from .board import Pattern
 from .board_pictures import BoardPictures
 from .lens import UNSTATED
-from .reference import matrices
+from .reference import frames_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,5 +59,5 @@ def view_of(
             )
         )
     lens = given or pictures.lens()
-    boards = matrices(pictures.poses(lens))
+    boards = frames_of(pictures.poses(lens))
     return View(name, pictures, in_hand, given, lens, boards)

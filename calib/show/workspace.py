@@ -1,9 +1,8 @@
 """Workspace: where the tip can be, and the expected error over it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.rows import finite_rows
 from ..maps.map import Map
 from ..model.model import Model
@@ -29,7 +28,7 @@ def node_errors(model: Model) -> tuple[Array, Array]:
     return motor, sensory
 
 
-def drawn_edges(som: Map) -> NDArray[np.intp]:
+def drawn_edges(som: Map) -> Index:
     """Edges (m, 2) of a map, without those that lead once round a full turn.
 
     Of a lattice with three axes those of its middle sheets: all would hide each other.

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arm.rotations import logarithm
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.choices import check_choice
 from ..common.inputs import joint_numbers, query_rows
 from ..common.rows import row_lengths
@@ -32,7 +32,7 @@ class Corrected:
     given: Array  # (n, dof) [rad or m], joint values that are right for the nominal arm
     # (n, dof) [rad or m], what to command; where the real arm cannot get there what comes nearest
     nearest: Array
-    reachable: NDArray[np.bool_]  # (n,), whether the real arm gets there
+    reachable: Mask  # (n,), whether the real arm gets there
     # (dof,) [rad or m], largest change of each joint that is trusted
     limit: Array
     notes: tuple[str, ...]  # what was assumed
@@ -55,7 +55,7 @@ class Corrected:
         )
 
     @cached_property
-    def exceeded(self) -> NDArray[np.bool_]:
+    def exceeded(self) -> Mask:
         """Rows (n,) that change by more than the limit."""
         return np.asarray((np.abs(self.change) > self.limit).any(axis=1))
 

@@ -23,7 +23,6 @@ from ..model.space import Space
 from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
-from ..samples.sockets import Touches
 from ..training.preparation import sound_log
 from ..training.residuals import (
     ErrorTable,
@@ -134,95 +133,72 @@ def evaluate(
         simulation = simulation_of(model)
         if simulation is None:
             return as_made(model)
-        residuals = fresh_residuals(model, simulation)
-        return _evaluation(model, residuals, FRESH)
+        return _evaluation(model, fresh_residuals(model, simulation), FRESH)
     model = model.by(samples.sensor)
-    if samples.touch is not None:
-        return _of_touches(model, samples, samples.touch)
-    learned = learned_rows(model, samples)
-    if learned.any() and np.count_nonzero(~learned) < TESTING.fewest:
-        return _of_held_out_rows(model, samples, learned)
-
-    evaluation = _of_unlearned_rows(model, samples, learned, frame)
-    return replace(
-        evaluation,
-        left_out=evaluation.left_out + samples.left_out,
-        learned=int(np.count_nonzero(learned)),
-    )
-
-
-def _of_unlearned_rows(
-    model: Model, samples: Samples, learned: Mask, frame: Frame
-) -> Evaluation:
-    """The errors of the rows of a log that the model has not learned (n,)."""
-    notes: list[str] = []
     source = "measured rows of the log"
-    if learned.any():
-        count = f"{np.count_nonzero(learned)} of these rows"
-        notes.append(
-            f"{count} were learned by the model and tell nothing of it"
+    left_out = samples.left_out
+    if samples.touch is not None:
+        positions, scatter = in_sockets(model, samples, samples.touch)
+        left_out += len(samples) - len(positions)
+        residuals = _residuals(model, positions)
+        evaluation = _evaluation(model, residuals, source, left_out)
+        return replace(evaluation, touch=scatter)
+
+    # what the model has learned tells nothing of its errors
+    is_learned = learned_rows(model, samples)
+    learned = int(np.count_nonzero(is_learned))
+    notes: list[str] = []
+    if learned and len(samples) - learned < TESTING.fewest:
+        note = (
+            f"the model has learned {learned} of these {len(samples)} rows, so that they do not "
+            "tell its errors: those of rows that were held out while it was trained follow"
         )
-        samples = samples.take(~learned)
-        source = "measured rows of the log that were not learned"
+        training = as_made(model)
+        left_out += training.left_out + len(samples) - learned
+        return replace(
+            training, notes=(note,), learned=learned, left_out=left_out
+        )
+    if learned:
+        notes.append(
+            f"{learned} of these rows were learned by the model and tell nothing of it"
+        )
+        samples = samples.take(~is_learned)
+        source += " that were not learned"
+
     if frame == "free":
         samples, frame_notes = _in_model_frame(model, samples)
         notes += frame_notes
     evaluation = _of_log(model, samples, source)
-    return replace(evaluation, notes=(*notes, *evaluation.notes))
-
-
-def _of_touches(model: Model, samples: Samples, touch: Touches) -> Evaluation:
-    """The errors of touches as positions, and their scatter."""
-    positions, scatter = in_sockets(model, samples, touch)
-    lost = samples.left_out + len(samples) - len(positions)
-    residuals = _residuals(model, positions)
-    source = "measured rows of the log"
-    evaluation = _evaluation(model, residuals, source, lost)
-    return replace(evaluation, touch=scatter)
-
-
-def _of_held_out_rows(
-    model: Model, samples: Samples, learned: Mask
-) -> Evaluation:
-    """The errors of the training, for a log nearly all of whose rows (n,) the model has learned."""
-    count = int(np.count_nonzero(learned))
-    note = (
-        f"the model has learned {count} of these {len(samples)} rows, so that they do not "
-        "tell its errors: those of rows that were held out while it was trained follow"
+    return replace(
+        evaluation,
+        left_out=evaluation.left_out + left_out,
+        learned=learned,
+        notes=(*notes, *evaluation.notes),
     )
-    training = as_made(model)
-    lost = len(samples) - count + samples.left_out
-    left_out = training.left_out + lost
-    return replace(training, notes=(note,), learned=count, left_out=left_out)
 
 
 def _of_log(model: Model, samples: Samples, source: str) -> Evaluation:
     """The errors of the rows that the verdict on a log counts, of few rows those of all."""
     different = samples.take(different_rows(samples))
+    verdict = None
     if len(different) < LEAST_ROWS:  # for a verdict
-        sound, notes = sound_log(model, different)
-        lost = len(different) - len(sound)
-        residuals = _residuals(model, sound)
-        evaluation = _evaluation(model, residuals, source, lost)
+        rows, notes = sound_log(model, different)
+        lost = len(different) - len(rows)
         if len(different) < len(samples):
             repeated = len(samples) - len(different)
             notes.append(REPEATED.format(repeated))
-        return replace(evaluation, notes=tuple(notes))
-    verdict = judge(model, samples, learn=False)
-    rows = verdict.rows
-    residuals = _residuals(model, rows.log)
-    lost = rows.lost - samples.left_out
-    evaluation = _evaluation(model, residuals, source, lost)
-    notes = [*verdict.notes]
-    if verdict.changed:
-        words = f"{verdict.words}: {verdict.main_cause}"
-        notes.append(f"{words}; `check` says what to do")
-    return replace(
-        evaluation,
-        within={**evaluation.within, "covered": verdict.covered},
-        notes=tuple(notes),
-        verdict=verdict,
-    )
+    else:
+        verdict = judge(model, samples, learn=False)
+        rows = verdict.rows.log
+        lost = verdict.rows.lost - samples.left_out
+        notes = [*verdict.notes]
+        if verdict.changed:
+            words = f"{verdict.words}: {verdict.main_cause}"
+            notes.append(f"{words}; `check` says what to do")
+    evaluation = _evaluation(model, _residuals(model, rows), source, lost)
+    if verdict is not None:
+        evaluation.within["covered"] = verdict.covered
+    return replace(evaluation, notes=tuple(notes), verdict=verdict)
 
 
 def as_made(model: Model) -> Evaluation:

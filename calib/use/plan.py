@@ -192,16 +192,12 @@ def plan(
 
     # those that tell most, on a short way
     chosen = q[candidates.best(q, n)]
-    route = _short_route(space, np.vstack([begin, chosen]))
+    postures = np.vstack([begin, chosen])
+    # by the span alone: the upper end of a whole turn is not its lower end to a cable
+    shares = np.abs(postures[:, None] - postures[None]) / space.scale.span
+    route = postures[shortest_tour(shares.max(axis=-1))]
     why = f"{n} poses, {candidates.why}"
     return _plan_of_route(source, space, route, why, notes)
-
-
-def _short_route(space: PoseSpace, postures: Array) -> Array:
-    """Postures (n, dof) in an order of short moves from the first on."""
-    # by the span alone: the upper end of a whole turn is not its lower end to a cable
-    moves = np.abs(postures[:, None] - postures[None]) / space.scale.span
-    return postures[shortest_tour(moves.max(axis=-1))]
 
 
 def _plan_of_route(

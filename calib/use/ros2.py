@@ -42,23 +42,18 @@ def write_ros2_package(model: Model, folder: FilePath) -> list[Path]:
     """
     target = Path(folder)
     package = target.resolve().name
+    why = ""
+    is_ours = (target / "arm.calib").is_file()
     if not _NAME.fullmatch(package):
-        raise OptionError(
-            f"folder {os.fspath(folder)!r}: expected the name of a ROS package, small letters, "
-            "digits and underscores, such as calib_corrector",
-            parameter="ros2",
-            value=os.fspath(folder),
+        why = (
+            ": expected the name of a ROS package, small letters, digits and underscores, such as "
+            "calib_corrector"
         )
-    if (
-        target.exists()
-        and any(target.iterdir())
-        and not (target / "arm.calib").is_file()
-    ):
-        raise OptionError(
-            f"folder {os.fspath(folder)!r} holds other files: give the name of a new one",
-            parameter="ros2",
-            value=os.fspath(folder),
-        )
+    elif target.exists() and any(target.iterdir()) and not is_ours:
+        why = " holds other files: give the name of a new one"
+    if why:
+        name = os.fspath(folder)
+        raise OptionError(f"folder {name!r}{why}", parameter="ros2", value=name)
     contents = _contents(model, package)
     for name, content in contents.items():
         path = target / name

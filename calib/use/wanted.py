@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.planar import PlanarStructure
-from ..body.spatial import SpatialStructure
-from ..common.arrays import Array, frozen
+from ..body.structure import Structure
+from ..body.views import is_camera
+from ..common.arrays import Array, Mask, frozen
 from ..common.scale import TURN
 from ..inverse.task import Poses
 from ..model.alignment import Alignment
@@ -24,6 +24,7 @@ from ..model.model import Model
 from ..model.nominal import (
     moves_in_space,
     nominal_arm,
+    nominal_before,
     nominal_behind,
     nominal_in_plane,
 )
@@ -96,7 +97,7 @@ class Wanted:
         position, rotation = structure.pose(q, nominal)
         return position, rotation
 
-    def solve(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def solve(self, q: Array) -> tuple[Array, Mask]:
         """Joints (n, dof), on the turn that `q` is on, and whether they reach, (n,).
 
         Of six joints or more a row is reached where its orientation is, too: beside a singularity
@@ -104,14 +105,15 @@ class Wanted:
         """
         start, placed = self._placed_start(q)
         nearest, reachable = self._meet_reading(self.target(q), start)
-        answers = self._on_turn_of(q, nearest)
+        turns = TURN * np.round((q - nearest) / TURN)
+        answers = nearest + np.where(self.model.about.revolute, turns, 0.0)
         was_beyond = ~within_limits(self.model, q)
         within = within_limits(self.model, answers) | was_beyond
         lower, upper = joint_limits(self.model).T
         allowed = np.where(within, answers, np.clip(answers, lower, upper))
         return allowed, reachable & placed & within.all(axis=1)
 
-    def _placed_start(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def _placed_start(self, q: Array) -> tuple[Array, Mask]:
         """Joints (n, dof) in range with the wanted place or pose in `space`, and whether they have.
 
         They are those of `q` itself where a reading is all that has to be met.
@@ -129,20 +131,13 @@ class Wanted:
         about = self.model.about
         return np.clip(start, about.lower, about.upper), placed
 
-    def _meet_reading(
-        self, target: Array, start: Array
-    ) -> tuple[Array, NDArray[np.bool_]]:
+    def _meet_reading(self, target: Array, start: Array) -> tuple[Array, Mask]:
         """Joints (n, dof) near `start` at which the sensor reads `target`, and whether it does."""
         if self.model.default_readout == "local":
             near = anchor(self.model, start, len(start))
             return joints_and_reach(self.model, target, near)
         answer = self.model.solve(target, start)
         return answer.q, answer.reachable
-
-    def _on_turn_of(self, q: Array, nearest: Array) -> Array:
-        """Joints `nearest` (n, dof), those that turn moved by whole turns to beside `q`."""
-        turns = TURN * np.round((q - nearest) / TURN)
-        return nearest + np.where(self.model.about.revolute, turns, 0.0)
 
     def _in_range(self, q: Array) -> Array:
         """Joint values (n, dof) with those that turn moved by whole turns into their range."""
@@ -158,54 +153,29 @@ class Wanted:
 def _find_wanted(model: Model) -> Wanted:
     """Find the nominal arm behind the sensor that the model knows best."""
     body = model.body
-    if body is not None and isinstance(body.structure, PlanarStructure):
-        return _behind_planar_body(model)
-    if is_simulated(model) or not moves_in_space(model):
-        return _behind_maps(model)
-    chain = measured_chain(body)
-    if body is not None and chain is not None:
-        return _behind_measured_chain(model, chain, body.beta)
-    return _behind_fitted_chain(model)
-
-
-def _behind_planar_body(model: Model) -> Wanted:
-    """The drawn arm behind the sensor of a planar body."""
-    free = frame_is_free(model)
-    structure, nominal = nominal_in_plane(model, based=not free)
-    predict = partial(structure.predict, beta=frozen(nominal))
-    if free:  # the body knows the frame as it is after all adaptations
-        return Wanted(model, free, predict)
-    return Wanted(model, free, predict, tuple(frame_moves(model)))
-
-
-def _behind_maps(model: Model) -> Wanted:
-    """The drawn arm in its base frame, led to a planar log's frame by a fit to its maps."""
     free = frame_is_free(model)
     moves = tuple(frame_moves(model))
-    if free and not moves_in_space(model):
-        to_sensor = fit_geometry(model).frame
-        if to_sensor is not None:
-            moves = (to_sensor, *moves)
-    return Wanted(model, free, nominal_arm(model).forward, moves)
-
-
-def _behind_measured_chain(
-    model: Model, chain: SpatialStructure, beta: Array
-) -> Wanted:
-    """The drawn arm in space behind the sensor of a body with parameters `beta` (d,)."""
-    nominal = frozen(nominal_behind(chain, beta))
     space = None
-    if chain.dof >= CORRECTION.posed or chain.camera:
-        space = Space.of(model)
-    predict = partial(chain.predict, beta=nominal)
-    return Wanted(model, frame_is_free(model), predict, space=space)
-
-
-def _behind_fitted_chain(model: Model) -> Wanted:
-    """The drawn arm in space behind the sensor that a fit to the model's answers finds."""
-    geometry = fit_geometry(model)
-    chain = geometry.structure
-    nominal = frozen(nominal_behind(chain, geometry.beta))
-    predict = partial(chain.predict, beta=nominal)
-    moves = tuple(frame_moves(model))
-    return Wanted(model, frame_is_free(model), predict, moves)
+    structure: Structure
+    if body is not None and isinstance(body.structure, PlanarStructure):
+        structure, beta = nominal_in_plane(model, based=not free)
+        if free:  # the body knows the frame as it is after all adaptations
+            moves = ()
+    elif is_simulated(model) or not moves_in_space(model):
+        # in its base frame, led to a planar log's frame by a fit to the model's maps
+        if free and not moves_in_space(model):
+            to_sensor = fit_geometry(model).frame
+            if to_sensor is not None:
+                moves = (to_sensor, *moves)
+        return Wanted(model, free, nominal_arm(model).forward, moves)
+    elif body is not None and measured_chain(body) is not None:
+        structure, beta = nominal_before(model)
+        moves = ()
+        if structure.dof >= CORRECTION.posed or is_camera(structure.view):
+            space = Space.of(model)
+    else:  # by a fit to the model's answers
+        geometry = fit_geometry(model)
+        structure = geometry.structure
+        beta = nominal_behind(structure, geometry.beta)
+    predict = partial(structure.predict, beta=frozen(beta))
+    return Wanted(model, free, predict, moves, space=space)

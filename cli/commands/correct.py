@@ -4,7 +4,6 @@ Exit code 3 if the real arm cannot reach one of these places, or if a joint woul
 more than the limit; the other rows are written.
 """
 
-from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import calib
@@ -77,12 +76,16 @@ def correct(
     refused = result.exceeded.any() and not answered.any()
     # of changes that are all beyond the limit their sizes are told
     shown = np.flatnonzero(answered if answered.any() else result.reachable)
-    change = _change_of_joints(joints.names, result, shown.tolist())
+    change = {}
     sizes = []
-    for k, (name, size) in enumerate(change.items()):
+    for k, name in enumerate(joints.names if len(shown) else ()):
+        of_rows = abs(result.change[shown, k])
+        mean = float(of_rows.mean())
+        largest = float(of_rows.max())
+        change[name] = {"mean": mean, "max": largest, "limit": result.limit[k]}
         unit = query.model.about.units_of_joints[k]
-        mean = with_unit(size["mean"], unit)
-        sizes.append(f"{name} {mean} (largest {with_unit(size['max'], unit)})")
+        usual = with_unit(mean, unit)
+        sizes.append(f"{name} {usual} (largest {with_unit(largest, unit)})")
     return query.write(
         batch,
         None if refused else with_answers(batch, table),
@@ -90,19 +93,3 @@ def correct(
         lines=[f"mean change: {', '.join(sizes)}"] if sizes else [],
         facts={"change": change or None},
     )
-
-
-def _change_of_joints(
-    names: Sequence[str], result: calib.Corrected, rows: Sequence[int]
-) -> dict[str, dict[str, float]]:
-    """Mean and largest change of each joint [rad or m] in some rows, and its limit."""
-    if not rows:
-        return {}
-    changes = {}
-    for k, name in enumerate(names):
-        sizes = abs(result.change[rows, k])
-        mean = float(sizes.mean())
-        largest = float(sizes.max())
-        limit = float(result.limit[k])
-        changes[name] = {"mean": mean, "max": largest, "limit": limit}
-    return changes

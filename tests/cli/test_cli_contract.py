@@ -307,6 +307,7 @@ def test_a_log_of_another_unit_or_frame_is_told(run, tmp_path, factor, offset):
     if factor != 1e3:
         return
     assert "--unit mm" in done.err
+    run.refused(1, "in mmm, the model in m", f"evaluate m.calib --data {path} --unit mmm")
     adapt = f"adapt m.calib --data {path} -o {tmp_path}/a.calib"
     raw = run(f"{adapt} -v").out
     assert " sensor units before" in raw  # and not mm, which it was not told

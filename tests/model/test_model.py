@@ -46,7 +46,7 @@ def test_outside_of_the_range_of_a_joint_there_is_no_answer(model):
                     assert np.isfinite(answer(q)).all() == known
                 assert (model.outside(q) is None) == known
     said = model.outside(lower + [1.5, 0.5] * span)
-    assert said == "shoulder = 2.35619 is outside of the learned range 0 to 1.5708"
+    assert said == "shoulder = 2.35619 rad is outside of the learned range 0 to 1.5708 rad"
 
 
 def with_a_hole(size):

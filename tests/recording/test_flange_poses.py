@@ -199,6 +199,8 @@ def test_tables_of_other_columns_and_of_other_numbers_are_refused_in_one_line(tm
     ):
         path.write_text(f"{header}\n{row}\n")
         refused(LogError, words, world.solve, path)
+    for unit, words in (("um", "expected one of"), ("mm", "from its base")):
+        refused(OptionError, words, world.solve, unit=unit)
 
 
 @pytest.mark.parametrize("in_hand", [True, False])

@@ -13,6 +13,7 @@ from scenes import seen_by_two
 from scipy.stats import t as student
 
 import calib
+from calib.show.report.drawing import to_file
 
 WHY = ["where", "coverage", "joints", "arrows"]
 
@@ -164,6 +165,7 @@ def test_bars_have_the_interval_of_ten_blocks_and_the_noise_of_readings():
 def test_figures_on_paper_of_an_arm_in_space_and_in_pixels():
     refused(calib.OptionError, "tuple", calib.figures, (measured(), measured()))
     drawn = calib.figures(in_space())
+    assert to_file(drawn["coverage"], "svg") == to_file(drawn["coverage"], "svg")
     drawn["where"].savefig("where.png")
     assert Path("where.png").read_bytes().startswith(b"\x89PNG")
     assert set(drawn) == {"accuracy", "causes", *WHY, "order"}

@@ -117,14 +117,20 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
         around.append(panel.lift([[-0.3, -0.2, 0.0], [1.1, 1.15, 0.0]]))
     camera = camera_onto(np.vstack(around), frame)
 
+    # a scale that holds the errors of nodes and of rows, and the bound
     points, bound = bound_field(model)
-    scale = _error_scale(subject, bound)
+    errors = [*node_errors(model), bound]
+    errors += [study.rows.distance for study in subject.studies if study.rows]
+    scale = ErrorScale.of(np.concatenate(errors), about.unit, extent(model))
     if subject.robot is not None:
         links = subject.robot.links
         _draw_robot(canvas, links, subject.poses)
         _draw_things(canvas, subject.things, links[-1])
     draw_maps(canvas, model, subject.nodes(), panel, scale)
-    _draw_bound(canvas, subject.placement.lift(points), bound, scale)
+    canvas.layer("Reach", "scale", "bound on the true position", shown=False)
+    places = subject.placement.lift(points)
+    tints = scale.colours(bound)
+    canvas.add("Reach/points", "points", tints, places, size=0.005)
     for study, placement in zip(
         subject.studies, subject.placements, strict=True
     ):
@@ -166,25 +172,6 @@ def data_of_rig(rig: HandEye) -> dict[str, object]:
         links=None,
         notes=[],
     )
-
-
-def _error_scale(subject: Subject, bound: Array) -> ErrorScale:
-    """The scale that holds the errors of nodes and of rows, and the bound (n,) [unit]."""
-    model = subject.model
-    errors = [*node_errors(model), bound]
-    errors += [study.rows.distance for study in subject.studies if study.rows]
-    return ErrorScale.of(
-        np.concatenate(errors), model.about.unit, extent(model)
-    )
-
-
-def _draw_bound(
-    canvas: Canvas, points: Array, bound: Array, scale: ErrorScale
-) -> None:
-    """Draw points (n, 3) in the colour of the bound (n,) [unit] there, on demand."""
-    canvas.layer("Reach", "scale", "bound on the true position", shown=False)
-    tints = scale.colours(bound)
-    canvas.add("Reach/points", "points", tints, points, size=0.005)
 
 
 def _motion(model: Model, rows: StudiedRows | None) -> Motion:

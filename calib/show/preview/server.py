@@ -66,6 +66,14 @@ def preview(
     if path is not None:
         atomic_write(path, page)
         return Preview(Path(path).absolute().as_uri())
+    shown = _serve(page, port)
+    if browse:
+        webbrowser.open(shown.url)
+    return shown
+
+
+def _serve(page: bytes, port: int) -> Preview:
+    """Show a page at an address of this computer; OptionError if the port cannot be used."""
     try:
         server = _Server(port, page)
     except (OSError, OverflowError) as error:
@@ -79,10 +87,7 @@ def preview(
         target=server.serve_forever, args=(0.2,), daemon=True
     ).start()
     place = f"{_ADDRESS}:{server.server_address[1]}{server.place}"
-    shown = Preview(f"http://{place}", server)
-    if browse:
-        webbrowser.open(shown.url)
-    return shown
+    return Preview(f"http://{place}", server)
 
 
 def page_of(data: Mapping[str, object]) -> str:

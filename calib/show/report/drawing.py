@@ -7,16 +7,15 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
-from matplotlib import style
+from matplotlib import rc_context, style
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from ...common.arrays import Array
+from ...common.arrays import Array, Index
 from ...common.wording import clipped, for_people, printable
 from ..error_scale import STOPS, UNKNOWN, ErrorScale
 
@@ -113,7 +112,7 @@ def colour_bar(
 
 
 def draw_lattice(
-    ax: Axes, points: Array, edges: NDArray[np.intp], values: Array, top: float
+    ax: Axes, points: Array, edges: Index, values: Array, top: float
 ) -> LineCollection:
     """Draw edges (m, 2) between nodes (n, 2), coloured by the values (n,) of their ends."""
     lines = LineCollection(
@@ -152,6 +151,7 @@ def to_file(figure: Figure, kind: str) -> bytes:
         figure.set_layout_engine("none")
     ground = "white" if kind == "png" else "none"
     buffer = io.BytesIO()
-    figure.savefig(buffer, format=kind, dpi=140, facecolor=ground)
+    with rc_context({"svg.hashsalt": "calib"}):  # the same names each time
+        figure.savefig(buffer, format=kind, dpi=140, facecolor=ground)
     block = rb"<metadata>.*?</metadata>"
     return re.sub(block, b"", buffer.getvalue(), flags=re.DOTALL)

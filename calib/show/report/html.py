@@ -38,7 +38,10 @@ def write_page(
         answers=_list(answers),
         sections="".join(divisions),
         facts=_list(facts),
-        notes="".join(paragraph(f"Note: {note}") for note in notes),
+        notes="".join(
+            f'<p class="soft">{text_of(f"Note: {note}")}</p>\n'
+            for note in notes
+        ),
     )
     atomic_write(path, page.encode("utf-8"))
 
@@ -50,11 +53,6 @@ def figure_of(figure: Figure, name: str, caption: str) -> str:
     return (
         f'<figure id="{name}">{svg}<figcaption>{words}</figcaption></figure>\n'
     )
-
-
-def paragraph(text: str) -> str:
-    """A text in soft ink, "" for none."""
-    return f'<p class="soft">{text_of(text)}</p>\n' if text else ""
 
 
 def text_of(text: str) -> str:

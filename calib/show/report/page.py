@@ -136,26 +136,31 @@ def report(
         return _report_rig(model, path)
     require("model", model, Model)
     studies = studies_of(model, log)
-    judged = next(
-        (study for study in studies if study.log is not None), studies[0]
-    )
-    verdict = words.verdict(studies)
     sections = dict.fromkeys(HEADINGS, "")
+
+    # of a model of pictures first where camera and board are
+    verdict = words.verdict(studies)
     rig = rig_of_model(model)
     if rig is not None:
         verdict = f"{verdict_of_rig(rig)} {verdict}"
         _add(sections, RIG[1:], rig)
+
+    # the maps where answers are theirs, at least in part
     entries: Sequence[Entry] = ARM[:-2]
     linear = model.default_readout == "linear"
     if linear or model.predictor.models.degree >= 0:
         sections["The maps"] = _table(model)
         entries = ARM
+
+    # what each sensor saw
     for k, study in enumerate(studies):
         if progress is not None:
             progress(k / len(studies), "figures", float("nan"))
         sensor = study.model.about.sensor
         label = f"{sensor}: " if len(studies) > 1 else ""
         _add(sections, entries, study, label)
+    with_log = (study for study in studies if study.log is not None)
+    judged = next(with_log, studies[0])
     write_page(
         path,
         title=model.about.robot or "An arm, learned from a log",
