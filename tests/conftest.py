@@ -5,14 +5,13 @@ import json
 import os
 import sys
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 import calib
-from calib.kernel.compiled import COMPILER
 
 # a deadline would test how busy the machine is
 settings.register_profile(
@@ -74,7 +73,9 @@ run_in_process = Program()
 @pytest.fixture(autouse=True)
 def _quick_compiler(monkeypatch):
     """Optimise C little, in a third of the time; one test of the kernel does it as users do."""
-    monkeypatch.setattr("calib.kernel.compiled.COMPILER", replace(COMPILER, quick=("-O1",)))
+    from calib.kernel.compiled import Compiler
+
+    monkeypatch.setattr("calib.kernel.compiled.COMPILER", Compiler(quick=("-O1",)))
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""Evidence: the tests, the bound and the explanations of a log, weighed together by `weigh`.
+"""Evidence: the tests, the bound and the explanations of a log, weighed together.
 
 Orientations say how the tool is turned beside them.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -142,7 +143,10 @@ def _fit_to_poses(
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What a log says of a belief; what follows from explanations is there after `weigh`."""
+    """What a log says of a belief.
+
+    Its properties follow from one another in their order; those below `best` need explanations.
+    """
 
     rows: LogRows
     # {"sensor", "joints", "offsets"} or None, what is known about the change
@@ -154,15 +158,6 @@ class Evidence:
     bound: BoundTest
     unnamed: float  # evidence of a smooth change that no cause names [nats]
     explanations: tuple[Explanation, ...] = ()  # the best first
-    # typical distance of the rows from the best explanation, over that from their middle
-    misfit: float = math.inf
-    # whether that comes near the rows: to a part of their spread, or the bound
-    is_explained: bool = False
-    score: float = 0.0  # above 1 the arm or its sensor changed
-    # whether it changed, and a change explains the rows clearly better than none
-    is_attributed: bool = False
-    # beside the best explanation of the positions, as far as sure
-    tool: ToolTurn = ToolTurn()
 
     @property
     def unit(self) -> str:
@@ -185,6 +180,30 @@ class Evidence:
         return self.test_score > 1.0 or self.bound.fails
 
     @property
+    def best(self) -> Explanation:
+        """The explanation of the greatest evidence."""
+        return self.explanations[0]
+
+    @cached_property
+    def misfit(self) -> float:
+        """Typical distance of the rows from the best explanation, over that from their middle."""
+        spread = median_length(self.rows.x - np.median(self.rows.x, axis=0))
+        return median_length(self.best.residual) / max(spread, 1e-300)
+
+    @cached_property
+    def is_explained(self) -> bool:
+        """Whether the best explanation is near the rows: to a part of their spread, or the bound.
+
+        Of rows that lag, or whose joints are exchanged, those at each jump are left out as wrong.
+        """
+        if self.misfit < EVIDENCE.unexplained:
+            return True
+        distance = median_length(self.best.residual)
+        count = len(self.rows) + self.rows.wrong
+        few_wrong = self.rows.wrong <= FEW_WRONG * count
+        return few_wrong and distance < self.bound.usual < np.inf
+
+    @cached_property
     def is_one_place(self) -> bool:
         """Whether the tip hardly moves beside what the mean of the rows leaves to the noise."""
         predicted = self.rows.predicted
@@ -192,19 +211,49 @@ class Evidence:
         noise = median_length(self.best.residual) / math.sqrt(len(predicted))
         return moved < noise
 
-    def is_within_bound(self, distance: float) -> bool:
-        """Whether rows are as near as told that are typically so far off [unit].
+    @cached_property
+    def is_better(self) -> bool:
+        """Whether a change explains the rows, clearly better than none does.
 
-        Rows that lag or whose joints are exchanged come near too, but for those at each jump.
+        log p(y | best change) - log p(y | no change) > MARGIN, and not clearly worse than a change
+        without a name.
         """
-        count = len(self.rows) + self.rows.wrong
-        few = self.rows.wrong <= FEW_WRONG * count
-        return few and distance < self.bound.usual < np.inf
+        if not self.is_explained or self.is_one_place:
+            return False
+        if self.reference.has_discrete_cause:
+            return True
+        evidence = self.best.evidence
+        no_change = [e.evidence for e in self.explanations if e.is_no_change]
+        gain = evidence - max(no_change, default=-np.inf)
+        return gain > MARGIN and evidence > self.unnamed - MARGIN
+
+    @cached_property
+    def score(self) -> float:
+        """Above 1 the arm or its sensor changed.
+
+        A log that nothing explains has the score 1 + misfit, one that a change explains better
+        than none 1 + share of the rows beyond a bound that fails.
+        """
+        score = self.test_score
+        if self.fired and not self.is_explained:
+            score = max(score, 1.0 + self.misfit)
+        if self.is_better and self.bound.fails and self.tests.noisy is None:
+            score = max(score, 1.0 + self.bound.beyond)
+        return score
 
     @property
-    def best(self) -> Explanation:
-        """The explanation of the greatest evidence."""
-        return self.explanations[0]
+    def is_attributed(self) -> bool:
+        """Whether something changed, and a change explains the rows clearly better than none."""
+        return self.is_better and self.score > 1.0
+
+    @cached_property
+    def tool(self) -> ToolTurn:
+        """How the tool is turned beside the best explanation of the positions, as far as sure."""
+        structure = self.reference.structure
+        if self.is_attributed:
+            best = self.best
+            return tool_turn(self.rows, structure, best.beta, best.deviation)
+        return tool_turn(self.rows, structure, self.rows.body.beta)
 
     def why_not(self) -> str:
         """One line on a log that nothing explains."""
@@ -238,60 +287,6 @@ def evidence_of_unnamed(system: System, correlation_time: float) -> float:
     return max(evidences)
 
 
-def weigh(
-    evidence: Evidence, explanations: tuple[Explanation, ...]
-) -> Evidence:
-    """Weigh the tests and the bound of a log with its explanations, the best first.
-
-    gain = log p(y | best change) - log p(y | no change)
-
-    A log that nothing explains has the score 1 + misfit, one that a change explains better than
-    none 1 + share of the rows beyond a bound that fails.
-    """
-    evidence = replace(evidence, explanations=explanations)
-    rows = evidence.rows
-    reference = evidence.reference
-    bound = evidence.bound
-    best = evidence.best
-
-    # how near does the best explanation come?
-    distance = median_length(best.residual)
-    spread = median_length(rows.x - np.median(rows.x, axis=0))
-    misfit = distance / max(spread, 1e-300)
-    is_explained = misfit < EVIDENCE.unexplained
-    is_explained = is_explained or evidence.is_within_bound(distance)
-
-    # is it better than no change, and not clearly worse than one without a name?
-    no_change = [e.evidence for e in explanations if e.is_no_change]
-    gain = best.evidence - max(no_change, default=-np.inf)
-    is_better = gain > MARGIN and best.evidence > evidence.unnamed - MARGIN
-    is_better = is_better or reference.has_discrete_cause
-    is_better = is_better and is_explained and not evidence.is_one_place
-
-    # did anything change?
-    score = evidence.test_score
-    if evidence.fired and not is_explained:
-        score = max(score, 1.0 + misfit)
-    if is_better and bound.fails and evidence.tests.noisy is None:
-        score = max(score, 1.0 + bound.beyond)
-    is_attributed = is_better and score > 1.0
-
-    # how is the tool turned beside that?
-    structure = reference.structure
-    if is_attributed:
-        tool = tool_turn(rows, structure, best.beta, best.deviation)
-    else:
-        tool = tool_turn(rows, structure, rows.body.beta)
-    return replace(
-        evidence,
-        misfit=misfit,
-        is_explained=is_explained,
-        score=score,
-        is_attributed=is_attributed,
-        tool=tool,
-    )
-
-
 def with_orientations(
     evidence: Evidence, systems: Sequence[System], correlation_time: float
 ) -> Evidence:
@@ -304,7 +299,8 @@ def with_orientations(
     if evidence.score <= 1.0 or evidence.tool.score <= 1.0:
         return evidence
     if not evidence.is_attributed:
-        return weigh(evidence, _by_orientations(evidence))
+        explanations = _by_orientations(evidence)
+        return replace(evidence, explanations=explanations)
     cause = evidence.cause
     if cause not in (None, "joints") or TOOL in evidence.best.groups:
         return evidence
@@ -315,7 +311,7 @@ def with_orientations(
         calm=False,
         certain_groups=(TOOL,),
     )
-    return weigh(evidence, explanations)
+    return replace(evidence, explanations=explanations)
 
 
 def _by_orientations(evidence: Evidence) -> tuple[Explanation, ...]:

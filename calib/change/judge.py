@@ -31,19 +31,14 @@ from ..errors import LogError, ModelError, require
 from ..model.model import Model
 from ..samples.samples import Samples
 from .causes import as_built, as_drawn
-from .evidence import (
-    Evidence,
-    evidence_of_unnamed,
-    weigh,
-    with_orientations,
-)
+from .evidence import Evidence, evidence_of_unnamed, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
-from .noise import find_play, noise_of, noise_with_joint
+from .noise import Play, find_play, noise_of, noise_with_joint
 from .rows import LogRows, Observations, rows_of, sound_observations
 from .significance import bound_test, group_tests
 from .system import System, frame_variance, system_of
-from .update import update
+from .update import Update, update
 from .verdict import Episode, Verdict, notes_of, verdict_on_maps
 from .words import causes_of
 
@@ -117,22 +112,20 @@ def _verdict_on_body(
     rows, observations = sound_observations(logged, reference)
 
     # 2. s: the noise where everything may have changed, and a joint's play, which is taken up
-    model_frame = Reference(rows.body, rows.body.beta)
-    if reference.has_discrete_cause:
-        model_frame = reference
-    log_frame = reference if reference.is_fitted else model_frame
-    noise = noise_of(system_of(log_frame, observations))
+    belief = Reference(rows.body, rows.body.beta)
+    frame = reference if reference.is_fitted else belief
+    noise = noise_of(system_of(frame, observations))
     play = find_play(noise, rows.model.approach)
     if play is not None:
-        q = observations.q - play.half * observations.side
-        observations = replace(observations, q=q)
-        noise = noise_of(system_of(log_frame, observations))
+        observations = play.taken_up(observations)
+        noise = noise_of(system_of(frame, observations))
 
     # 3. p: the chance of such rows where nothing changed, by groups of parameters and by the bound
-    noise_in_model_frame = noise
-    if model_frame is not log_frame:
-        noise_in_model_frame = noise_of(system_of(model_frame, observations))
-    tests = group_tests(noise_with_joint(noise_in_model_frame), rows.probes)
+    if frame is not belief and not reference.has_discrete_cause:
+        noise_beside_belief = noise_of(system_of(belief, observations))
+    else:
+        noise_beside_belief = noise
+    tests = group_tests(noise_with_joint(noise_beside_belief), rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
     shared_variance = frame_variance(reference, observations)
     bound = bound_test(rows, limit, shared_variance, tests)
@@ -140,15 +133,9 @@ def _verdict_on_body(
     # 4. p(y | causes): which sets of causes explain the rows?
     systems = _systems(prior, reference, observations)
     correlation_time = max(rows.body.kappa**2, 1.0, noise.correlation_time)
+    unnamed = evidence_of_unnamed(systems[-1], correlation_time)
     evidence = Evidence(
-        rows=rows,
-        cause=cause,
-        prior=prior,
-        reference=reference,
-        observations=observations,
-        tests=tests,
-        bound=bound,
-        unnamed=evidence_of_unnamed(systems[-1], correlation_time),
+        rows, cause, prior, reference, observations, tests, bound, unnamed
     )
     explanations = explain(
         systems,
@@ -156,7 +143,7 @@ def _verdict_on_body(
         correlation_time=correlation_time,
         calm=not evidence.fired,
     )
-    evidence = weigh(evidence, explanations)
+    evidence = replace(evidence, explanations=explanations)
     evidence = with_orientations(evidence, systems, correlation_time)
 
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
@@ -165,22 +152,7 @@ def _verdict_on_body(
         better = update(evidence, learn=learn)
 
     # 6. the verdict in words
-    causes, notes = causes_of(evidence, play)
-    score = max(evidence.score, evidence.tool.score)
-    if play is not None and evidence.is_explained:
-        score = max(score, play.score)
-    unsure = score <= 1.0 and tests.too_few
-    return Verdict(
-        changed=None if unsure else score > 1.0,
-        causes=causes,
-        score=score,
-        notes=(*notes_of(rows, bound, score), *notes),
-        rows=rows,
-        tests=tests,
-        bound=bound,
-        update=better,
-        evidence=evidence,
-    )
+    return _verdict_of(evidence, play, better)
 
 
 def _systems(
@@ -192,6 +164,28 @@ def _systems(
         old_frame = Reference(prior, prior.beta)
         systems.insert(0, system_of(old_frame, observations))
     return systems
+
+
+def _verdict_of(
+    evidence: Evidence, play: Play | None, better: Update | None
+) -> Verdict:
+    """The verdict that follows from evidence, in words."""
+    causes, notes = causes_of(evidence, play)
+    score = max(evidence.score, evidence.tool.score)
+    if play is not None and evidence.is_explained:
+        score = max(score, play.score)
+    unsure = score <= 1.0 and evidence.tests.too_few
+    return Verdict(
+        changed=None if unsure else score > 1.0,
+        causes=causes,
+        score=score,
+        notes=(*notes_of(evidence.rows, evidence.bound, score), *notes),
+        rows=evidence.rows,
+        tests=evidence.tests,
+        bound=evidence.bound,
+        update=better,
+        evidence=evidence,
+    )
 
 
 @contextmanager

@@ -6,7 +6,7 @@ They are told before any test: as the noise is estimated, a group has the chance
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from ..body.covariance import autocorrelation_time
 from ..common.arrays import Array, Mask
 from .causes import CREEP_WAVES, changeable, frame_twin, sd_if_changed
 from .frame import Reference
+from .rows import Observations
 from .system import CREEP_SHARE, SYSTEM, NoisyJoint, Nuisance, System
 
 # Share of undisturbed logs for which `check` may call anything changed, after Bonferroni
@@ -197,6 +198,11 @@ class Play:
     half: Array  # (dof,), half of its play, the other joints' zero [rad or m]
     deviation: float  # standard deviation of that
     score: float  # above 1 it is no chance, nor an error of what the model knows of it
+
+    def taken_up(self, observations: Observations) -> Observations:
+        """The observations of joints where they stand with this play."""
+        q = observations.q - self.half * observations.side
+        return replace(observations, q=q)
 
 
 def find_play(noise: NoiseFit, approach: Approach | None) -> Play | None:

@@ -12,9 +12,7 @@ changed, or where one encoder is noisy: as it is estimated, a group has the chan
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -58,14 +56,6 @@ SHOWN = {"scale": "sensor scale", "tilt": "sensor tilt"}
 """Groups whose names alone do not say that they are the sensor's."""
 
 
-class Change(NamedTuple):
-    """Parameters of a group, how each changed, and the standard deviation of that, (p,) each."""
-
-    indices: Indices
-    sizes: Array
-    deviations: Array
-
-
 @dataclass(frozen=True)
 class GroupTest:
     """One group of parameters, freed alone."""
@@ -75,7 +65,6 @@ class GroupTest:
     p_value: float
     statistic: float = 0.0  # twice the gain in log likelihood
     freedom: int = 1  # degrees of freedom: directions that the rows tell apart
-    change: Change | None = None
     # [unit], root mean square displacement, over the learned range, of the smallest change of the
     # parameter that these rows show best which they would show nine times in ten
     smallest: float = 0.0
@@ -120,19 +109,6 @@ class GroupTests:
         return max(self._sizes, default=np.inf)
 
 
-def alarms(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
-    """Groups above their threshold, the most telling first."""
-    above = [g for g in groups if g.score > 1.0]
-    above.sort(key=_how_telling, reverse=True)
-    return tuple(above)
-
-
-def _how_telling(test: GroupTest) -> tuple[float, float]:
-    """The score, and where scores are the same the statistic less 3 for each degree of freedom."""
-    net_statistic = test.statistic - 3.0 * test.freedom
-    return test.score, net_statistic
-
-
 def groups_of(structure: Structure) -> dict[str, Indices]:
     """Return the groups that are tested: each cause alone and with the sensor, all geometry."""
     frame = indices_of(structure, FRAME)
@@ -170,19 +146,14 @@ class FTests:
         for name, indices in groups.items():
             if precision[indices].max() > 0.0:  # a tracker has no lens
                 block = matrix[np.ix_(indices, indices)]
-                test = self.of_group(
-                    name, indices, block, vector[indices], moves[indices]
+                test = self._of_group(
+                    name, block, vector[indices], moves[indices]
                 )
                 tests.append(test)
         return tests
 
-    def of_group(
-        self,
-        name: str,
-        indices: Indices,
-        matrix: Array,
-        vector: Array,
-        moves: Array,
+    def _of_group(
+        self, name: str, matrix: Array, vector: Array, moves: Array
     ) -> GroupTest:
         """Test parameters (k,) by their information matrix (k, k) and vector (k,).
 
@@ -196,12 +167,6 @@ class FTests:
         values = values[clear]
         directions = vectors[:, clear] / scale[:, None]
         along = directions.T @ vector
-        variance = (directions**2 / values).sum(axis=1)
-        change = Change(
-            indices=indices,
-            sizes=directions @ (along / values),
-            deviations=np.sqrt(variance * self.correlation_time),
-        )
         statistic = float((along**2 / values).sum()) / self.correlation_time
         freedom = len(values)
         chance = f_chance(statistic, freedom, self.noise_freedom)
@@ -213,7 +178,6 @@ class FTests:
             p_value=min(1.0, self.count * chance),
             statistic=statistic,
             freedom=freedom,
-            change=change,
             smallest=self._smallest(freedom, move),
         )
 

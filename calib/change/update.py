@@ -112,13 +112,9 @@ def _update(
 def _basis(evidence: Evidence) -> Explanation:
     """The best explanation; where nothing is blamed that of no change, which widens the bound."""
     explanations = evidence.explanations
-    if evidence.is_attributed:
-        return with_least_waves(explanations)
-    explanations = tuple(e for e in explanations if not e.causes)
-    if evidence.score > 1.0 or evidence.prior.simulated:
-        return with_least_waves(explanations)
-    # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere
-    return next(e for e in explanations if e.wave_size <= CREEP_WAVES)
+    if not evidence.is_attributed:
+        explanations = tuple(e for e in explanations if not e.causes)
+    return with_least_waves(explanations)
 
 
 def _update_by_posterior(
@@ -258,16 +254,7 @@ def _as_uncertain(body: Body, best: Explanation, evidence: Evidence) -> Body:
         for other in evidence.explanations
         if other.reference is best.reference and other.evidence > least
     ]
-    if evidence.is_attributed:
-        differences = [other.beta - best.beta for other in near]
-    else:
-        # the belief moves as no cause says: each cause is compared with all that moves beside it
-        observations = evidence.observations.some(UPDATING.rows)
-        sets = {other.causes: other for other in reversed(near)}
-        differences = [
-            Posterior(other, observations, 1.0).place.beta - body.beta
-            for other in sets.values()
-        ]
+    differences = [other.beta - best.beta for other in near]
     if evidence.unnamed > greatest - MARGIN:
         differences.append(best.reference.beta - body.beta)
     is_unknown = not (evidence.is_attributed or evidence.rows.widespread)

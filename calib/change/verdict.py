@@ -12,7 +12,7 @@ from .causes import Cause
 from .evidence import Evidence
 from .noise import FALSE_ALARM
 from .rows import OUTLIER, LogRows
-from .significance import BoundTest, GroupTest, GroupTests, alarms, bound_test
+from .significance import BoundTest, GroupTest, GroupTests, bound_test
 from .update import Update
 
 # rows that distortions are measured on
@@ -131,6 +131,12 @@ class Verdict:
         return (*self.tests.groups, self.bound.test)
 
     @property
+    def fired(self) -> list[GroupTest]:
+        """Those above their threshold, the most telling first."""
+        above = [group for group in self.groups if group.score > 1.0]
+        return sorted(above, key=lambda group: -group.score)
+
+    @property
     def bound_holds(self) -> bool:
         """Whether about as many rows as usual lie within the model's own 95 % bound."""
         return self.bound.holds
@@ -220,7 +226,7 @@ class Verdict:
             "covered": self.covered,
             "threshold": 1,
             "distortion": {name: one._asdict() for name, one in signals},
-            "fired": [group.name for group in alarms(self.groups)],
+            "fired": [group.name for group in self.fired],
             "causes": [cause.to_json() for cause in self.causes],
             "smallest_by_group": {
                 group.name: group.smallest for group in self.groups

@@ -16,21 +16,12 @@ import numpy as np
 from ..body.covariance import Z95
 from ..body.parameters import Indices
 from ..body.settings import NATS
-from ..body.structure import Structure
-from ..common.arrays import Array
 from ..common.wording import for_people, quantity, two_digits
-from .causes import (
-    CREEP_WAVES,
-    FRAME,
-    GROUPS,
-    Cause,
-    indices_of,
-    single_causes,
-)
+from .causes import FRAME, GROUPS, Cause, indices_of
 from .evidence import Evidence, frame_between
-from .explanation import groups_at
+from .explanation import Explanation
 from .noise import NOISIER, Play
-from .significance import alarms, moves_of
+from .significance import moves_of
 
 
 @dataclass(frozen=True)
@@ -128,7 +119,7 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
     if evidence.is_attributed:
         # a large change is not linear: what the best one leaves
         size = float(evidence.reference.sizes[0])
-        noise = min(noise, evidence.explanations[0].noise * size)
+        noise = min(noise, evidence.best.noise * size)
     times = noise / tests.usual
     if tests.noisier and times > NOISIER:
         words = f"the scatter is {quantity(noise, evidence.unit)} per axis"
@@ -166,35 +157,23 @@ class _Effect(NamedTuple):
     cause: Cause
 
 
-class _Estimate(NamedTuple):
-    """Parameters after a change, and which of them were free to change."""
-
-    structure: Structure
-    indices: Indices
-    beta: Array  # (d,)
-    deviation: Array  # (d,), of those that were free, zero elsewhere
-
-
 def _changes(evidence: Evidence) -> list[Cause]:
-    """Causes of the parameters that are clearly away from where they were, largest effect first."""
-    if evidence.is_one_place:
-        return []
-    best = evidence.explanations[0]
-    structure = best.reference.structure
-    estimate = _Estimate(structure, best.indices, best.beta, best.deviation)
+    """Causes of the parameters that are clearly away from where they were, largest effect first.
+
+    None where no explanation is clearly better than no change.
+    """
     if not evidence.is_attributed:
-        estimate = _by_test(evidence, estimate)
-    if not len(estimate.indices):
+        return []
+    best = evidence.best
+    if not len(best.indices):
         words = "the joints have waves that the model does not know: gears, or their sensors"
-        waves = Cause("curve", "curve", words)
-        return [waves] if best.wave_size > CREEP_WAVES else []
-    effects = _effects(evidence, estimate)
+        return [Cause("curve", "curve", words)]
+    effects = _effects(evidence, best)
     effects.sort(key=lambda effect: -effect.size)
     least = WORDS.matters * max((e.size for e in effects), default=0.0)
     causes = [e.cause for e in effects if e.size >= least]
-    has_frame = FRAME[0] in groups_at(structure, estimate.indices)
-    if has_frame and _frame_is_other(evidence):
-        causes.insert(0, _move_of_sensor(evidence, estimate))
+    if FRAME[0] in best.groups and _frame_is_other(evidence):
+        causes.insert(0, _move_of_sensor(evidence, best))
     return causes
 
 
@@ -204,19 +183,18 @@ def _frame_is_other(evidence: Evidence) -> bool:
     return not discrete.isdisjoint(("mirror", "scale"))
 
 
-def _effects(evidence: Evidence, estimate: _Estimate) -> list[_Effect]:
+def _effects(evidence: Evidence, best: Explanation) -> list[_Effect]:
     """Effects of the parameters that are clearly away from where they were."""
-    structure = estimate.structure
-    change = np.abs(estimate.beta - evidence.prior.beta)
-    clear = change > WORDS.clear * estimate.deviation
-    clear &= estimate.deviation > 0.0
-    moves = moves_of(structure, estimate.beta, evidence.rows.probes)
+    structure = best.reference.structure
+    change = np.abs(best.beta - evidence.prior.beta)
+    clear = change > WORDS.clear * best.deviation
+    clear &= best.deviation > 0.0
+    moves = moves_of(structure, best.beta, evidence.rows.probes)
     sizes = moves * change
     is_scaled = any(c.cause == "scale" for c in evidence.reference.causes)
-    groups = groups_at(structure, estimate.indices)
 
     effects: list[_Effect] = []
-    for group in groups:
+    for group in best.groups:
         if group in FRAME or (group == "view.scale" and is_scaled):
             continue
         indices = indices_of(structure, (group,))
@@ -225,47 +203,27 @@ def _effects(evidence: Evidence, estimate: _Estimate) -> list[_Effect]:
             telling = part[clear[part]]
             if len(telling):
                 largest = int(telling[np.argmax(sizes[telling])])
-                cause = _of_parameter(evidence, estimate, largest, part)
+                cause = _of_parameter(evidence, best, largest, part)
                 size = float(np.linalg.norm(sizes[part]))
                 effects.append(_Effect(size, cause))
     frame = indices_of(structure, FRAME)
-    is_moved = FRAME[0] in groups and clear[frame].any()
+    is_moved = FRAME[0] in best.groups and clear[frame].any()
     if is_moved and not _frame_is_other(evidence):
         size = float(np.linalg.norm(sizes[frame]))
-        moved = _move_of_sensor(evidence, estimate)
+        moved = _move_of_sensor(evidence, best)
         effects.append(_Effect(size, moved))
     return effects
 
 
-def _by_test(evidence: Evidence, estimate: _Estimate) -> _Estimate:
-    """What the most telling test says, where no explanation is clearly better than none."""
-    structure = evidence.rows.body.structure
-    singles = single_causes(structure, evidence.cause)
-    allowed = np.concatenate([*singles.values()])
-    for test in alarms(evidence.tests.groups):
-        change = test.change
-        if change is None or not np.isin(change.indices, allowed).all():
-            continue
-        step = np.zeros(structure.size)
-        step[change.indices] = change.sizes
-        deviation = np.zeros(structure.size)
-        deviation[change.indices] = change.deviations
-        beta = structure.retract(evidence.prior.beta, step)
-        return estimate._replace(
-            indices=change.indices, beta=beta, deviation=deviation
-        )
-    return estimate
-
-
-def _half_width(evidence: Evidence, best: _Estimate, k: int) -> float:
+def _half_width(evidence: Evidence, best: Explanation, k: int) -> float:
     """Half of the 95 % interval of a parameter's change.
 
     It holds what the other explanations say that the evidence hardly tells from the best: rows
     that show a sum of two changes do not show each.
     """
     half = Z95 * float(best.deviation[k])
-    least = evidence.explanations[0].evidence - NATS
-    for other in evidence.explanations if evidence.is_attributed else ():
+    least = best.evidence - NATS
+    for other in evidence.explanations:
         if other.evidence > least:
             distance = abs(float(other.beta[k] - best.beta[k]))
             half = max(half, distance + Z95 * float(other.deviation[k]))
@@ -273,13 +231,13 @@ def _half_width(evidence: Evidence, best: _Estimate, k: int) -> float:
 
 
 def _of_parameter(
-    evidence: Evidence, best: _Estimate, k: int, part: Indices
+    evidence: Evidence, best: Explanation, k: int, part: Indices
 ) -> Cause:
     """A cause that one parameter tells.
 
     part : all parameters that it tells of
     """
-    label = best.structure.labels[k]
+    label = best.reference.structure.labels[k]
     old = float(evidence.prior.beta[k])
     changes = best.beta - evidence.prior.beta
     change = float(changes[k])
@@ -301,13 +259,14 @@ def _of_parameter(
     return cause.within(half)
 
 
-def _move_of_sensor(evidence: Evidence, best: _Estimate) -> Cause:
+def _move_of_sensor(evidence: Evidence, best: Explanation) -> Cause:
     """The sensor's frame as one cause, its rotation as the number."""
-    turn = best.structure.groups["view.rotation"]
+    structure = best.reference.structure
+    turn = structure.groups["view.rotation"]
     moved = frame_between(evidence, best.beta)
     half = Z95 * float(np.linalg.norm(best.deviation[turn]))
     squares = np.zeros(len(moved.shift))
-    for k in indices_of(best.structure, FRAME).tolist():
+    for k in indices_of(structure, FRAME).tolist():
         nearby = best.beta.copy()
         nearby[k] += best.deviation[k]
         squares += (frame_between(evidence, nearby).shift - moved.shift) ** 2

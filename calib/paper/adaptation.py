@@ -19,6 +19,7 @@ from .tables import READOUTS, Cells, Result, Table
 
 if TYPE_CHECKING:
     from ..model.model import Model
+    from ..samples.samples import Samples
 
 _CHANGES = {"lengthened": "+20%", "shortened": "-20%"}
 """A tool that is mounted and one that is removed: the paper does not say how long."""
@@ -44,15 +45,12 @@ class FollowedChange:
     distortion: dict[str, float]
 
 
-def _followed_change(setting: Setting, change: str) -> FollowedChange:
-    """Train an arm, change it, and let the model follow a stream of samples."""
+def _followed_change(
+    setting: Setting, samples: Samples, before: Model, change: str
+) -> FollowedChange:
+    """Change the arm that a model was trained on, and let the model follow as many samples."""
     seed = setting.seeds[0]
-    # 20,000 samples, as calib train has them; as many follow the change
-    n = min(setting.samples, 20_000)
-    samples = setting.babble(seed, n)
-    before = train(
-        samples, size=setting.side, map="vdsom", body="none", seed=seed
-    )
+    n = len(samples)
     stream = setting.babble(seed + _STREAM, n, changes=(change,))
     steps = []
     after = rule = before
@@ -95,9 +93,15 @@ def _error(model: Model, q: Array, x: Array, readout: str) -> dict[str, float]:
 @lru_cache(maxsize=2)
 def adaptation(setting: Setting) -> tuple[Result, dict[str, FollowedChange]]:
     """Both changes: figures, and the curves along the stream."""
+    seed = setting.seeds[0]
+    # 20,000, as calib train has them
+    samples = setting.babble(seed, min(setting.samples, 20_000))
+    before = train(
+        samples, size=setting.side, map="vdsom", body="none", seed=seed
+    )
     changes = {name: f"elbow.length={by}" for name, by in _CHANGES.items()}
     followed = {
-        name: _followed_change(setting, change)
+        name: _followed_change(setting, samples, before, change)
         for name, change in changes.items()
     }
     data: dict[str, object] = {}

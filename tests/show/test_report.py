@@ -91,11 +91,11 @@ def test_words_of_other_models():
     assert "As delivered" not in as_drawn
     assert "below 0.000001 mm on average" in words(simulated())
     assert "no planar arm explains the positions" in words(calib.train(no_arm(300), size=4))
-    few = words(trained("two_link", n=400, size=4, body="none"))
+    few = words(trained("two_link", n=600, size=6, body="none"))
     assert 'id="u_matrices"' in few
     assert re.search(r"of the \d+ % that have an answer, on \d+ fresh exact samples", few)
     # the errors that a training printed
-    model = simulated(body="none")
+    model = trained("two_link", n=1500, size=10, body="none")
     mean = model.about.errors["linear"]["forward"]["distance"]["mean"]
     maps_alone = words(model)
     assert float(re.search(r"([.\d]+) mm on average", maps_alone)[1]) == pytest.approx(
