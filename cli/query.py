@@ -191,6 +191,9 @@ class Query:
                 "--input FILE is missing: expected a table of queries"
             )
         batch = read_batch(files.input, names, more, files.columns or {})
+        if not len(batch.values):
+            name = "standard input" if files.input == "-" else files.input
+            note(f"{name} has no rows below its header")
         lengths = {*_LENGTHS} - {*self.joints.names}
         factors = [
             self.positions.to_typed if name in lengths else 1.0

@@ -219,6 +219,8 @@ def test_batch_forward_and_back_returns_the_positions(run, model, tmp_path):
     assert (found["reachable"] == 1).all()
     joints = np.c_[found["shoulder"], found["elbow"]]
     assert np.abs(two_link(joints) - positions).max() < 1e-3
+    empty = run("query", "forward", model, "--input", "-", stdin="shoulder,elbow\n")
+    assert empty.err == "standard input has no rows below its header\n"
 
 
 def test_batch_keeps_bad_rows_in_their_place(run, model):
