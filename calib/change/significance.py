@@ -248,6 +248,8 @@ class BoundTest:
     test: GroupTest  # the chance of so many by noise
     # whether each row is missed by about as much, and by itself
     may_be_noise: bool
+    # whether rows of like joints err alike by most of the scatter
+    repeats: bool
 
     @property
     def fails(self) -> bool:
@@ -291,7 +293,8 @@ def bound_test(
     radius = float(chdtri(residual.shape[1], 0.05))
     noise = _noise_of_sensor(square, residual.shape[1], tests)
     # rows of like joints that err alike are no noisier sensor
-    if noise > 0.0 and variance_of_places(rows, residual) * radius > usual**2:
+    of_places = variance_of_places(rows, residual)
+    if of_places * radius > usual**2:
         noise = 0.0
     by_noise = noise + _noise_of_joint(rows, tests)
     expected = limit**2 + radius * shared_variance
@@ -305,6 +308,7 @@ def bound_test(
         usual=usual,
         test=test,
         may_be_noise=few_wrong and _looks_like_noise(residual),
+        repeats=of_places > 0.5 * tests.noise**2,
     )
 
 

@@ -23,6 +23,12 @@ from .explanation import Explanation
 from .noise import NOISIER, Play
 from .significance import moves_of
 
+SCATTER = (
+    ": the sensor's noise, or an error of the arm between rows that are too few to show it; "
+    "measure the poses once more after all others to tell"
+)
+REPEATING = ", and no noise: rows of like joints err alike"
+
 
 @dataclass(frozen=True)
 class WordSettings:
@@ -125,6 +131,8 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
         words = f"the scatter is {quantity(noise, evidence.unit)} per axis"
         if times < WORDS.exact:
             words += f", {times:.2g} times the usual"
+        elif not drifted:  # a simulation has none
+            words += SCATTER if not evidence.bound.repeats else REPEATING
         causes.append(
             Cause("noise", "noise", words, noise, None, evidence.unit)
         )

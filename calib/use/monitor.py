@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..body.belief import Body
+from ..body.information import lengths_of, matern
 from ..change.causes import CREEP_WAVES, single_causes
 from ..change.frame import Reference
 from ..change.noise import FALSE_ALARM, sd_of_changes, usual_noise
@@ -105,8 +106,6 @@ class Monitor:
             )
         self._model = model
         self._equations = _Equations(model, model.body)
-        # sums that fade: samples, squared weights
-        self._sums = np.zeros(2)
         # joints and residuals since the last judgement
         self._latest: list[tuple[Array, Array]] = []
         self.state = State(0, False, 0.0, np.nan, ())
@@ -134,8 +133,6 @@ class Monitor:
         if not np.isfinite(residual).all():
             return self.state
         self._latest.append((q, residual))
-        fade = MONITOR.fade
-        self._sums = self._sums * [fade, fade**2] + 1.0
         state = self.state._replace(samples=self.state.samples + 1)
         if state.samples % MONITOR.every == 0:
             state = self._judge(state)
@@ -144,12 +141,11 @@ class Monitor:
 
     def _judge(self, state: State) -> State:
         """The state by the tests of the samples that are remembered."""
-        weight, squares = self._sums.tolist()
         equations = self._equations
         q, residual = map(np.array, zip(*self._latest, strict=True))
         self._latest = []
         equations.add(q, residual)
-        test = equations.most_telling(weight, weight**2 / squares)
+        test = equations.most_telling()
         score = (
             test.score * math.log(FALSE_ALARM) / math.log(MONITOR.false_alarm)
         )
@@ -161,6 +157,40 @@ class Monitor:
             fired=(test.name,) if drifted else (),
             delay=equations.delay,
         )
+
+
+class _News:
+    """What each sample tells beside those before it.
+
+    The share c of the noise is the model's own error, which poses that are near have in common.
+    Readings there know a share s of it, and s / c is how many readings elsewhere they are worth.
+    """
+
+    def __init__(self, body: Body, nodes: Array) -> None:
+        noise = float(body.noise[0])
+        # without repeated poses all of it may be the readings'
+        readings = body.repeat / noise if body.repeat else 1.0
+        self._common = max(1.0 - readings**2, 0.0)  # c
+        self._lengths = lengths_of(body, nodes)
+        self._known = 0.0  # s, at the pose of the last sample
+        self._last_q: Array | None = None
+
+    def of(self, q: Array) -> Array:
+        """Weights (b,) of samples at joints (b, dof), of 1 for one at a pose of its own."""
+        common = self._common
+        weights = np.ones(len(q))
+        if not common:
+            return weights
+        last = q[0] if self._last_q is None else self._last_q
+        before = np.vstack([last, q[:-1]])
+        self._last_q = q[-1]
+        alike = matern(q, before, self._lengths).diagonal()
+        for row, share in enumerate(alike**2):
+            known = share * self._known
+            odds = known / (1.0 - known) + common / (1.0 - common)
+            self._known = odds / (1.0 + odds)
+            weights[row] = (self._known - known) / common
+        return weights
 
 
 class _Equations:
@@ -199,6 +229,10 @@ class _Equations:
         self._nuisances = 1 + outputs * len(self._nodes) + self._root.shape[1]
 
         size = self._nuisances + len(self._changes) + 1
+        self._news = _News(body, nodes)
+        # fading sums of the samples' weights and of their squares
+        self._weight = 0.0
+        self._squares = 0.0
         # fading products of the columns B (r), X (k) and the residuals: G, and S of their steps
         self._products = np.zeros((size, size))
         self._steps = np.zeros((size, size))
@@ -215,9 +249,14 @@ class _Equations:
         rows = np.concatenate([columns, y[:, :, None]], axis=2)
         steps = _steps(rows, self._last_row)
         self._last_row = rows[-1]
-        forgetting = MONITOR.fade ** len(q)
-        self._products = forgetting * self._products + _fading_products(rows)
-        self._steps = forgetting * self._steps + _fading_products(steps)
+        weights = self._news.of(q)
+        older = MONITOR.fade ** weights.sum()
+        age = weights[::-1].cumsum()[::-1] - weights
+        weights *= MONITOR.fade**age
+        self._weight = older * self._weight + weights.sum()
+        self._squares = older**2 * self._squares + (weights**2).sum()
+        self._products = older * self._products + _products(rows, weights)
+        self._steps = older * self._steps + _products(steps, weights)
 
     def _columns(self, q: Array) -> Array:
         """Columns (b, m, r + k) at joints (b, dof) [unit], the first by a late clock."""
@@ -239,19 +278,22 @@ class _Equations:
 
         late : (b, m), what a late clock does, which may be much, to most of the samples alike
         """
-        squares = np.maximum((late**2).sum(axis=1), 1e-300)
-        delay = np.median((y * late).sum(axis=1) / squares)
+        # least absolute deviations: samples at rest hardly tell a delay
+        size = np.maximum(np.linalg.norm(late, axis=1), 1e-150)
+        ratio = (y * late).sum(axis=1) / size**2
+        order = np.argsort(ratio)
+        share = np.cumsum(size[order]) / size.sum()
+        delay = ratio[order[np.searchsorted(share, 0.5)]]
         rest = y - delay * late
         most = MONITOR.clip * max(self.noise / self._reference.sizes[0], 1.0)
         length = np.linalg.norm(rest, axis=1) / math.sqrt(y.shape[1])
         excess = np.maximum(length / most, 1.0)
         return np.asarray(delay * late + rest / excess[:, None])
 
-    def most_telling(self, weight: float, independent: float) -> GroupTest:
-        """The most telling of the tests of all groups.
-
-        weight : of the samples, which fade; independent : how many as telling ones
-        """
+    def most_telling(self) -> GroupTest:
+        """The most telling of the tests of all groups."""
+        weight = self._weight
+        independent = weight**2 / self._squares
         alike = self._alike
         gram = (1.0 - alike) ** 2 * self._products + alike * self._steps
         gram *= independent / weight / (1.0 - alike**2)
@@ -291,11 +333,9 @@ def _steps(values: Array, last: Array | None) -> Array:
     return np.diff(values, axis=0, prepend=last[None])
 
 
-def _fading_products(rows: Array) -> Array:
-    """Products (c, c) of the columns of rows (b, m, c), the older ones of less weight."""
-    age = np.arange(len(rows))[::-1]
-    roots = MONITOR.fade ** (age / 2.0)
-    flat = (roots[:, None, None] * rows).reshape(-1, rows.shape[2])
+def _products(rows: Array, weights: Array) -> Array:
+    """Products (c, c) of the columns of rows (b, m, c) of weights (b,)."""
+    flat = (np.sqrt(weights)[:, None, None] * rows).reshape(-1, rows.shape[2])
     return np.asarray(flat.T @ flat)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from models import arm, babbled, bare, model, trained
+from models import arm, babbled, bare, log_of, model, trained
 from refusals import refused
 
 import calib
@@ -173,6 +173,16 @@ def lasting(n, alike, rng, dim=2):
     for k in range(1, n):
         noise[k] = alike * noise[k - 1] + np.sqrt(1 - alike**2) * rng.standard_normal(dim)
     return noise
+
+
+@pytest.mark.parametrize("ripple", [0.0, 3e-4])
+def test_the_scatter_of_an_exact_models_log_is_noise_or_the_arms(ripple):
+    q = at(np.tile(0.01 + 0.98 * np.random.default_rng(0).random((100, 2)), (2, 1)))
+    error = ripple * np.sin(np.array([37.0, 41.0]) * q + 29.0 * q[:, ::-1])
+    noise = np.random.default_rng(1).normal(0.0, 3e-4 - 0.9 * ripple, q.shape)
+    verdict = calib.check(model(0.0), log_of(arm(), q, arm().forward(q) + error + noise))
+    assert ("no noise" in verdict.explanations[-1]) == (ripple > 0.0)
+    assert ("or an error of the arm" in verdict.explanations[-1]) == (ripple == 0.0)
 
 
 def test_noise_that_lasts_is_no_drift_along_a_path_and_raises_no_alarm():

@@ -209,6 +209,23 @@ def test_noise_that_drifts_slowly_is_no_change_and_hides_none(offset):
     assert alarmed(calib.monitor(model(1e-3)), noisy) == (offset > 0.0)
 
 
+@pytest.mark.parametrize("offset", [0.0, 0.005])
+def test_an_arm_that_dwells_shows_its_models_error_once(offset):
+    """Its errors differ from pose to pose by more than the readings of one; between are jumps."""
+    rng = np.random.default_rng(1)
+
+    def seen(q, offset=0.0):
+        ripple = 3e-4 * np.sin(np.array([37.0, 41.0]) * q + 29.0 * q[:, ::-1])
+        tips = two_link(q + np.array([0.0, offset]))
+        return models.log_of(arm(), q, tips + ripple + rng.normal(0.0, 5e-5, q.shape))
+
+    q = np.repeat(rng.uniform(arm().lower, arm().upper, (150, 2)), 2, axis=0)
+    one = calib.train(seen(q), size=10)
+    goals = rng.uniform(arm().lower, arm().upper, (15, 2))
+    q = np.repeat(goals, 40, axis=0) + rng.normal(0.0, 1e-4, (600, 2))
+    assert alarmed(calib.monitor(one), seen(q, offset)) == (offset > 0.0)
+
+
 def test_a_window_shows_a_tenth_of_a_degree_at_a_millimetre_of_noise():
     monitor = calib.monitor(model(1e-3))
     assert states(monitor, babbled("elbow.offset=0.0017", n=600, seed=0))[-1].drifted
