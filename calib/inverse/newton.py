@@ -166,11 +166,18 @@ class Newton:
         is: steps to what is much further away than joints reach go nowhere.
         """
         stand = self.at(u, x)
+        here = stand
+        rows = np.arange(len(x))
         for _ in range(SOLVER.steps):
-            position = x - stand.gap
-            ahead = position + limit_length(stand.gap, self.task.size)
-            nearer = self.refine(stand.u, ahead)
-            stand = self.at(nearer.u, x)
+            position = here.x - here.gap
+            ahead = position + limit_length(here.gap, self.task.size)
+            nearer = self.refine(here.u, ahead)
+            moved = (nearer.u != here.u).any(axis=1)
+            if not moved.any():
+                break
+            rows = rows[moved]
+            here = self.at(nearer.u[moved], here.x[moved])
+            stand.put(rows, here)
         return stand
 
     def move(self, stand: Stand, damping: Array) -> Array:

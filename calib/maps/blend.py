@@ -52,17 +52,18 @@ class Blend:
         return means
 
     def tilt(self) -> Array:
-        """Derivatives (n, m, d) of the weights by the coordinates of the points."""
+        """Derivatives (d, m, n) of the weights by the coordinates of the points, which are last."""
+        ratio = self._ratio.T.copy()
+        gaps = self._gaps.T.copy()
         # both distances of a ratio move with the point
-        ratio = self._ratio[..., None]
-        moved = self.gap - ratio * self._gaps[:, -1:]
-        last_square = (self._last * self._last)[..., None]
-        ratio_slope = 2.0 * moved / last_square
-        raw_slope = ratio_slope * (-2.0 * (1.0 - ratio))
+        moved = gaps[:, :-1] - ratio * gaps[:, -1:]
+        last_square = (self._last * self._last).T
+        steepness = 4.0 * (ratio - 1.0)
+        raw_slope = moved / last_square * steepness
         # the quotient rule for raw / total
         total_slope = raw_slope.sum(axis=1, keepdims=True)
-        tilt = raw_slope - self.weight[..., None] * total_slope
-        return np.asarray(tilt / self._total[..., None])
+        tilt = raw_slope - self.weight.T * total_slope
+        return np.asarray(tilt / self._total.T)
 
     @cached_property
     def _gaps(self) -> Array:

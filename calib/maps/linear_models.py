@@ -58,17 +58,27 @@ class LinearModels(ReadOnly):
 
     def value(self, u: Array) -> Array:
         """Positions (n, o) at the points `u` (n, d) of the unit box."""
-        blend = self._blend(u)
-        return blend.mean(self._of_nodes(blend))
+        return self.value_and_slope(u)[0]
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:
         """Positions (n, o) and their derivatives by the unit coordinates (n, o, d)."""
-        blend = self._blend(u)
-        of_nodes = self._of_nodes(blend)
-        slopes = self.slopes[blend.index]
-        slope = np.einsum("nm,nmdo->nod", blend.weight, slopes)
-        slope += np.einsum("nmd,nmo->nod", blend.tilt(), of_nodes)
-        return blend.mean(of_nodes), slope
+        # sums of a point alone would be in another order than those of several
+        points = np.concatenate([u, u[:1]])
+        size = 2 * blend_size(u.shape[1])
+        blend = Blend(self.motor, points, size)
+        # points are last: each operation runs along them
+        nodes = blend.index.T
+        weight = blend.weight.T.copy()
+        gap = blend.gap.T.copy()
+        slopes = self.slopes.T.take(nodes, axis=2)
+        of_nodes = self.values.T.take(nodes, axis=1)
+        of_nodes += np.einsum("dmn,odmn->omn", gap, slopes)
+        value = np.einsum("mn,omn->on", weight, of_nodes)
+        slope = np.einsum("mn,odmn->odn", weight, slopes)
+        slope += np.einsum("dmn,omn->odn", blend.tilt(), of_nodes)
+        positions = value.T[:-1].copy()
+        transposed = slope.T[:-1].copy()
+        return positions, transposed.swapaxes(1, 2)
 
     @staticmethod
     def of(
@@ -100,13 +110,3 @@ class LinearModels(ReadOnly):
         slope = slope[source]
         value = value[source] + np.einsum("nd,ndo->no", gap, slope)
         return LinearModels(motor, value, slope)
-
-    def _blend(self, u: Array) -> Blend:
-        nodes = 2 * blend_size(u.shape[1])
-        return Blend(self.motor, u, nodes)
-
-    def _of_nodes(self, blend: Blend) -> Array:
-        """What each node's linear model says, (n, m, o)."""
-        slopes = self.slopes[blend.index]
-        steps = np.einsum("nmd,nmdo->nmo", blend.gap, slopes)
-        return np.asarray(self.values[blend.index] + steps)

@@ -192,10 +192,8 @@ def correction_slope(models: LocalModels, blend: Blend) -> Array:
     dof = z.shape[-1]
     terms = exponents(dof, models.degree)
     by_axis = []
-    for axis in range(dof):
-        lower = terms.copy()
-        less = lower[:, axis] - 1
-        lower[:, axis] = np.maximum(less, 0)
+    for axis, unit in enumerate(np.eye(dof, dtype=int)):
+        lower = np.maximum(terms - unit, 0)
         by_axis.append(terms[:, axis] * monomials(z, lower))
     slopes = np.stack(by_axis) / radius
     weight = _weights(models, blend)[..., None, None]

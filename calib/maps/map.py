@@ -147,8 +147,8 @@ class Map:
     def quantization_error(self, x: Array) -> float:
         """Mean distance of the rows of `x` to their winners, in the space's own units."""
         u = self.scale.to_unit(np.atleast_2d(x))
-        index = self.nearest(u)[1][:, 0]
-        gap = self.scale.difference(u, self.units[index])
+        winners = self.winners(x)
+        gap = self.scale.difference(u, self.units[winners])
         way = gap * self.scale.span
         distance = row_lengths(way)
         return float(distance.mean())
@@ -157,7 +157,7 @@ class Map:
         """Share of the rows of `x` whose two nearest nodes are no lattice neighbours."""
         u = self.scale.to_unit(np.atleast_2d(x))
         _, nodes = self.nearest(u, 2)
-        joined = self.lattice.adjacent(nodes[:, 0], nodes[:, 1])
+        joined = self.lattice.adjacent(*nodes.T)
         return float(np.mean(~joined))
 
 
@@ -253,5 +253,5 @@ def topographic_error(
     """Topographic error on some 500 of the samples `u`."""
     step = max(1, len(u) // 500)
     _, nodes = nearest_nodes(tree, u[::step], 2)
-    joined = lattice.adjacent(nodes[:, 0], nodes[:, 1])
+    joined = lattice.adjacent(*nodes.T)
     return float(np.mean(~joined))

@@ -82,6 +82,4 @@ class Predictor:
 
 
 def _parts(u: Array) -> list[Array]:
-    if len(u) <= _ROWS:
-        return [u]
     return np.split(u, range(_ROWS, len(u), _ROWS))
