@@ -24,8 +24,8 @@ from .noise import NOISIER, Play
 from .significance import moves_of
 
 SCATTER = (
-    ": the sensor's noise, or an error of the arm between rows that are too few to show it; "
-    "measure the poses once more after all others to tell"
+    ": the sensor's noise, or an error of the arm that differs from row to row; "
+    "the same poses, measured again after the last one, tell which"
 )
 REPEATING = ", and no noise: rows of like joints err alike"
 

@@ -1,6 +1,7 @@
 """The monitor: one sample at a time, in constant memory, whether the model still fits."""
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -46,6 +47,12 @@ class MonitorSettings:
     false_alarm: float = 1e-6
     # times the usual residual that one counts for at most
     clip: float = 8.0
+    # correlation of the model's errors from which poses are near each other
+    near: float = 0.99
+    # standard deviations of readings' variance that are no chance
+    no_chance: float = 4.0
+    # least variance of readings, over that of the noise: a sensor that rounds shows none
+    least_readings: float = 1e-4
     # standard deviation of how much later positions may come than joints [samples]
     late: float = 1.0
 
@@ -162,35 +169,56 @@ class Monitor:
 class _News:
     """What each sample tells beside those before it.
 
-    The share c of the noise is the model's own error, which poses that are near have in common.
-    Readings there know a share s of it, and s / c is how many readings elsewhere they are worth.
+    A share c of the noise is the model's own error, which poses that are near have in common: what
+    readings there differ by is the rest.  They know a share s of that error, and s / c is how many
+    readings elsewhere they are worth.
     """
 
     def __init__(self, body: Body, nodes: Array) -> None:
-        noise = float(body.noise[0])
-        # without repeated poses all of it may be the readings'
-        readings = body.repeat / noise if body.repeat else 1.0
-        self._common = max(1.0 - readings**2, 0.0)  # c
         self._lengths = lengths_of(body, nodes)
+        # mean squares of steps between the latest readings that are near each other, over twice
+        # those of the noise
+        self._steps: deque[float] = deque(maxlen=round(MONITOR.window))
         self._known = 0.0  # s, at the pose of the last sample
-        self._last_q: Array | None = None
+        self._last: tuple[Array, Array] | None = (
+            None  # its joints and its residual
+        )
 
-    def of(self, q: Array) -> Array:
-        """Weights (b,) of samples at joints (b, dof), of 1 for one at a pose of its own."""
-        common = self._common
-        weights = np.ones(len(q))
-        if not common:
-            return weights
-        last = q[0] if self._last_q is None else self._last_q
-        before = np.vstack([last, q[:-1]])
-        self._last_q = q[-1]
+    def of(self, q: Array, rest: Array) -> Array:
+        """Weights (b,) of samples at joints (b, dof), of 1 for one at a pose of its own.
+
+        rest : (b, m), residuals over the usual noise, without what a late clock does
+        """
+        last_q, last_rest = self._last or (q[0], rest[0])
+        self._last = (q[-1], rest[-1])
+        before = np.vstack([last_q, q[:-1]])
         alike = matern(q, before, self._lengths).diagonal()
+        squares = (_steps(rest, last_rest) ** 2).mean(axis=1) / 2.0
+        self._steps.extend(squares[alike > MONITOR.near].tolist())
+
+        readings = self._share_of_readings(rest.shape[1])
+        weights = np.ones(len(q))
+        if readings >= 1.0:
+            return weights
         for row, share in enumerate(alike**2):
             known = share * self._known
-            odds = known / (1.0 - known) + common / (1.0 - common)
+            odds = known / (1.0 - known) + (1.0 - readings) / readings
             self._known = odds / (1.0 + odds)
-            weights[row] = (self._known - known) / common
+            weights[row] = (self._known - known) / (1.0 - readings)
         return weights
+
+    def _share_of_readings(self, outputs: int) -> float:
+        """Share 1 - c of the noise's variance, at most; 1 where it may be all."""
+        from scipy.special import chdtri
+
+        count = len(self._steps)
+        if not count:
+            return 1.0
+        # of squares half are below the median: wrong detections do not count
+        usual = float(chdtri(outputs, 0.5)) / outputs
+        share = float(np.median(self._steps)) / usual
+        by_chance = MONITOR.no_chance / math.sqrt(count)
+        return min(max(share, MONITOR.least_readings) * (1.0 + by_chance), 1.0)
 
 
 class _Equations:
@@ -230,6 +258,10 @@ class _Equations:
 
         size = self._nuisances + len(self._changes) + 1
         self._news = _News(body, nodes)
+        # of the latest samples the delay by each, and how much a late clock moves it
+        self._delays: deque[tuple[float, float]] = deque(
+            maxlen=round(MONITOR.window)
+        )
         # fading sums of the samples' weights and of their squares
         self._weight = 0.0
         self._squares = 0.0
@@ -245,11 +277,17 @@ class _Equations:
         """Take residuals (b, m) [unit] of samples at joints (b, dof)."""
         sizes = self._reference.sizes
         columns = self._columns(q) / sizes[:, None]
-        y = self._clipped(residual / sizes, columns[:, :, 0])
+        late = columns[:, :, 0]
+        y = residual / sizes
+        delay = self._delay_of(y, late)
+        rest = self._clipped(y - delay * late)
+        y = delay * late + rest
         rows = np.concatenate([columns, y[:, :, None]], axis=2)
         steps = _steps(rows, self._last_row)
         self._last_row = rows[-1]
-        weights = self._news.of(q)
+        weights = self._news.of(q, rest)
+        if not self._weight:
+            weights[0] = 0.0  # no step leads to the first sample
         older = MONITOR.fade ** weights.sum()
         age = weights[::-1].cumsum()[::-1] - weights
         weights *= MONITOR.fade**age
@@ -273,22 +311,27 @@ class _Equations:
         ]
         return np.concatenate(columns, axis=2)
 
-    def _clipped(self, y: Array, late: Array) -> Array:
-        """Residuals (b, m), over the noise, none of which is many times as long as usual.
+    def _delay_of(self, y: Array, late: Array) -> float:
+        """Delay by the latest samples, residuals (b, m) over what a late clock does (b, m).
 
-        late : (b, m), what a late clock does, which may be much, to most of the samples alike
+        Of least absolute deviations: samples at rest hardly tell it, nor does a wrong detection.
         """
-        # least absolute deviations: samples at rest hardly tell a delay
-        size = np.maximum(np.linalg.norm(late, axis=1), 1e-150)
+        size = np.linalg.norm(late, axis=1)
+        size = np.maximum(size, 1e-150)
         ratio = (y * late).sum(axis=1) / size**2
-        order = np.argsort(ratio)
-        share = np.cumsum(size[order]) / size.sum()
-        delay = ratio[order[np.searchsorted(share, 0.5)]]
-        rest = y - delay * late
+        self._delays.extend(zip(ratio.tolist(), size.tolist(), strict=True))
+        # where nothing moves there is none
+        none = (0.0, MONITOR.clip)
+        ratios, sizes = np.array(sorted([*self._delays, none])).T
+        share = np.cumsum(sizes) / sizes.sum()
+        return float(ratios[np.searchsorted(share, 0.5)])
+
+    def _clipped(self, rest: Array) -> Array:
+        """Residuals (b, m), over the noise, none of which is many times as long as usual."""
         most = MONITOR.clip * max(self.noise / self._reference.sizes[0], 1.0)
-        length = np.linalg.norm(rest, axis=1) / math.sqrt(y.shape[1])
+        length = np.linalg.norm(rest, axis=1) / math.sqrt(rest.shape[1])
         excess = np.maximum(length / most, 1.0)
-        return np.asarray(delay * late + rest / excess[:, None])
+        return np.asarray(rest / excess[:, None])
 
     def most_telling(self) -> GroupTest:
         """The most telling of the tests of all groups."""

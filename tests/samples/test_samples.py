@@ -125,9 +125,10 @@ def spoiled(log, share, size=0.05, seed=7):
 
 @pytest.mark.parametrize("robot", ["two_link_full", "three_link"])
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
-@pytest.mark.parametrize(("n", "seed"), [(20, 1), (20, 2), (140, 1), (400, 2)])
-def test_clean_logs_lose_no_row(robot, noise, n, seed):
-    assert screen(bare(robot, n, seed, noise=noise)) == (0, [])
+@pytest.mark.parametrize("n", [20, 140, 400])
+def test_clean_logs_lose_no_row(robot, noise, n):
+    for seed in (1, 2):
+        assert screen(bare(robot, n, seed, noise=noise)) == (0, [])
 
 
 @pytest.mark.parametrize("n", [300, 2000])

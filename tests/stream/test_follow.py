@@ -209,8 +209,9 @@ def test_noise_that_drifts_slowly_is_no_change_and_hides_none(offset):
     assert alarmed(calib.monitor(model(1e-3)), noisy) == (offset > 0.0)
 
 
+@pytest.mark.parametrize("times", [1, 2])
 @pytest.mark.parametrize("offset", [0.0, 0.005])
-def test_an_arm_that_dwells_shows_its_models_error_once(offset):
+def test_an_arm_that_dwells_shows_its_models_error_once(offset, times):
     """Its errors differ from pose to pose by more than the readings of one; between are jumps."""
     rng = np.random.default_rng(1)
 
@@ -219,7 +220,7 @@ def test_an_arm_that_dwells_shows_its_models_error_once(offset):
         tips = two_link(q + np.array([0.0, offset]))
         return models.log_of(arm(), q, tips + ripple + rng.normal(0.0, 5e-5, q.shape))
 
-    q = np.repeat(rng.uniform(arm().lower, arm().upper, (150, 2)), 2, axis=0)
+    q = np.repeat(rng.uniform(arm().lower, arm().upper, (150, 2)), times, axis=0)
     one = calib.train(seen(q), size=10)
     goals = rng.uniform(arm().lower, arm().upper, (15, 2))
     q = np.repeat(goals, 40, axis=0) + rng.normal(0.0, 1e-4, (600, 2))
