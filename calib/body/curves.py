@@ -11,12 +11,14 @@ to zero at angles that were never visited.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .settings import PRIOR
 
 HARMONICS = 48
 ORDERS = np.arange(1, HARMONICS + 1)
+_BLOCK = 8  # powers of one matrix product, a divisor of the harmonics
 
 
 def curve_shape(*more: float) -> Array:
@@ -33,25 +35,41 @@ def curve_shape(*more: float) -> Array:
     return np.tile(shape, 2)
 
 
+def powers_of(q: Array, count: int) -> NDArray[np.complex128]:
+    """Powers exp(i N q) (count, ...) for N = 1..count at joint values (...) [rad]."""
+    powers = np.empty((count, *q.shape), dtype=complex)
+    powers[0] = np.exp(1j * q)
+    known = 1
+    # twice as many each time: the first ones times the last one
+    while known < count:
+        end = min(2 * known, count)
+        last = powers[known - 1]
+        powers[known:end] = powers[: end - known] * last
+        known = end
+    return powers
+
+
 def waves_of(q: Array) -> Array:
     """Cosines, then sines (96, ...) of N q for N = 1..48 at joint values (...) [rad]."""
-    powers = np.empty((HARMONICS, *q.shape), dtype=complex)  # exp(i N q)
-    powers[0] = np.exp(1j * q)
-    count = 1
-    # twice as many each time: the first ones times the last one
-    while count < HARMONICS:
-        end = min(2 * count, HARMONICS)
-        last = powers[count - 1]
-        powers[count:end] = powers[: end - count] * last
-        count = end
+    powers = powers_of(q, HARMONICS)
     return np.concatenate([powers.real, powers.imag])
 
 
 def curve_value(q: Array, coefficients: Array) -> Array:
-    """Curves (k, n) [rad] of coefficients (k, 96) at joint values (k, n)."""
-    waves = waves_of(q)
-    curves: Array = np.einsum("kc,ckn->kn", coefficients, waves)
-    return curves
+    """Curves (k, n) [rad] of coefficients (k, 96) at joint values (k, n).
+
+    A polynomial of exp(i q) by Horner's rule, a block of powers at a time.
+    """
+    cosines, sines = np.split(coefficients, 2, axis=1)
+    amplitudes = cosines - 1j * sines
+    count = HARMONICS // _BLOCK
+    blocks = amplitudes.reshape(len(q), count, _BLOCK)
+    powers = powers_of(q, _BLOCK)
+    sums = blocks @ np.swapaxes(powers, 0, 1)
+    curves = sums[:, -1]
+    for block in reversed(range(count - 1)):
+        curves = curves * powers[-1] + sums[:, block]
+    return curves.real.copy()
 
 
 def curve_slope(q: Array, coefficients: Array) -> Array:

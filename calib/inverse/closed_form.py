@@ -20,6 +20,9 @@ from ..common.scale import TURN
 
 #: Axes of a drawing meet, or are parallel, within this share of its length, or angle [rad].
 _EXACT = 1e-4
+#: Between the two angles [rad] that come close to what is out of reach: a calibrated arm may have
+#: both, and a search that begins on the fold between them finds neither.
+_APART = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,7 +246,7 @@ def _at_height(
     """Angles (2, ...) about an axis that bring vectors (..., 3) to heights along a direction.
 
     The height is ``c cos(angle) + s sin(angle)`` and what lies along the axis: both angles of each;
-    where none does, the nearest.
+    where none does, both sides of the nearest.
     """
     across = _across(axis, vectors)
     cosine = across @ along
@@ -254,6 +257,7 @@ def _at_height(
     length = np.where(size > 0, size, 1.0)
     level = (height - raised) / length
     within = np.clip(level, -1.0, 1.0)
-    half = np.arccos(within)
+    beyond = np.abs(level) > 1.0
+    half = np.arccos(within) + beyond * _APART / 2
     middle = np.arctan2(sine, cosine)
     return np.stack([middle + half, middle - half])
