@@ -79,10 +79,10 @@ CALIB_API int calib_model_error(const calib_real *q, calib_real *bound) {
 
 /* Position, and the tip's orientation in the sensor's frame: a matrix, row by row. */
 static inline int calib_pose(const calib_joints q, calib_real *x, calib_rotation R) {
-  calib_real inside[CALIB_DOF], p[3], turn[9], G[6 * CALIB_DOF];
+  calib_real inside[CALIB_DOF], p[3], turn[9];
   if (!calib_position(q, x, 0)) return calib_unknown(9, R);
   calib_inside(q, inside);
-  calib_chain(&calib_placed, 0, inside, p, turn, G);
+  calib_chain(&calib_placed, 0, inside, p, turn, 0);
   calib_product(3, calib_aim, 3, turn, R);
   return 1;
 }

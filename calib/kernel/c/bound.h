@@ -34,42 +34,90 @@ static inline void calib_spread(const calib_vector by, const calib_ways row, cal
   for (k = 0; k < 3; ++k) calib_add_row(by[k], row, z + k * CALIB_TOGETHER);
 }
 
+/* The same of three motions, the columns of a matrix, and a row of each. */
+static inline void calib_spread_three(const calib_rotation motions, const calib_ways *row,
+                                      calib_real *z) {
+  int k, r;
+  for (k = 0; k < 3; ++k) {
+    const calib_real a = motions[3 * k], b = motions[3 * k + 1], c = motions[3 * k + 2];
+    for (r = 0; r < CALIB_TOGETHER; ++r)
+      z[k * CALIB_TOGETHER + r] += a * row[0][r] + b * row[1][r] + c * row[2][r];
+  }
+}
+
 /* Adds how the tip moves as the origins of joints shift and turn along their own axes. */
 static inline void calib_origins_off(const calib_frame *at, calib_real *z) {
-  calib_real arrow[3], along[3], swept[3];
+  calib_real arrow[3], along[3], swept[3], turned[9];
   int i, a, k;
-  for (i = 0; i <= CALIB_CHAIN; ++i)
+  for (i = 0; i <= CALIB_CHAIN; ++i) {
+    calib_spread_three(at[i].before, calib_by_shift + 3 * i, z);
+    if (i == CALIB_CHAIN) return;
+    for (k = 0; k < 3; ++k) arrow[k] = at[CALIB_CHAIN].origin[k] - at[i].origin[k];
     for (a = 0; a < 3; ++a) {
-      for (k = 0; k < 3; ++k) along[k] = at[i].before[3 * k + a];
-      calib_spread(along, calib_by_shift[3 * i + a], z);
-      if (i == CALIB_CHAIN) continue;
       for (k = 0; k < 3; ++k) along[k] = at[i].after[3 * k + a];
-      for (k = 0; k < 3; ++k) arrow[k] = at[CALIB_CHAIN].origin[k] - at[i].origin[k];
       calib_cross(along, arrow, swept);
-      calib_spread(swept, calib_by_turn[3 * i + a], z);
+      for (k = 0; k < 3; ++k) turned[3 * k + a] = swept[k];
     }
+    calib_spread_three(turned, calib_by_turn + 3 * i, z);
+  }
 }
 #if @gravity@
 
-/* Adds how the tip moves as loads bend joints more, and as gravity tilts. */
-static inline void calib_loads_off(const calib_joints q, calib_real moves[CALIB_CHAIN][3],
-                                   calib_real *z) {
+/* How much weights bend a joint that all pull one way: a factor on each number of each weight. */
+static inline void calib_leverage(const calib_frame *at, int joint, const calib_vector way,
+                                  calib_real by[CALIB_CHAIN][4]) {
+  calib_real across[3], arrow[3];
+  int i, k;
+  calib_cross(way, at[joint].axis, across);
+  for (i = joint; i < CALIB_CHAIN; ++i) {
+    for (k = 0; k < 3; ++k) arrow[k] = at[i].place[k] - at[joint].place[k];
+    by[i][0] = calib_bends[joint] ? calib_dot(arrow, across) : calib_dot(at[joint].axis, way);
+    for (k = 0; k < 3; ++k) by[i][1 + k] = 0;
+    for (k = 0; k < 9 && calib_bends[joint]; ++k)
+      by[i][1 + k % 3] += at[i + 1].before[k] * across[k / 3];
+  }
+}
+
+/* How much the weights on the links from a joint on bend it. */
+static inline calib_real calib_bend(int joint, const calib_real by[CALIB_CHAIN][4],
+                                    const calib_real weight[CALIB_CHAIN][4]) {
+  calib_real bend = 0;
+  int i, k;
+  for (i = joint; i < CALIB_CHAIN; ++i)
+    for (k = 0; k < 4; ++k) bend += by[i][k] * weight[i][k];
+  return bend;
+}
+
+/* Adds how much joints of the chain are off as loads bend them more, and as gravity tilts. */
+static inline void calib_loads_off(const calib_joints q, calib_ways *off) {
   calib_frame at[CALIB_CHAIN + 1];
-  calib_real moved[CALIB_CHAIN][3], tilted[2][3] = {{0}}, by[3];
-  int i, j, k, n;
+  calib_real by[CALIB_CHAIN][4];
+  int i, j, n;
   calib_drawn_frames(q, at);
-  for (n = 0; n < CALIB_LOADS; ++n) {
-    j = calib_loaded[n];
-    calib_levers(at, j, calib_load[n], moved);
-    for (k = 0; k < 3; ++k) by[k] = moves[j][k] * calib_dot(moved[j], calib_gravity);
-    calib_spread(by, calib_by_load[n], z);
-  }
   for (j = 0; j < CALIB_CHAIN; ++j) {
-    calib_levers(at, j, calib_bending[j], moved);
-    for (i = 0; i < 2; ++i)
-      for (k = 0; k < 3; ++k) tilted[i][k] += moves[j][k] * calib_dot(moved[j], calib_tilt[i]);
+    calib_leverage(at, j, calib_gravity, by);
+    for (n = 0; n < CALIB_LOADS; ++n)
+      if (calib_loaded[n] == j) calib_add_row(calib_bend(j, by, calib_load[n]), calib_by_load[n], off[j]);
+    for (i = 0; i < 2; ++i) {
+      calib_leverage(at, j, calib_tilt[i], by);
+      calib_add_row(calib_bend(j, by, calib_bending[j]), calib_by_tilt[i], off[j]);
+    }
   }
-  for (i = 0; i < 2; ++i) calib_spread(tilted[i], calib_by_tilt[i], z);
+}
+#endif
+#if @by_cos@
+
+/* Cosines and sines of the multiples of joint angles. */
+static inline void calib_multiples(const calib_joints q,
+                                   calib_real wave[CALIB_HARMONICS][2][CALIB_DOF]) {
+  int i, n;
+  calib_waves(CALIB_DOF, q, wave[0][0], wave[0][1]);
+  for (n = 1; n < CALIB_HARMONICS; ++n)
+    for (i = 0; i < CALIB_DOF; ++i) {
+      const calib_real c = wave[n - 1][0][i], s = wave[n - 1][1][i];
+      wave[n][0][i] = c * wave[0][0][i] - s * wave[0][1][i];
+      wave[n][1][i] = c * wave[0][1][i] + s * wave[0][0][i];
+    }
 }
 #endif
 
@@ -78,7 +126,7 @@ static inline void calib_joints_off(const calib_joints q, calib_ways *off,
                                     calib_real alone[CALIB_BELIEFS][CALIB_DOF]) {
   int b, i, r;
 #if @by_cos@
-  calib_real cosine[CALIB_DOF], sine[CALIB_DOF];
+  calib_real wave[CALIB_HARMONICS][2][CALIB_DOF];
   int n;
 #endif
 #if @way@
@@ -104,21 +152,18 @@ static inline void calib_joints_off(const calib_joints q, calib_ways *off,
   }
 #endif
 #if @by_cos@
-  calib_waves(CALIB_DOF, q, cosine, sine);
+  calib_multiples(q, wave);
   for (i = 0; i < CALIB_DOF; ++i) {
     const calib_real turn = q[i] / (calib_real)6.283185307179586;
     const calib_real place = CALIB_KNOTS * (turn - floor(turn)), knot = floor(place);
     const int first = (int)knot % CALIB_KNOTS, next = (first + 1) % CALIB_KNOTS;
-    calib_real c = 1, s = 0, t;
     for (b = 0; b < CALIB_BELIEFS; ++b)
       alone[b][i] = calib_alone[b][i][first] +
                     (place - knot) * (calib_alone[b][i][next] - calib_alone[b][i][first]);
-    for (n = 0; n < CALIB_HARMONICS; ++n) { /* the next multiple of the angle */
-      t = c * cosine[i] - s * sine[i];
-      s = c * sine[i] + s * cosine[i];
-      c = t;
-      calib_add_row(c, calib_by_cos[i][n], off[i]);
-      calib_add_row(s, calib_by_sin[i][n], off[i]);
+    for (n = 0; n < CALIB_HARMONICS; ++n) {
+      const calib_real c = wave[n][0][i], s = wave[n][1][i];
+      for (r = 0; r < CALIB_TOGETHER; ++r)
+        off[i][r] += c * calib_by_cos[i][n][r] + s * calib_by_sin[i][n][r];
     }
   }
 #endif
@@ -128,11 +173,14 @@ static inline void calib_joints_off(const calib_joints q, calib_ways *off,
 static inline void calib_moves(const calib_joints q, calib_ways *off, calib_real *z,
                                calib_real *joints) {
   calib_frame at[CALIB_CHAIN + 1];
-  calib_real slope[CALIB_CHAIN][CALIB_DOF], moves[CALIB_CHAIN][3], by[3];
+  calib_real moves[CALIB_CHAIN][3], by[3];
   calib_real there[3 * CALIB_TOGETHER] = {0}, motion[3 * CALIB_DOF], arrow[3];
   const calib_real *p = at[CALIB_CHAIN].origin;
   int i, k, n;
-  calib_posture(&calib_body, 0, q, at, slope);
+#if @gravity@
+  calib_real bent[CALIB_CHAIN][CALIB_TOGETHER] = {{0}};
+#endif
+  calib_posture(&calib_body, 0, q, at, 0);
   calib_origins_off(at, there);
   for (i = 0; i < CALIB_CHAIN; ++i) {
     for (k = 0; k < 3; ++k) arrow[k] = p[k] - at[i].origin[k];
@@ -140,7 +188,8 @@ static inline void calib_moves(const calib_joints q, calib_ways *off, calib_real
     for (k = 0; k < 3 && !calib_bends[i]; ++k) moves[i][k] = at[i].axis[k];
   }
 #if @gravity@
-  calib_loads_off(q, moves, there);
+  calib_loads_off(q, bent);
+  for (i = 0; i < CALIB_CHAIN; ++i) calib_spread(moves[i], bent[i], there);
 #endif
   for (n = 0; n < CALIB_DOF; ++n) {
     for (k = 0; k < 3; ++k) {

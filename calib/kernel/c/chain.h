@@ -27,28 +27,29 @@ static inline void calib_frames(const calib_arm *arm, const calib_values value, 
   }
 }
 
-/* Values of an arm's joints without curves and bending, and their derivatives. */
+/* Values of an arm's joints without curves and bending, and where slope is not null their derivatives. */
 static inline void calib_coupled(const calib_joints motor, const calib_joints rate,
                                  calib_values value, calib_slopes slope) {
   int i, k;
   for (i = 0; i < CALIB_CHAIN; ++i) {
     value[i] = calib_bias[i];
     for (k = 0; k < CALIB_DOF; ++k) value[i] += calib_coupling[i][k] * motor[k];
-    for (k = 0; k < CALIB_DOF; ++k) slope[i][k] = calib_coupling[i][k] * rate[k];
+    for (k = 0; slope && k < CALIB_DOF; ++k) slope[i][k] = calib_coupling[i][k] * rate[k];
   }
 }
 #if @curve@
 
-/* Adds the error curves of all joints and their derivatives: of each the series of cosines and that of
- * sines, by the recurrence of Clenshaw (1955), all side by side. */
+/* Adds the error curves of all joints, and where rate is not null their derivatives: of each the series
+ * of cosines and that of sines, by the recurrence of Clenshaw (1955), all side by side. */
 static inline void calib_curves(const calib_joints q, calib_joints value, calib_joints rate) {
   enum { LANES = 4 * CALIB_DOF };
   calib_real c[CALIB_DOF], s[CALIB_DOF], twice[LANES], sum[LANES] = {0}, last[LANES] = {0};
+  const int lanes = rate ? LANES : LANES / 2;
   int i, n;
   calib_waves(CALIB_DOF, q, c, s);
   for (i = 0; i < LANES; ++i) twice[i] = 2 * c[i % CALIB_DOF];
   for (n = CALIB_HARMONICS - 1; n >= 0; --n)
-    for (i = 0; i < LANES; ++i) {
+    for (i = 0; i < lanes; ++i) {
       const calib_real next = calib_curve[n][i] + twice[i] * sum[i] - last[i];
       last[i] = sum[i];
       sum[i] = next;
@@ -56,7 +57,7 @@ static inline void calib_curves(const calib_joints q, calib_joints value, calib_
   for (i = 0; i < CALIB_DOF; ++i) {
     const int rates = 2 * CALIB_DOF + i;
     value[i] += c[i] * sum[i] - last[i] + s[i] * sum[CALIB_DOF + i];
-    rate[i] += c[i] * sum[rates] - last[rates] + s[i] * sum[CALIB_DOF + rates];
+    if (rate) rate[i] += c[i] * sum[rates] - last[rates] + s[i] * sum[CALIB_DOF + rates];
   }
 }
 #endif
@@ -80,12 +81,12 @@ static inline void calib_levers(const calib_frame *at, int first,
 
 /* Frames of the arm as it is drawn, at which its weights bend it. */
 static inline void calib_drawn_frames(const calib_joints q, calib_frame *at) {
-  calib_real value[CALIB_CHAIN], slope[CALIB_CHAIN][CALIB_DOF];
-  calib_coupled(q, q, value, slope);
+  calib_real value[CALIB_CHAIN];
+  calib_coupled(q, q, value, 0);
   calib_frames(&calib_drawn, value, at);
 }
 
-/* Adds how much each joint bends under the weights, and the derivatives. */
+/* Adds how much each joint bends under the weights, and where slope is not null the derivatives. */
 static inline void calib_sag(const calib_joints q, calib_values value, calib_slopes slope) {
   calib_frame at[CALIB_CHAIN + 1];
   calib_real across[CALIB_CHAIN][3], moved[CALIB_CHAIN][3];
@@ -98,7 +99,7 @@ static inline void calib_sag(const calib_joints q, calib_values value, calib_slo
   for (i = 0; i < CALIB_CHAIN; ++i) {
     calib_levers(at, i, calib_bending[i], moved);
     value[i] += calib_dot(moved[i], calib_gravity);
-    for (j = 0; j < CALIB_CHAIN; ++j) {
+    for (j = 0; slope && j < CALIB_CHAIN; ++j) {
       /* a joint before turns the whole lever, one beyond only the weights that follow it */
       const int first = j < i ? j : i, last = j < i ? i : j;
       const calib_real by_joint = calib_dot(across[first], moved[last]);
@@ -120,12 +121,13 @@ static inline void calib_flex(const calib_joints q, calib_values value, calib_sl
     for (i = 0; i <= k; ++i) {
       const calib_real a = calib_flex_cos[i][k], b = calib_flex_sin[i][k];
       value[i] += a * cosine[k] + b * sine[k];
-      for (n = 0; n <= k; ++n) slope[i][n] += (b * cosine[k] - a * sine[k]) * calib_way[n];
+      for (n = 0; slope && n <= k; ++n) slope[i][n] += (b * cosine[k] - a * sine[k]) * calib_way[n];
     }
 }
 #endif
 
-/* Frames of an arm and the derivatives of its joints' values; `plain` without curves and bending. */
+/* Frames of an arm, and where slope is not null the derivatives of its joints' values; `plain` without
+ * curves and bending. */
 static inline void calib_posture(const calib_arm *arm, int plain, const calib_joints q,
                                  calib_frame *at, calib_slopes slope) {
   const int bends = arm->own && !plain;
@@ -136,14 +138,14 @@ static inline void calib_posture(const calib_arm *arm, int plain, const calib_jo
     rate[k] = arm->gain[k];
   }
 #if @curve@
-  if (bends) calib_curves(q, motor, rate);
+  if (bends) calib_curves(q, motor, slope ? rate : 0);
 #endif
 #if @neighbour@
   for (k = 1; bends && k < CALIB_DOF; ++k) motor[k] += calib_neighbour[k] * q[k - 1];
 #endif
   calib_coupled(motor, rate, value, slope);
 #if @neighbour@
-  for (k = 1; bends && k < CALIB_DOF; ++k) { /* a joint moves with its neighbour's motor */
+  for (k = 1; bends && slope && k < CALIB_DOF; ++k) { /* a joint moves with its neighbour's motor */
     int i;
     for (i = 0; i < CALIB_CHAIN; ++i)
       slope[i][k - 1] += calib_coupling[i][k] * calib_neighbour[k];
@@ -159,18 +161,18 @@ static inline void calib_posture(const calib_arm *arm, int plain, const calib_jo
   calib_frames(arm, value, at);
 }
 
-/* Position and orientation of the tip in the root's frame, and the geometric Jacobian, of which
- * three rows are velocities and three angular velocities. */
+/* Position and orientation of the tip in the root's frame, and where G is not null the geometric
+ * Jacobian, of which three rows are velocities and three angular velocities. */
 static inline void calib_chain(const calib_arm *arm, int plain, const calib_joints q,
                                calib_vector p, calib_rotation R, calib_real G[6 * CALIB_DOF]) {
   calib_frame at[CALIB_CHAIN + 1];
   calib_real slope[CALIB_CHAIN][CALIB_DOF], arrow[3];
   int i, k, o;
-  calib_posture(arm, plain, q, at, slope);
+  calib_posture(arm, plain, q, at, G ? slope : 0);
   for (k = 0; k < 3; ++k) p[k] = at[CALIB_CHAIN].origin[k];
   for (k = 0; k < 9; ++k) R[k] = at[CALIB_CHAIN].after[k];
-  for (k = 0; k < 6 * CALIB_DOF; ++k) G[k] = 0;
-  for (i = 0; i < CALIB_CHAIN; ++i) {
+  for (k = 0; G && k < 6 * CALIB_DOF; ++k) G[k] = 0;
+  for (i = 0; G && i < CALIB_CHAIN; ++i) {
     calib_real twist[6] = {0, 0, 0, 0, 0, 0};
     for (k = 0; k < 3; ++k) arrow[k] = p[k] - at[i].origin[k];
     if (calib_bends[i]) calib_cross(at[i].axis, arrow, twist);
@@ -206,13 +208,13 @@ static inline void calib_seen(const calib_arm *arm, int plain, const calib_joint
                               calib_real *J) {
   calib_real p[3], R[9], G[6 * CALIB_DOF], at[3];
   int i;
-  calib_chain(arm, plain, q, p, R, G);
+  calib_chain(arm, plain, q, p, R, J ? G : 0);
   for (i = 0; i < 3; ++i) at[i] = calib_shift[i] + calib_dot(calib_view + 3 * i, p);
 #if @lens@
   {
     calib_real L[6], u[2], moved[3 * CALIB_DOF];
     calib_pinhole(at, x, L, u);
-    calib_product(3, calib_view, CALIB_DOF, G, moved);
+    if (J) calib_product(3, calib_view, CALIB_DOF, G, moved);
     if (J) calib_product(2, L, CALIB_DOF, moved, J);
   }
 #else

@@ -1,8 +1,8 @@
 
-/* (J J' + damping trace) y = r by Cholesky, for n residuals. */
+/* (J J' + damping trace) y = r for n residuals, by factors L D L' without square roots. */
 static inline int calib_forces(int n, const calib_real *J, const calib_real *r, calib_real damping,
                                calib_real y[6]) {
-  calib_real a[6][6], trace = 0;
+  calib_real a[6][6], inverse[6], trace = 0;
   int i, j, k;
   for (i = 0; i < n; ++i) {
     for (j = 0; j <= i; ++j) {
@@ -12,23 +12,21 @@ static inline int calib_forces(int n, const calib_real *J, const calib_real *r, 
     trace += a[i][i];
     y[i] = r[i];
   }
-  for (i = 0; i < n; ++i) a[i][i] += damping * trace;
   for (i = 0; i < n; ++i) {
-    for (j = 0; j <= i; ++j) {
-      for (k = 0; k < j; ++k) a[i][j] -= a[i][k] * a[j][k];
-      if (i == j) {
-        if (!(a[i][i] > 0)) return 0;
-        a[i][i] = sqrt(a[i][i]);
-      } else {
-        a[i][j] /= a[j][j];
-      }
+    a[i][i] += damping * trace;
+    for (j = 0; j < i; ++j) { /* a[j][i] is what L has not yet been divided by */
+      a[j][i] = a[i][j];
+      for (k = 0; k < j; ++k) a[j][i] -= a[k][i] * a[j][k];
+      a[i][j] = a[j][i] * inverse[j];
+      a[i][i] -= a[i][j] * a[j][i];
+      y[i] -= a[i][j] * y[j];
     }
-    for (k = 0; k < i; ++k) y[i] -= a[i][k] * y[k];
-    y[i] /= a[i][i];
+    if (!(a[i][i] > 0)) return 0;
+    inverse[i] = 1 / a[i][i];
   }
   for (i = n - 1; i >= 0; --i) {
+    y[i] *= inverse[i];
     for (k = i + 1; k < n; ++k) y[i] -= a[k][i] * y[k];
-    y[i] /= a[i][i];
   }
   return 1;
 }

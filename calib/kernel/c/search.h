@@ -45,7 +45,7 @@ static inline calib_starts calib_position_starts(const calib_place x, const cali
                                                  short row[CALIB_STARTS + 1]) {
   const int count = CALIB_TRIES < CALIB_STARTS ? CALIB_TRIES : CALIB_STARTS;
   calib_starts starts = {calib_start_q[0], row, count, count / 6, CALIB_TRIES, @margin@ / 2};
-  calib_real far[CALIB_STARTS];
+  calib_real far[CALIB_STARTS + 1];
   int i, n, k;
   for (n = 0; n < CALIB_STARTS; ++n) {
     const calib_real joints = calib_apart(calib_start_q[n], near, 0);
@@ -54,7 +54,7 @@ static inline calib_starts calib_position_starts(const calib_place x, const cali
       const calib_real gap = (x[i] - calib_start_x[n][i]) / @extent@;
       away += CALIB_PULL * gap * gap;
     }
-    for (k = n; k > 0 && far[k - 1] > away; --k) {
+    for (k = n < count ? n : count; k > 0 && far[k - 1] > away; --k) {
       far[k] = far[k - 1];
       row[k] = row[k - 1];
     }
@@ -275,7 +275,7 @@ static inline calib_real calib_newton_step(const calib_place target, calib_real 
 /* Joints that bring the real tip to where the nominal arm would be with q, near q; with six joints
  * or more also its orientation.  0 where none do, or a joint would change by more than usual. */
 CALIB_API int calib_correct(const calib_joints q, calib_joints out) {
-  calib_real start[CALIB_DOF], G[6 * CALIB_DOF];
+  calib_real start[CALIB_DOF];
   calib_task task = {@correcting@, -1, &calib_body, {0}, {0}};
   calib_search search;
   calib_gap gap;
@@ -284,7 +284,7 @@ CALIB_API int calib_correct(const calib_joints q, calib_joints out) {
     calib_copy(start, out);
     search = calib_begin(&task, start, 0, CALIB_BUDGET, 0);
     if (task.kind == CALIB_POSITION) calib_seen(&calib_nominal, 0, start, task.x, 0);
-    else calib_chain(&calib_nominal, 0, start, task.x, task.R, G);
+    else calib_chain(&calib_nominal, 0, start, task.x, task.R, 0);
     good = calib_reach(&search, 0, 0, out, &gap);
 #if @local_terms@
     if (good && task.kind != CALIB_POSITION) { /* what local models move is met as a position */
