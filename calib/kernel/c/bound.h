@@ -63,45 +63,21 @@ static inline void calib_origins_off(const calib_frame *at, calib_real *z) {
 }
 #if @gravity@
 
-/* How much weights bend a joint that all pull one way: a factor on each number of each weight. */
-static inline void calib_leverage(const calib_frame *at, int joint, const calib_vector way,
-                                  calib_real by[CALIB_CHAIN][4]) {
-  calib_real across[3], arrow[3];
-  int i, k;
-  calib_cross(way, at[joint].axis, across);
-  for (i = joint; i < CALIB_CHAIN; ++i) {
-    for (k = 0; k < 3; ++k) arrow[k] = at[i].place[k] - at[joint].place[k];
-    by[i][0] = calib_bends[joint] ? calib_dot(arrow, across) : calib_dot(at[joint].axis, way);
-    for (k = 0; k < 3; ++k) by[i][1 + k] = 0;
-    for (k = 0; k < 9 && calib_bends[joint]; ++k)
-      by[i][1 + k % 3] += at[i + 1].before[k] * across[k / 3];
-  }
-}
-
-/* How much the weights on the links from a joint on bend it. */
-static inline calib_real calib_bend(int joint, const calib_real by[CALIB_CHAIN][4],
-                                    const calib_real weight[CALIB_CHAIN][4]) {
-  calib_real bend = 0;
-  int i, k;
-  for (i = joint; i < CALIB_CHAIN; ++i)
-    for (k = 0; k < 4; ++k) bend += by[i][k] * weight[i][k];
-  return bend;
-}
-
 /* Adds how much joints of the chain are off as loads bend them more, and as gravity tilts. */
 static inline void calib_loads_off(const calib_joints q, calib_ways *off) {
   calib_frame at[CALIB_CHAIN + 1];
-  calib_real by[CALIB_CHAIN][4];
+  calib_real moved[CALIB_CHAIN][3];
   int i, j, n;
   calib_drawn_frames(q, at);
+  for (n = 0; n < CALIB_LOADS; ++n) {
+    j = calib_loaded[n];
+    calib_levers(at, j, calib_load[n], moved);
+    calib_add_row(calib_dot(moved[j], calib_gravity), calib_by_load[n], off[j]);
+  }
   for (j = 0; j < CALIB_CHAIN; ++j) {
-    calib_leverage(at, j, calib_gravity, by);
-    for (n = 0; n < CALIB_LOADS; ++n)
-      if (calib_loaded[n] == j) calib_add_row(calib_bend(j, by, calib_load[n]), calib_by_load[n], off[j]);
-    for (i = 0; i < 2; ++i) {
-      calib_leverage(at, j, calib_tilt[i], by);
-      calib_add_row(calib_bend(j, by, calib_bending[j]), calib_by_tilt[i], off[j]);
-    }
+    calib_levers(at, j, calib_bending[j], moved);
+    for (i = 0; i < 2; ++i)
+      calib_add_row(calib_dot(moved[j], calib_tilt[i]), calib_by_tilt[i], off[j]);
   }
 }
 #endif
