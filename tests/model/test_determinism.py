@@ -22,8 +22,10 @@ RECIPES = {
 """Options of training, and what is done afterwards."""
 
 WORK = """
-import hashlib, json, pathlib, sys, tempfile
+import hashlib, importlib, json, pathlib, sys, tempfile
 import calib
+
+importlib.import_module("calib.change.adapt").HORIZON = 600
 
 def made(robot="two_link", log=100, adapt="", **options):
     arm = calib.load_arm(robot)

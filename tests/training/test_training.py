@@ -33,8 +33,8 @@ def test_the_papers_arm_is_learned_far_below_the_papers_errors_and_noise_is_aver
     assert mean_error(papers(1 * MM), 10_000) <= 0.13 * MM
 
 
-def test_the_papers_own_readout_comes_close_to_the_papers_tables():
-    errors = papers().about.errors
+def test_the_papers_own_readout_comes_close_to_the_papers_tables(all_points):
+    errors = calib.evaluate(papers()).errors
     for axis, mean, largest in (("x", 1.15, 11.7), ("y", 1.26, 15.0)):
         assert errors["activity"]["forward"][axis]["mean"] <= 1.5 * mean * MM
         assert errors["activity"]["forward"][axis]["max"] <= 2 * largest * MM
