@@ -39,8 +39,8 @@ def delay_of(notes):
 
 
 def filmed(time, q, rng, rate=0.0):
-    """A track at 20 frames a second whose clock starts at 0 and runs too fast by `rate`."""
-    true = np.arange(5.0, 23.0, 1 / 20)
+    """A track at 30 frames a second whose clock starts at 0 and runs too fast by `rate`."""
+    true = np.arange(5.0, 23.0, 1 / 30)
     x = pixels(joints_at(true, time, q))
     return (true - 5.0) * (1 + rate), x + rng.normal(0, 0.05, x.shape), true
 
