@@ -1,5 +1,6 @@
 """Fixtures that tests share: commands, small models and logs, one thread."""
 
+import gc
 import io
 import json
 import os
@@ -73,6 +74,7 @@ run_in_process = Program()
 def pytest_collection_modifyitems(items):
     """Put quick files last, so that no worker waits long for the others' end."""
     items.sort(key=lambda item: item.path.parent.name in ("arm", "cli", "hostile"))
+    gc.freeze()  # all that was imported would be searched again and again
 
 
 @pytest.fixture(autouse=True)

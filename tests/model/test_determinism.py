@@ -12,7 +12,7 @@ RECIPES = {
     "two links": {"log": 0},
     "two links, online rule": {"rule": "online"},
     "two links, dsom": {"map": "dsom"},
-    "two links, growing neural gas": {"map": "gng", "log": 40},
+    "two links, growing neural gas": {"map": "gng", "log": 40, "epochs": 5},
     "three links": {"robot": "three_link"},
     "a log": {},
     "maps and links alone": {"body": "none"},
