@@ -1,5 +1,6 @@
 """Fixtures that tests share: commands, small models and logs, one thread."""
 
+import gc
 import io
 import json
 import os
@@ -70,12 +71,36 @@ class Program:
 run_in_process = Program()
 
 
+def pytest_collection_modifyitems(items):
+    """Put quick files last, so that no worker waits long for the others' end."""
+    items.sort(key=lambda item: item.path.parent.name in ("arm", "cli", "hostile"))
+    gc.freeze()  # all that was imported would be searched again and again
+
+
 @pytest.fixture(autouse=True)
 def _quick_compiler(monkeypatch):
-    """Optimise C little, in a third of the time; one test of the kernel does it as users do."""
+    """Optimise no C, in a sixth of the time; one test of the kernel does it as users do."""
     from calib.kernel.compiled import Compiler
 
-    monkeypatch.setattr("calib.kernel.compiled.COMPILER", Compiler(quick=("-O1",)))
+    monkeypatch.setattr("calib.kernel.compiled.COMPILER", Compiler(quick=("-O0",)))
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _fewer_points():
+    """Test simulated models at a tenth of the points, but where `all_points` is asked for."""
+    from calib.training.settings import Testing
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("calib.training.residuals.TESTING", Testing(fresh=1000))
+        yield
+
+
+@pytest.fixture
+def all_points(monkeypatch):
+    """Test simulated models at as many points as those of users."""
+    from calib.training.settings import Testing
+
+    monkeypatch.setattr("calib.training.residuals.TESTING", Testing())
 
 
 @pytest.fixture(scope="session")

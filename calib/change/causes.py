@@ -161,6 +161,11 @@ GROUPS = {
         kept="the joints' placements",
         changed="{joint} sits elsewhere, {name} by {size}",
     ),
+    # [rad], of the two parameters of a wave
+    "curve": Group(
+        freed=0.02,
+        changed="{joint} has a wave of {size}, {order} a turn: a gear, or its encoder's disc",
+    ),
     "tool": Group(freed=0.1, creep=1e-4, built=1e-3, kept="the tool"),  # [m]
     "tool.rotation": Group(
         freed=0.3, creep=0.02 * _DEGREE, built=0.1 * _DEGREE
@@ -200,12 +205,13 @@ SETS = (
 
 
 def single_causes(
-    structure: Structure, cause: str | None = None
+    structure: Structure, cause: str | None = None, waves: Indices | None = None
 ) -> dict[str, Indices]:
     """Return the parameters of each cause that may stand alone.
 
     cause : {"sensor", "joints", "offsets"}, if it is known that only these may have changed;
         "offsets" are the joints' zeros and the frame
+    waves : parameters of joints' waves that a log shows
     """
     groups: tuple[str, ...] = TESTED
     sensors: Iterable[str] = _SENSORS
@@ -220,12 +226,15 @@ def single_causes(
     for name in sensors:
         if len(indices_of(structure, _SENSORS[name][:1])):
             causes[name] = indices_of(structure, _SENSORS[name])
-    for index in indices_of(structure, groups).tolist():
+    indices = indices_of(structure, groups)
+    if waves is not None and cause in (None, "joints"):
+        indices = np.append(indices, waves)
+    for index in indices.tolist():
         label = structure.labels[index]
         first = label.joint == structure.joint_names[0]
         if label.group == "placement" and first and cause != "joints":
             continue  # the first origin's place is the sensor's frame
-        name = f"{label.group}:{label.joint}"
+        name = f"{kind_of(label.group)}:{label.joint}"
         if label.joint is None or label.group in ("elastic", "payload"):
             name = label.group  # a payload bends all joints at once
         others = causes.get(name, np.zeros(0, np.intp))
@@ -237,6 +246,11 @@ def frame_twin(body: Body) -> Indices:
     """The first joint's offset (k,) where a free frame does the same: a belief frees one."""
     first = indices_of(body.structure, ("offset",))[:1]
     return first[~np.isin(first, body.active)]
+
+
+def kind_of(group: str) -> str:
+    """The kind of cause of a group of parameters: of all joints' curves it is one."""
+    return "curve" if group.startswith("curve.") else group
 
 
 def is_sensors(group: str) -> bool:
@@ -259,21 +273,9 @@ def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
     return np.concatenate(parts)
 
 
-def sd_if_changed(
-    body: Body,
-    groups: Iterable[str],
-    void: Indices | None = None,
-) -> Array:
-    """Standard deviation (d,) by which the parameters of some groups may have changed.
-
-    void : parameters of a frame that was fitted to the log: a narrow prior would count rows
-        twice
-    """
-    sd = _sd_of_groups(body, groups, attrgetter("freed"))
-    if void is not None:
-        frame = indices_of(body.structure, FRAME)
-        sd[np.intersect1d(frame, void)] *= ANYWHERE
-    return sd
+def sd_if_changed(body: Body, groups: Iterable[str]) -> Array:
+    """Standard deviation (d,) by which the parameters of some groups may have changed."""
+    return _sd_of_groups(body, groups, attrgetter("freed"))
 
 
 def sd_of_creep(body: Body, wave_size: float = CREEP_WAVES) -> Array:

@@ -33,7 +33,6 @@ from .causes import (
     changeable,
     frame_twin,
     indices_of,
-    sd_if_changed,
     single_causes,
 )
 from .explanation import Explanation, Place, climb
@@ -146,9 +145,9 @@ class Search:
         self.system = system
         self.correlation_time = correlation_time
         groups = changeable(structure)
-        self.sd = sd_if_changed(reference.body, groups, reference.void)
+        self.sd = reference.sd_if_changed(groups)
         self.always_free = np.sort(indices_of(structure, free_groups))
-        singles = single_causes(structure, cause)
+        singles = single_causes(structure, cause, reference.waves)
         allowed = np.concatenate([*singles.values()])
         self.free = np.union1d(self.always_free, allowed).astype(np.intp)
         self.cause_sets = self._cause_sets(singles)

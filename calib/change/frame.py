@@ -6,7 +6,7 @@ more than anything else; so the frame comes first, and small changes after it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -23,7 +23,15 @@ from ..common.arrays import Array
 from ..common.rows import median_length, row_lengths, spread_rows
 from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
-from .causes import FRAME, Cause, indices_of, is_sensors
+from .causes import (
+    ANYWHERE,
+    FRAME,
+    GROUPS,
+    Cause,
+    indices_of,
+    is_sensors,
+    sd_if_changed,
+)
 
 # Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm
 LEAST_OWN = 1e-6
@@ -66,6 +74,8 @@ class Reference:
     scale: float = 1.0
     # (g,), parameters of the view whose old posterior does not count any more
     void: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    # (w,), parameters of joints' waves that the log shows
+    waves: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
     @property
     def has_discrete_cause(self) -> bool:
@@ -76,6 +86,17 @@ class Reference:
     def is_fitted(self) -> bool:
         """Whether the frame was fitted to the log."""
         return len(self.void) > 0
+
+    def sd_if_changed(self, groups: Iterable[str]) -> Array:
+        """Standard deviation (d,) by which parameters of some groups, and waves, may have changed.
+
+        Of a frame that was fitted to the log a narrow prior would count rows twice.
+        """
+        sd = sd_if_changed(self.body, groups)
+        frame = indices_of(self.structure, FRAME)
+        sd[np.intersect1d(frame, self.void)] *= ANYWHERE
+        sd[self.waves] = GROUPS["curve"].freed
+        return sd
 
     @property
     def structure(self) -> Structure:

@@ -40,6 +40,7 @@ from .significance import bound_test, group_tests
 from .system import System, frame_variance, system_of
 from .update import Update, update
 from .verdict import Episode, Verdict, notes_of, verdict_on_maps
+from .waves import follows_short_waves, with_waves
 from .words import causes_of
 
 
@@ -111,7 +112,8 @@ def _verdict_on_body(
     reference = reference_of(prior, logged.q, positions, logged.unit)
     rows, observations = sound_observations(logged, reference)
 
-    # 2. s: the noise where everything may have changed, and a joint's play, which is taken up
+    # 2. s: the noise where everything may have changed, less a joint's play, which is taken up,
+    # and joints' waves, which may be causes
     belief = Reference(rows.body, rows.body.beta)
     frame = reference if reference.is_fitted else belief
     noise = noise_of(system_of(frame, observations))
@@ -119,13 +121,20 @@ def _verdict_on_body(
     if play is not None:
         observations = play.taken_up(observations)
         noise = noise_of(system_of(frame, observations))
+    if noise.is_larger:
+        noise = with_waves(noise)
+        waves = noise.system.reference.waves
+        reference = replace(reference, waves=waves)
+        belief = replace(belief, waves=waves)
 
     # 3. p: the chance of such rows where nothing changed, by groups of parameters and by the bound
-    if frame is not belief and not reference.has_discrete_cause:
+    noise_beside_belief = noise
+    if reference.is_fitted and not reference.has_discrete_cause:
         noise_beside_belief = noise_of(system_of(belief, observations))
-    else:
-        noise_beside_belief = noise
-    tests = group_tests(noise_with_joint(noise_beside_belief), rows.probes)
+    noise_beside_all = noise_with_joint(noise_beside_belief)
+    if follows_short_waves(noise_beside_all):
+        noise_beside_all = replace(noise_beside_belief, is_wavy=True)
+    tests = group_tests(noise_beside_all, rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
     shared_variance = frame_variance(reference, observations)
     bound = bound_test(rows, limit, shared_variance, tests)
@@ -161,7 +170,7 @@ def _systems(
     """The observations in the frame of the log, and in that of the belief if it may be the same."""
     systems = [system_of(reference, observations)]
     if reference.is_fitted and not reference.has_discrete_cause:
-        old_frame = Reference(prior, prior.beta)
+        old_frame = Reference(prior, prior.beta, waves=reference.waves)
         systems.insert(0, system_of(old_frame, observations))
     return systems
 

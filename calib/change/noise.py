@@ -13,7 +13,7 @@ import numpy as np
 from ..body.approach import Approach
 from ..body.covariance import autocorrelation_time
 from ..common.arrays import Array, Mask
-from .causes import CREEP_WAVES, changeable, frame_twin, sd_if_changed
+from .causes import CREEP_WAVES, changeable, frame_twin
 from .frame import Reference
 from .rows import Observations
 from .system import CREEP_SHARE, SYSTEM, NoisyJoint, Nuisance, System
@@ -44,6 +44,8 @@ class NoiseFit:
     correlation_time: float
     # degrees of freedom: directions of the rows that tell the noise
     freedom: float
+    # whether a joint has a wave, as it may be of an arm that has not changed
+    is_wavy: bool = False
 
     @property
     def sd(self) -> float:
@@ -101,7 +103,7 @@ def noise_of(system: System) -> NoiseFit:
 
 def noise_with_joint(noise: NoiseFit) -> NoiseFit:
     """A larger noise with that of one joint's encoder, where this is more likely than chance."""
-    if not noise.is_larger:
+    if noise.is_wavy or not noise.is_larger:
         return noise
     system = noise.system
     # of a joint at the tip, in the sensor's noise: its slope by row, and what is typical
@@ -149,7 +151,7 @@ def sd_of_changes(reference: Reference) -> Array:
     # what bends the joints, and couplings, would leave few rows no freedom
     groups = set(changeable(reference.structure))
     groups -= {"elastic", "payload", "coupling"}
-    sd = sd_if_changed(reference.body, groups, reference.void)
+    sd = reference.sd_if_changed(groups)
     # the frame turns about the first joint's axis as its offset does: it is free once
     sd[frame_twin(reference.body)] = 0.0
     return sd

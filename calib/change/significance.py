@@ -87,6 +87,8 @@ class GroupTests:
     noisy: NoisyJoint | None = None
     # whether the scatter is larger than usual, and that is no chance
     noisier: bool = False
+    # whether a joint has a wave, as it may be of an arm that has not changed
+    wavy: bool = False
 
     @property
     def score(self) -> float:
@@ -109,11 +111,16 @@ class GroupTests:
         return max(self._sizes, default=np.inf)
 
 
-def groups_of(structure: Structure) -> dict[str, Indices]:
-    """Return the groups that are tested: each cause alone and with the sensor, all geometry."""
+def groups_of(
+    structure: Structure, waves: Indices | None = None
+) -> dict[str, Indices]:
+    """Return the groups that are tested: each cause alone and with the sensor, all geometry.
+
+    waves : parameters of joints' waves that a log shows
+    """
     frame = indices_of(structure, FRAME)
     groups = {}
-    for name, indices in single_causes(structure).items():
+    for name, indices in single_causes(structure, waves=waves).items():
         groups[name] = indices
         if not np.isin(frame, indices).all():
             groups[f"{name} and sensor"] = np.concatenate([indices, frame])
@@ -220,7 +227,7 @@ def group_tests(noise: NoiseFit, probes: Array) -> GroupTests:
     """
     system = noise.system
     reference = system.reference
-    groups = groups_of(reference.structure)
+    groups = groups_of(reference.structure, reference.waves)
     nuisance = Nuisance(system, CREEP_WAVES, CREEP_SHARE)
     tests = FTests(
         statistics=nuisance.statistics(system.y, system.x),
@@ -236,6 +243,7 @@ def group_tests(noise: NoiseFit, probes: Array) -> GroupTests:
         usual=float(reference.body.noise[0]),
         noisy=noise.noisy_joint,
         noisier=noise.is_larger,
+        wavy=noise.is_wavy,
     )
 
 
@@ -294,7 +302,7 @@ def bound_test(
     noise = _noise_of_sensor(square, residual.shape[1], tests)
     # rows of like joints that err alike are no noisier sensor
     of_places = variance_of_places(rows, residual)
-    if of_places * radius > usual**2:
+    if tests.wavy or of_places * radius > usual**2:
         noise = 0.0
     by_noise = noise + _noise_of_joint(rows, tests)
     expected = limit**2 + radius * shared_variance
@@ -303,12 +311,14 @@ def bound_test(
     test = GroupTest("bound", _chance(is_beyond_noise))
     count = len(rows) + rows.wrong
     few_wrong = rows.wrong <= max(FEW_WRONG * count, 1)
+    may_be_noise = few_wrong and not tests.wavy
+    may_be_noise &= _looks_like_noise(residual)
     return BoundTest(
         beyond=(np.count_nonzero(is_beyond) + rows.wrong) / count,
         usual=usual,
         test=test,
-        may_be_noise=few_wrong and _looks_like_noise(residual),
-        repeats=of_places > 0.5 * tests.noise**2,
+        may_be_noise=may_be_noise,
+        repeats=tests.wavy or of_places > 0.5 * tests.noise**2,
     )
 
 

@@ -134,7 +134,8 @@ class Verdict:
     def fired(self) -> list[GroupTest]:
         """Those above their threshold, the most telling first."""
         above = [group for group in self.groups if group.score > 1.0]
-        return sorted(above, key=lambda group: -group.score)
+        # of scores beyond all numbers the statistic decides
+        return sorted(above, key=lambda group: (-group.score, -group.statistic))
 
     @property
     def bound_holds(self) -> bool:

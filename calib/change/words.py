@@ -14,10 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..body.covariance import Z95
+from ..body.curves import HARMONICS
 from ..body.parameters import Indices
 from ..body.settings import NATS
+from ..common.arrays import Array
 from ..common.wording import for_people, quantity, two_digits
-from .causes import FRAME, GROUPS, Cause, indices_of
+from .causes import FRAME, GROUPS, Cause, indices_of, kind_of
 from .evidence import Evidence, frame_between
 from .explanation import Explanation
 from .noise import NOISIER, Play
@@ -205,6 +207,9 @@ def _effects(evidence: Evidence, best: Explanation) -> list[_Effect]:
     for group in best.groups:
         if group in FRAME or (group == "view.scale" and is_scaled):
             continue
+        if kind_of(group) == "curve":
+            effects.append(_wave(best, group, moves))
+            continue
         indices = indices_of(structure, (group,))
         is_one_cause = GROUPS[group].whole
         for part in [indices] if is_one_cause else indices[:, None]:
@@ -221,6 +226,30 @@ def _effects(evidence: Evidence, best: Explanation) -> list[_Effect]:
         moved = _move_of_sensor(evidence, best)
         effects.append(_Effect(size, moved))
     return effects
+
+
+def _wave(best: Explanation, group: str, moves: Array) -> _Effect:
+    """The largest wave of a joint's curve, that of its group.
+
+    moves : (d,), displacement by one of each parameter [unit]
+    """
+    structure = best.reference.structure
+    curve = structure.groups[group].reshape(2, HARMONICS)
+    amplitudes = np.linalg.norm(best.beta[curve], axis=0)
+    amplitudes[~np.isin(curve[0], best.indices)] = 0.0
+    order = int(np.argmax(amplitudes))
+    wave = curve[:, order]
+    amplitude = float(amplitudes[order])
+    half = Z95 * float(np.linalg.norm(best.deviation[wave])) / math.sqrt(2.0)
+    joint = structure.labels[wave[0]].joint
+    words = GROUPS["curve"].changed.format(
+        joint=joint,
+        size=quantity(amplitude, "rad", half),
+        order=order + 1,
+    )
+    cause = Cause(f"curve:{joint}", "curve", words, amplitude, unit="rad")
+    size = float(np.linalg.norm(moves[wave])) * amplitude / math.sqrt(2.0)
+    return _Effect(size, cause.within(half))
 
 
 def _half_width(evidence: Evidence, best: Explanation, k: int) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,7 @@ _IGNORED = {*_BESIDE, "", "id", "index", *map(str.lower, MATRIX)}
 # "[mm]", "(deg)", "_mm": the fit finds units
 _UNIT = r"\s*[\[(].*[\])]$|_(?:m|cm|mm|in|rad|deg|grad)$"
 _OTHERS = {*_BESIDE, "x", "y", "z", *TURNS["xyzw"]}
+_KNOWN = {*_IGNORED, *"xyz", *map(str.lower, chain(*TURNS.values()))}
 # [rad]; joints that go beyond two turns are taken for degrees
 _TURNS = 4.0 * np.pi
 
@@ -238,8 +240,10 @@ def read_flange_poses(path: FilePath) -> FlangeTable:
         }
         named, columns = _columns(set(names))
         if not columns or names.keys() - {*columns, *_IGNORED}:
+            odd = [name for key, name in names.items() if key not in _KNOWN]
             raise LogError(
-                f"{label} has the columns {listing(source.header)}: expected {EXPECTED}"
+                f"{label} has the columns {listing(source.header)}: expected {EXPECTED}; "
+                f"rename or drop {listing(odd)}"
             )
         rows = number_rows_of(source, [names[column] for column in columns])
         numbers = rows.q

@@ -121,6 +121,14 @@ class HandEye:
         return "board" if self.eye == "hand" else "camera"
 
     @property
+    def eye_is_doubtful(self) -> bool:
+        """Whether poses fit as those of the base in the flange alone, with the hand far off."""
+        if self.convention is None or not self.convention["inverse"]:
+            return False
+        hand = np.linalg.norm(self.hand["position"])
+        return bool(hand > np.linalg.norm(self.base["position"]))
+
+    @property
     def repeats(self) -> str:
         """The arm's repeatability for people."""
         shift = 1e3 * self.repeatability["position"]

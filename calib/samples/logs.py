@@ -247,18 +247,17 @@ def _check_axes(
     outputs : coordinates that a position of the arm has
     """
     if not roles.touched:
-        few = len(roles.axes) < (outputs or 2)
         # a camera sees two
-        if few and unit != "px" and arm is None:
+        if unit == "px" or len(roles.axes) >= (outputs or 2):
+            return
+        if arm is None:
             words = f"{label} has x and y alone, and the model x, y and z"
             raise LogError(words, hint="is it a log of another arm?")
-        if few and unit != "px":
-            raise LogError(
-                f"{label} has x and y alone, expected x, y and z of an arm in space",
-                hint="for a planar part of the arm name its joints, or give `planar=True`",
-                parameter="planar",
-            )
-        return
+        raise LogError(
+            f"{label} has x and y alone, expected x, y and z of an arm in space",
+            hint="for a planar part of the arm name its joints, or give `planar=True`",
+            parameter="planar",
+        )
     if outputs == 2:
         raise LogError(
             f"{label} holds touches: expected a robot that moves in space"

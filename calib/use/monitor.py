@@ -26,7 +26,7 @@ from ..change.system import (
     smooth_columns,
 )
 from ..common.arrays import Array
-from ..common.rows import spread_rows
+from ..common.rows import row_lengths, spread_rows
 from ..errors import ModelError, QueryError
 from ..model.model import Model
 
@@ -39,6 +39,8 @@ class MonitorSettings:
     window: float = 200.0
     # samples between two judgements
     every: int = 10
+    # samples after one that tell whether it is an outlier
+    ahead: int = 2
     # nodes of the model's own residual
     nodes: int = 20
     # largest autocorrelation from sample to sample that is counted
@@ -123,6 +125,8 @@ class Monitor:
     ) -> State:
         """Take one sample, joints (dof,) [rad or m] and position (2,) or (3,) [unit].
 
+        Orientations are not watched: a tool that turned about its tip is no alarm.
+
         A sample that is not finite or outside of what the model has learned changes nothing.
         """
         model = self._model
@@ -150,7 +154,7 @@ class Monitor:
         """The state by the tests of the samples that are remembered."""
         equations = self._equations
         q, residual = map(np.array, zip(*self._latest, strict=True))
-        self._latest = []
+        self._latest = self._latest[-MONITOR.ahead :]
         equations.add(q, residual)
         test = equations.most_telling()
         score = (
@@ -196,7 +200,7 @@ class _News:
         squares = (_steps(rest, last_rest) ** 2).mean(axis=1) / 2.0
         self._steps.extend(squares[alike > MONITOR.near].tolist())
 
-        readings = self._share_of_readings(rest.shape[1])
+        readings = self._variance_of_readings(rest.shape[1])
         weights = np.ones(len(q))
         if readings >= 1.0:
             return weights
@@ -207,18 +211,28 @@ class _News:
             weights[row] = (self._known - known) / (1.0 - readings)
         return weights
 
-    def _share_of_readings(self, outputs: int) -> float:
-        """Share 1 - c of the noise's variance, at most; 1 where it may be all."""
+    def without_outliers(self, q: Array, rest: Array) -> Array:
+        """Residuals (b, m), outliers among those nearby as their median (a Hampel filter)."""
+        outputs = rest.shape[1]
+        is_near = matern(q, q, self._lengths) > MONITOR.near
+        medians = np.array([np.median(rest[near], axis=0) for near in is_near])
+        variance = outputs * self._variance_of_readings(outputs)
+        distance = row_lengths(rest - medians)
+        is_outlier = distance > MONITOR.clip * math.sqrt(variance)
+        return np.where(is_outlier[:, None], medians, rest)
+
+    def _variance_of_readings(self, outputs: int) -> float:
+        """Variance 1 - c, over that of the noise, at most; infinite before one is known."""
         from scipy.special import chdtri
 
         count = len(self._steps)
         if not count:
-            return 1.0
+            return math.inf
         # of squares half are below the median: wrong detections do not count
         usual = float(chdtri(outputs, 0.5)) / outputs
         share = float(np.median(self._steps)) / usual
         by_chance = MONITOR.no_chance / math.sqrt(count)
-        return min(max(share, MONITOR.least_readings) * (1.0 + by_chance), 1.0)
+        return max(share, MONITOR.least_readings) * (1.0 + by_chance)
 
 
 class _Equations:
@@ -274,11 +288,13 @@ class _Equations:
         self._last_row: Array | None = None
 
     def add(self, q: Array, residual: Array) -> None:
-        """Take residuals (b, m) [unit] of samples at joints (b, dof)."""
+        """Take residuals (b, m) [unit] of samples at joints (b, dof), those ahead come again."""
+        count = len(q) - MONITOR.ahead
         sizes = self._reference.sizes
+        y = self._news.without_outliers(q, residual / sizes)[:count]
+        q = q[:count]
         columns = self._columns(q) / sizes[:, None]
         late = columns[:, :, 0]
-        y = residual / sizes
         delay = self._delay_of(y, late)
         rest = self._clipped(y - delay * late)
         y = delay * late + rest
@@ -328,9 +344,9 @@ class _Equations:
 
     def _clipped(self, rest: Array) -> Array:
         """Residuals (b, m), over the noise, none of which is many times as long as usual."""
-        most = MONITOR.clip * max(self.noise / self._reference.sizes[0], 1.0)
-        length = np.linalg.norm(rest, axis=1) / math.sqrt(rest.shape[1])
-        excess = np.maximum(length / most, 1.0)
+        lengths = row_lengths(rest)
+        usual = max(float(np.median(lengths)), math.sqrt(rest.shape[1]))
+        excess = np.maximum(lengths / (MONITOR.clip * usual), 1.0)
         return np.asarray(rest / excess[:, None])
 
     def most_telling(self) -> GroupTest:

@@ -1,7 +1,7 @@
 """Find camera and board from pictures of a board that the arm took, or held.
 
-The arm's own errors are found with them. Positions have 95 % intervals. Exit code 3 if the model
-of -o contradicts its own bound.
+The arm's own errors are found with them. Positions have 95 % intervals. Exit code 3 if --eye is
+doubtful, or the model of -o contradicts its own bound.
 """
 
 from __future__ import annotations
@@ -126,6 +126,12 @@ def handeye(
     )
     say(rig.notes)
     warnings = [] if output is None else _save(rig, output)
+    if rig.eye_is_doubtful:
+        warnings.append(
+            f"--eye {rig.eye} is doubtful: with it these are poses of the base in the flange, and "
+            f"the {rig.hand_item} is further from the flange than the {rig.base_item} from the "
+            "base; try the other eye"
+        )
     if transform is not None:
         from calib.common.atomic import atomic_write
         from calib.recording.rig import transform_files

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 import calib
 from calib.body.body_fit import fit as fit_body
@@ -138,6 +137,8 @@ def test_95_percent_of_a_gaussian_lie_within_its_radius(deviations):
 
 @pytest.mark.parametrize("alike", [0.0, 0.5, 0.8])
 def test_the_time_of_an_autoregression_is_that_of_the_textbook(alike):
+    from scipy.signal import lfilter
+
     rng = np.random.default_rng(0)
     r = lfilter([1.0], [1.0, -alike], rng.normal(size=(20_000, 2)), axis=0)
     assert autocorrelation_time(r) == pytest.approx((1 + alike) / (1 - alike), rel=0.1)

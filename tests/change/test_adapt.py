@@ -212,6 +212,26 @@ def test_a_ripple_that_no_joint_follows_is_no_noise(learned):
     )
 
 
+@pytest.mark.parametrize("cycles", [3, 20, 60])
+def test_a_wave_of_a_joint_is_no_noise(learned, cycles):
+    """It was an encoder's noise: the exit code 0 beside a bound that covered 15 %."""
+
+    def waved(q):
+        return arm().forward(q + [0.0, 3e-3] * np.sin(cycles * q + 1.0))
+
+    found = calib.adapt(learned, rows_of(np.random.default_rng(4).random((100, 2)), waved))
+    probes = random_joints(arm(), 500, 9)
+    off = distances(found.model, probes, waved(probes))
+    assert not found.verdict.is_calm
+    assert np.mean(off <= found.model.model_error(probes)) > 0.95
+    if cycles < 48:  # as many have the joints' curves
+        (wave,) = found.changed
+        assert wave.cause == "curve:elbow"
+        assert f"{cycles} a turn" in wave.words
+        assert wave.interval[0] < 3e-3 < wave.interval[1]
+        assert off.mean() < 1e-4
+
+
 def test_a_correction_that_knows_nothing_leaves_no_bound_that_fails(simulated):
     """The old model stayed as it was, sure to a hair and 5 mm off."""
     rng = np.random.default_rng(20)

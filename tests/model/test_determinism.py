@@ -12,7 +12,7 @@ RECIPES = {
     "two links": {"log": 0},
     "two links, online rule": {"rule": "online"},
     "two links, dsom": {"map": "dsom"},
-    "two links, growing neural gas": {"map": "gng", "log": 40},
+    "two links, growing neural gas": {"map": "gng", "log": 40, "epochs": 5},
     "three links": {"robot": "three_link"},
     "a log": {},
     "maps and links alone": {"body": "none"},
@@ -22,8 +22,10 @@ RECIPES = {
 """Options of training, and what is done afterwards."""
 
 WORK = """
-import hashlib, json, pathlib, sys, tempfile
+import hashlib, importlib, json, pathlib, sys, tempfile
 import calib
+
+importlib.import_module("calib.change.adapt").HORIZON = 600
 
 def made(robot="two_link", log=100, adapt="", **options):
     arm = calib.load_arm(robot)

@@ -19,6 +19,7 @@ import calib
 from calib.samples.tables import write_table
 
 DOCS = ROOT / "docs"
+pytestmark = pytest.mark.usefixtures("all_points")
 TEXTS = {str(page.relative_to(ROOT)): page.read_text(encoding="utf-8") for page in PAGES}
 README = TEXTS["README.md"]
 #: pages whose blocks do not run: the README has a test of its own; the examples of api.md are

@@ -21,7 +21,7 @@ FINDER = doctest.DocTestFinder(exclude_empty=True)
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_examples_of(name, tmp_path, monkeypatch):
+def test_examples_of(name, tmp_path, monkeypatch, all_points):
     monkeypatch.chdir(tmp_path)
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
     said = []

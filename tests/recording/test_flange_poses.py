@@ -194,7 +194,7 @@ def test_tables_have_the_names_that_controllers_write(tmp_path, header):
 def test_tables_of_other_columns_and_of_other_numbers_are_refused_in_one_line(tmp_path):
     path, world = tmp_path / "flange.csv", World(5, count=12)
     for header, row, words in (
-        ("x,y,z,yaw1,b,c", "1,2,3,4,5,6", r"roll\.\.yaw"),
+        ("tx,ty,z,a,b,c", "1,2,3,4,5,6", r"roll\.\.yaw.*; rename or drop tx, ty$"),
         ("x;y;z;A;B;C", "1,5;2.5;3,5;4;5;6", "decimals with a point"),
     ):
         path.write_text(f"{header}\n{row}\n")
@@ -274,6 +274,9 @@ def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):
     run.done("handeye", tmp_path / "rig", *words, "-o", tmp_path / "rig.calib")
     refused(ModelError, "a rig of flange poses", calib.load, tmp_path / "rig.calib")
     run.refused(1, "right", "handeye", tmp_path / "rig", *words[:-1], "left=base,right=other")
+    swapped = run("handeye", tmp_path / "rig", *words[:-1], "hand")
+    assert swapped.code == 3
+    assert swapped.out.startswith("--eye hand is doubtful")
 
 
 LENSES = Path(__file__).parents[1] / "data/lenses"

@@ -46,10 +46,15 @@ def shots(in_hand, pictures=10, seed=0):
     return rig, taken, JointTable("joints", rig.arm.joint_names, rig.q, None, None)
 
 
+@cache
+def solved(in_hand):
+    rig, pictures, joints = shots(in_hand)
+    return handeye(rig.arm, pictures, joints, SPEC, rig.eye)
+
+
 @pytest.mark.parametrize("in_hand", [True, False])
 def test_camera_and_board_are_found_from_pictures(in_hand):
-    rig, pictures, joints = shots(in_hand)
-    found = handeye(rig.arm, pictures, joints, SPEC, rig.eye)
+    rig, found = shots(in_hand)[0], solved(in_hand)
     off, share = rig.miss(found)
     assert np.linalg.norm(off) < 1e-3
     assert (share < 1.5).all()
@@ -157,12 +162,17 @@ def test_what_changed_on_the_way_is_told(group, step):
     assert any(words in note for note in found.notes), found.notes
 
 
+@cache
+def learned():
+    """A model of the camera in the hand and of its lens."""
+    return calib.train(Rig(True, known=False, pictures=40).solve().poses)
+
+
 @pytest.mark.parametrize(("tilt", "drifted"), [(0.0, False), (0.5, True)])
 def test_a_lens_that_was_fitted_anew_is_no_change(run, tmp_path, tilt, drifted):
     """The model's own pictures were called drifted: their poses stood 4 mm elsewhere."""
     rig = Rig(True, known=False, pictures=40)
-    model = calib.train(rig.solve().poses)
-    model.save(tmp_path / "rig.calib")
+    learned().save(tmp_path / "rig.calib")
     if tilt:  # of the camera in its mount [deg]
         turn = rig.structure.groups["tool.rotation"]
         more = exponential(np.radians([[0.0, tilt, 0.0]]))[0]
@@ -170,7 +180,7 @@ def test_a_lens_that_was_fitted_anew_is_no_change(run, tmp_path, tilt, drifted):
         rig.look(rig.q, np.random.default_rng(1))
     lens = rig.shots().lens()
     log = rig.shots().log(lens, in_hand=True)
-    assert calib.check(model, log).drifted is drifted
+    assert calib.check(learned(), log).drifted is drifted
     calib.write_log(log, tmp_path / "log.csv")
     done = run("check", tmp_path / "rig.calib", "--data", tmp_path / "log.csv", "--json")
     assert done.document["drifted"] is drifted
@@ -218,8 +228,7 @@ def test_the_command_says_where_the_camera_is_and_its_model_watches_it(folder, r
 @cache
 def watching():
     """A model of where the camera in the hand is."""
-    rig, pictures, joints = shots(True)
-    return calib.train(handeye(rig.arm, pictures, joints, SPEC, "hand").poses)
+    return calib.train(solved(True).poses)
 
 
 ALIKE = {

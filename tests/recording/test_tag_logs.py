@@ -232,7 +232,7 @@ def test_videos_that_make_no_log(film, tmp_path):
     run, joints, plain = film.folder / "run.mp4", film.joints, Setting(7)
     text, twice, rows = (tmp_path / name for name in ("text.mp4", "twins.mp4", "p.csv"))
     text.write_text("no video\n" * 200)
-    twins = Desk(film.scene.camera, film.scene.lengths, still=(tag(7, 0.05, (0.1, 0.1, 0, 1)),))
+    twins = Desk(film.scene.camera, film.scene.lengths, still=(tag(7, 0.06, (0.05, -0.1, 0, 1)),))
     frames = [twins.picture(q, np.random.default_rng(0)) for q in joints.q[:600:50]]
     write_video(str(twice), frames, 20.0)
     rows.write_text("a,b\n0,1\n1,2\n")

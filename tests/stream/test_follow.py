@@ -183,8 +183,7 @@ def alarmed(monitor, samples):
     return any(state.drifted for state in states(monitor, samples))
 
 
-@pytest.mark.parametrize("trained_noise", [0.0, 1e-3])
-@pytest.mark.parametrize("noise", [1e-3, 2e-3])
+@pytest.mark.parametrize(("trained_noise", "noise"), [(0.0, 2e-3), (1e-3, 1e-3), (1e-3, 2e-3)])
 def test_a_calm_stream_raises_no_alarm(trained_noise, noise):
     assert not alarmed(calib.monitor(model(trained_noise)), babbled(n=1500, noise=noise))
 
@@ -209,10 +208,13 @@ def test_noise_that_drifts_slowly_is_no_change_and_hides_none(offset):
     assert alarmed(calib.monitor(model(1e-3)), noisy) == (offset > 0.0)
 
 
-@pytest.mark.parametrize("times", [1, 2])
+@pytest.mark.parametrize(("times", "wrong"), [(1, 0.0), (2, 0.02)])
 @pytest.mark.parametrize("offset", [0.0, 0.005])
-def test_an_arm_that_dwells_shows_its_models_error_once(offset, times):
-    """Its errors differ from pose to pose by more than the readings of one; between are jumps."""
+def test_an_arm_that_dwells_shows_its_models_error_once(offset, times, wrong):
+    """Its errors differ from pose to pose by more than the readings of one; between are jumps.
+
+    Wrong detections of 1 in 20, and of each pose's first, hide no change.
+    """
     rng = np.random.default_rng(1)
 
     def seen(q, offset=0.0):
@@ -224,7 +226,11 @@ def test_an_arm_that_dwells_shows_its_models_error_once(offset, times):
     one = calib.train(seen(q), size=10)
     goals = rng.uniform(arm().lower, arm().upper, (15, 2))
     q = np.repeat(goals, 40, axis=0) + rng.normal(0.0, 1e-4, (600, 2))
-    assert alarmed(calib.monitor(one), seen(q, offset)) == (offset > 0.0)
+    samples = seen(q, offset)
+    is_wrong = rng.random(600) < 0.05
+    is_wrong[::40] = True
+    x = samples.x + is_wrong[:, None] * rng.normal(0.0, wrong, (600, 2))
+    assert alarmed(calib.monitor(one), replace(samples, x=x)) == (offset > 0.0)
 
 
 def test_a_window_shows_a_tenth_of_a_degree_at_a_millimetre_of_noise():
@@ -240,7 +246,7 @@ def test_an_alarm_ends_when_the_change_is_undone():
 
 @pytest.mark.parametrize("changes", [(), ("sensor.shift=0.01,0",)])
 def test_noise_is_told_apart_from_a_change(changes):
-    state = states(calib.monitor(model()), babbled(*changes, n=2000, noise=2e-3))[-1]
+    state = states(calib.monitor(model()), babbled(*changes, n=1000, noise=2e-3))[-1]
     assert state.noise == pytest.approx(2e-3, rel=0.15)
 
 

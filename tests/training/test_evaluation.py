@@ -15,8 +15,9 @@ from calib import LogError
 def test_a_simulated_model_repeats_the_errors_of_its_training():
     for model in (trained("two_link"), papers(1e-3)):
         evaluation = calib.evaluate(model)
-        assert (evaluation.rows, evaluation.left_out) == (10_000, 0)
+        assert (evaluation.rows, evaluation.left_out) == (1000, 0)
         assert evaluation.source == "fresh exact samples"
+        assert evaluation.within == pytest.approx(model.about.within, rel=1e-6)
         for readout, ways in evaluation.errors.items():
             for way, columns in ways.items():
                 for column, figures in columns.items():
