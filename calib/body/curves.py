@@ -18,7 +18,6 @@ from .settings import PRIOR
 
 HARMONICS = 48
 ORDERS = np.arange(1, HARMONICS + 1)
-_BLOCK = 8  # powers of one matrix product, a divisor of the harmonics
 
 
 def curve_shape(*more: float) -> Array:
@@ -39,13 +38,13 @@ def powers_of(q: Array, count: int) -> NDArray[np.complex128]:
     """Powers exp(i N q) (count, ...) for N = 1..count at joint values (...) [rad]."""
     powers = np.empty((count, *q.shape), dtype=complex)
     powers[0] = np.exp(1j * q)
-    known = 1
+    end = 1
     # twice as many each time: the first ones times the last one
-    while known < count:
-        end = min(2 * known, count)
-        last = powers[known - 1]
-        powers[known:end] = powers[: end - known] * last
-        known = end
+    while end < count:
+        start = end
+        end = min(2 * start, count)
+        last = powers[start - 1]
+        powers[start:end] = powers[: end - start] * last
     return powers
 
 
@@ -62,9 +61,10 @@ def curve_value(q: Array, coefficients: Array) -> Array:
     """
     cosines, sines = np.split(coefficients, 2, axis=1)
     amplitudes = cosines - 1j * sines
-    count = HARMONICS // _BLOCK
-    blocks = amplitudes.reshape(len(q), count, _BLOCK)
-    powers = powers_of(q, _BLOCK)
+    size = 8  # powers of one matrix product
+    count = HARMONICS // size
+    blocks = amplitudes.reshape(len(q), count, size)
+    powers = powers_of(q, size)
     sums = blocks @ np.swapaxes(powers, 0, 1)
     curves = sums[:, -1]
     for block in reversed(range(count - 1)):
