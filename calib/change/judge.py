@@ -34,13 +34,13 @@ from .causes import as_built, as_drawn
 from .evidence import Evidence, evidence_of_unnamed, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
-from .noise import Play, find_play, noise_of, noise_with_joint
+from .noise import Play, find_play, noise_of
 from .rows import LogRows, Observations, rows_of, sound_observations
 from .significance import bound_test, group_tests
 from .system import System, frame_variance, system_of
 from .update import Update, update
 from .verdict import Episode, Verdict, notes_of, verdict_on_maps
-from .waves import follows_short_waves, with_waves
+from .waves import with_waves
 from .words import causes_of
 
 
@@ -121,20 +121,16 @@ def _verdict_on_body(
     if play is not None:
         observations = play.taken_up(observations)
         noise = noise_of(system_of(frame, observations))
-    if noise.is_larger:
-        noise = with_waves(noise)
-        waves = noise.system.reference.waves
-        reference = replace(reference, waves=waves)
-        belief = replace(belief, waves=waves)
+    noise = with_waves(noise)
+    reference = replace(reference, waves=noise.system.reference.waves)
 
     # 3. p: the chance of such rows where nothing changed, by groups of parameters and by the bound
     noise_beside_belief = noise
     if reference.is_fitted and not reference.has_discrete_cause:
-        noise_beside_belief = noise_of(system_of(belief, observations))
-    noise_beside_all = noise_with_joint(noise_beside_belief)
-    if follows_short_waves(noise_beside_all):
-        noise_beside_all = replace(noise_beside_belief, is_wavy=True)
-    tests = group_tests(noise_beside_all, rows.probes)
+        noise_beside_belief = with_waves(
+            noise_of(system_of(belief, observations))
+        )
+    tests = group_tests(noise_beside_belief, rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
     shared_variance = frame_variance(reference, observations)
     bound = bound_test(rows, limit, shared_variance, tests)

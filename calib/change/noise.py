@@ -103,7 +103,7 @@ def noise_of(system: System) -> NoiseFit:
 
 def noise_with_joint(noise: NoiseFit) -> NoiseFit:
     """A larger noise with that of one joint's encoder, where this is more likely than chance."""
-    if noise.is_wavy or not noise.is_larger:
+    if not noise.is_larger:
         return noise
     system = noise.system
     # of a joint at the tip, in the sensor's noise: its slope by row, and what is typical

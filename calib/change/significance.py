@@ -241,7 +241,7 @@ def group_tests(noise: NoiseFit, probes: Array) -> GroupTests:
         groups=tuple(tests.of_groups(groups, moves)),
         noise=noise.sd,
         usual=float(reference.body.noise[0]),
-        noisy=noise.noisy_joint,
+        noisy=None if noise.is_wavy else noise.noisy_joint,
         noisier=noise.is_larger,
         wavy=noise.is_wavy,
     )

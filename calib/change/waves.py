@@ -21,7 +21,7 @@ from ..body.parameters import Indices
 from ..body.settings import PRIOR
 from ..common.arrays import Array, Mask
 from .frame import Reference
-from .noise import FALSE_ALARM, NoiseFit, f_chance, noise_of
+from .noise import FALSE_ALARM, NoiseFit, f_chance, noise_of, noise_with_joint
 from .system import System
 
 
@@ -64,18 +64,25 @@ class Wave:
 
 
 def with_waves(noise: NoiseFit) -> NoiseFit:
-    """A larger noise less the waves of joints, found one by one, the clearest first."""
+    """A larger noise less the waves of joints, found one by one, the clearest first.
+
+    A wave has to be no chance beside the noise of one joint's encoder, too.
+    """
+    if not noise.is_larger:
+        return noise
     for _ in range(WAVES.most):
+        beside_joint = noise_with_joint(noise)
+        if _clearest_wave(beside_joint) is None:
+            is_wavy = _follows_short_waves(beside_joint)
+            return replace(beside_joint, is_wavy=is_wavy)
         wave = _clearest_wave(noise)
-        if wave is None:
-            break
-        if not wave.is_cause:
-            return replace(noise, is_wavy=True)
+        if wave is None or not wave.is_cause:
+            return replace(beside_joint, is_wavy=True)
         reference = noise.system.reference
         waves = np.append(reference.waves, wave.indices)
         reference = replace(reference, waves=waves)
         noise = noise_of(System(reference, noise.system.observations))
-    return noise
+    return noise_with_joint(noise)
 
 
 class WaveFits(NamedTuple):
@@ -84,13 +91,12 @@ class WaveFits(NamedTuple):
     matrix: Array  # (w, 2, w, 2), X' C^-1 X
     covariances: Array  # (w, 2, 2)
     amplitudes: Array  # (w, 2), of cosine and sine [rad]
-    gains: (
-        Array  # (w,), twice the gain in log likelihood of each beside the noise
-    )
-    nats: Array  # (w,), gain in log likelihood where the noise is what each leaves
-    chance: (
-        float  # of the largest gain where there is no wave, after Bonferroni
-    )
+    # (w,), twice the gain in log likelihood of each beside the noise
+    gains: Array
+    # (w,), gain in log likelihood where the noise is what each leaves
+    nats: Array
+    # of the largest gain where there is no wave, after Bonferroni
+    chance: float
 
     @property
     def best(self) -> int:
@@ -160,7 +166,7 @@ def _indices_of_waves(reference: Reference) -> Indices:
     return indices[is_new]
 
 
-def follows_short_waves(noise: NoiseFit) -> bool:
+def _follows_short_waves(noise: NoiseFit) -> bool:
     """Whether what a joint's encoder is blamed for repeats with the joint, in waves too short.
 
     A curve has 48 at most; a strain wave gear has twice its ratio, such as 200.

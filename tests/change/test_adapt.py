@@ -212,7 +212,7 @@ def test_a_ripple_that_no_joint_follows_is_no_noise(learned):
     )
 
 
-@pytest.mark.parametrize("cycles", [3, 20, 60])
+@pytest.mark.parametrize("cycles", [4, 20, 60])
 def test_a_wave_of_a_joint_is_no_noise(learned, cycles):
     """It was an encoder's noise: the exit code 0 beside a bound that covered 15 %."""
 
