@@ -125,9 +125,8 @@ class Monitor:
     ) -> State:
         """Take one sample, joints (dof,) [rad or m] and position (2,) or (3,) [unit].
 
-        Orientations are not watched: a tool that turned about its tip is no alarm.
-
         A sample that is not finite or outside of what the model has learned changes nothing.
+        Orientations are not watched: a tool that turned about its tip is no alarm.
         """
         model = self._model
         q = np.asarray(q, dtype=float)
@@ -184,9 +183,8 @@ class _News:
         # those of the noise
         self._steps: deque[float] = deque(maxlen=round(MONITOR.window))
         self._known = 0.0  # s, at the pose of the last sample
-        self._last: tuple[Array, Array] | None = (
-            None  # its joints and its residual
-        )
+        # its joints and its residual
+        self._last: tuple[Array, Array] | None = None
 
     def of(self, q: Array, rest: Array) -> Array:
         """Weights (b,) of samples at joints (b, dof), of 1 for one at a pose of its own.
