@@ -25,7 +25,7 @@ from ..body.parameters import Indices
 from ..body.settings import NATS
 from ..body.structure import Structure
 from ..common.arrays import Array
-from .causes import CALM_WAVES, CREEP_WAVES, FRAME
+from .causes import CALM_WAVES, CREEP_WAVES, FRAME, kind_of
 from .frame import Reference
 from .rows import Observations
 from .system import System, prior_columns
@@ -120,7 +120,7 @@ class Explanation:
     def name(self) -> str:
         """Such as "frame, length", or what it is where nothing is freed."""
         names = [
-            group.removeprefix("view.")
+            kind_of(group).removeprefix("view.")
             for group in self.groups
             if group not in FRAME
         ]
@@ -128,7 +128,7 @@ class Explanation:
             names.insert(0, "frame")
         has_waves = self.wave_size > CREEP_WAVES
         shape = "waves of the joints" if has_waves else "a smooth residual"
-        return ", ".join(names) or shape
+        return ", ".join(dict.fromkeys(names)) or shape
 
 
 def groups_at(structure: Structure, indices: Indices) -> tuple[str, ...]:
