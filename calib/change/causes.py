@@ -164,7 +164,7 @@ GROUPS = {
     # [rad], of the two parameters of a wave
     "curve": Group(
         freed=0.02,
-        changed="{joint} has a wave of {size}, {order} a turn: a gear, or its encoder's disc",
+        changed="{joint} errs by a wave of {size}, {order} a turn: a gear, or its encoder's disc",
     ),
     "tool": Group(freed=0.1, creep=1e-4, built=1e-3, kept="the tool"),  # [m]
     "tool.rotation": Group(

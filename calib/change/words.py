@@ -208,7 +208,7 @@ def _effects(evidence: Evidence, best: Explanation) -> list[_Effect]:
         if group in FRAME or (group == "view.scale" and is_scaled):
             continue
         if kind_of(group) == "curve":
-            effects.append(_wave(best, group, moves))
+            effects.append(_wave(evidence, best, group, moves))
             continue
         indices = indices_of(structure, (group,))
         is_one_cause = GROUPS[group].whole
@@ -228,14 +228,17 @@ def _effects(evidence: Evidence, best: Explanation) -> list[_Effect]:
     return effects
 
 
-def _wave(best: Explanation, group: str, moves: Array) -> _Effect:
-    """The largest wave of a joint's curve, that of its group.
+def _wave(
+    evidence: Evidence, best: Explanation, group: str, moves: Array
+) -> _Effect:
+    """The largest change of a wave of a joint's curve, that of its group.
 
     moves : (d,), displacement by one of each parameter [unit]
     """
     structure = best.reference.structure
     curve = structure.groups[group].reshape(2, HARMONICS)
-    amplitudes = np.linalg.norm(best.beta[curve], axis=0)
+    change = best.beta - evidence.prior.beta
+    amplitudes = np.linalg.norm(change[curve], axis=0)
     amplitudes[~np.isin(curve[0], best.indices)] = 0.0
     order = int(np.argmax(amplitudes))
     wave = curve[:, order]
