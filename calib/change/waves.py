@@ -3,7 +3,9 @@
 A wave of N cycles a turn moves a joint by a cos(N q) + b sin(N q), which are two parameters of the
 joint's curve.  Their columns X are tested as any group's (`significance`)::
 
-    y' C^-1 X (X' C^-1 X)^-1 X' C^-1 y / 2 ~ F(2, f)    where there is no such wave
+    g = y' C^-1 X (X' C^-1 X)^-1 X' C^-1 y,    g / f ~ Beta(1, f / 2 - 1)  where there is no wave
+
+f are the degrees of freedom of the noise, which is estimated with the wave in it.
 
 An encoder's noise differs from row to row where the joint stands alike; a wave does not.
 """
@@ -21,7 +23,7 @@ from ..body.parameters import Indices
 from ..body.settings import PRIOR
 from ..common.arrays import Array, Mask
 from .frame import Reference
-from .noise import FALSE_ALARM, NoiseFit, f_chance, noise_of, noise_with_joint
+from .noise import FALSE_ALARM, NoiseFit, noise_of, noise_with_joint
 from .system import System
 
 
@@ -130,10 +132,12 @@ def _fits_of(noise: NoiseFit, x: Array) -> WaveFits:
     covariances = np.asarray(np.linalg.pinv(blocks, hermitian=True), float)
     amplitudes = np.einsum("wij,wj->wi", covariances, vector)
     gains = (amplitudes * vector).sum(axis=1) / noise.correlation_time
-    chance = count * f_chance(float(gains.max()), 2.0, noise.freedom)
-    # of f squares of a mean of 1 a wave explains g: log p = -f / 2 log(1 - g / f)
+    # of f squares of a mean of 1 a wave explains g: log p = -f / 2 log(1 - g / f); of noise alone
+    # so large a share has the chance (1 - g / f)^(f / 2 - 1)
     share = np.minimum(gains / noise.freedom, 0.999)
     nats = -0.5 * noise.freedom * np.log1p(-share)
+    freedom = max(noise.freedom - 2.0, 0.0)
+    chance = count * float(1.0 - share.max()) ** (freedom / 2.0)
     return WaveFits(matrix, covariances, amplitudes, gains, nats, chance)
 
 
