@@ -232,10 +232,9 @@ def read_flange_poses(path: FilePath) -> FlangeTable:
         return _folder_of_poses(place)
     if place.suffix.lower() in _ARRAYS:
         return FlangeTable(printable(str(place)), _array(place), None)
-    source = open_source(path)
+    source = open_source(path, headless=True)
     label = source.label
-    cells = [name.partition("_duplicated_")[0] for name in source.header]
-    if re.fullmatch(r"[-+\d.eE\s\[\]]+", " ".join(cells)):
+    if source.is_headless:
         return FlangeTable(label, _array(place), None)
 
     shown = picture_column(source)
