@@ -56,7 +56,7 @@ class FlangeTable:
 
     label: str
     numbers: Array  # (n, 3 + k): x, y, z and 3, 4 or 9 numbers of a turn
-    pictures: Sequence[str] | None  # names of the rows' pictures
+    pictures: Sequence[str] | None = None  # names of the rows' pictures
     named: str = ""  # the rotation that the columns' names say
     dropped: int = 0  # rows with a missing value
     # what the user states of the poses; by default all readings are tried
@@ -91,27 +91,28 @@ def read_flange_poses(path: FilePath) -> FlangeTable:
     try:
         if place.suffix.lower() == ".npy":
             document = np.load(place).tolist()
-            return FlangeTable(label, _poses(label, document), None)
+            return FlangeTable(label, _poses(label, document))
         text = place.read_text(encoding="utf-8-sig")
     except (OSError, EOFError, ValueError):  # a pipe, UTF-16, Parquet
         return _table(open_source(path))
     with suppress(ValueError):
-        return FlangeTable(label, _poses(label, json.loads(text)), None)
+        return FlangeTable(label, _poses(label, json.loads(text)))
     return _text(label, text)
 
 
 def _files(label: str, pattern: Path) -> FlangeTable:
     """The poses of files with one each, in natural order."""
-    poses = []
-    for path in sorted(pattern.parent.glob(pattern.name), key=natural_key):
-        if path.suffix.lower() in _KINDS:
-            poses.append(read_flange_poses(path).numbers)
+    poses = [
+        read_flange_poses(path).numbers
+        for path in sorted(pattern.parent.glob(pattern.name), key=natural_key)
+        if path.suffix.lower() in _KINDS
+    ]
     if len({pose.shape for pose in poses}) != 1 or len(poses[0]) != 1:
         raise LogError(
             f"{label} has {len(poses)} files of poses: expected one pose of one kind in each, of "
             f"{listing(_KINDS)}; a pattern such as 'shots/pose*.txt' names some of a folder"
         )
-    return FlangeTable(label, np.concatenate(poses), None)
+    return FlangeTable(label, np.concatenate(poses))
 
 
 def _table(source: Source) -> FlangeTable:
@@ -147,8 +148,9 @@ def _columns(names: set[str]) -> list[tuple[str, list[str]]]:
     shifts = [["m03", "m13", "m23"]]
     turns = [(rotation, turn.split()) for rotation, turn in _TURNS.items()]
     for name in sorted(names):
-        x, y, z, w = (name.replace("x", axis) for axis in "xyzw")
-        if len({x, y, z} & names) < 3:
+        before, _, after = name.rpartition("x")
+        x, y, z, w = (before + axis + after for axis in "xyzw")
+        if name != x or not names.issuperset((y, z)):
             continue
         if not re.search(_TURN, name):
             shifts.append([x, y, z])
@@ -174,7 +176,7 @@ def _text(label: str, text: str) -> FlangeTable:
         if len(numbers) > 3:
             lists.setdefault(name, []).append(numbers)
     if lists:
-        return FlangeTable(label, _poses(label, lists), None)
+        return FlangeTable(label, _poses(label, lists))
 
     rows = [re.findall(_NUMBER, line) for line in lines]
     names = [re.sub(_NUMBER, "", line).strip(" ,;\t") for line in lines]
@@ -209,23 +211,24 @@ def _poses(label: str, document: Any) -> Array:
         raise LogError(
             f"{label} holds no poses, or some with other numbers between them: expected {EXPECTED}"
         )
-    return _shift_first(np.array(poses))
+    return _shift_first(np.array(poses, float))
 
 
 def _rows(document: Any, path: str = "") -> Iterator[tuple[str, Array]]:
     """Poses and lists of numbers in a document, with their paths without digits."""
-    if isinstance(document, list):
+    if isinstance(document, dict):
+        values = _axes(document)
+        ways = _columns(set(values))
+        if len(ways) == 1:
+            yield path, np.array([values[column] for column in ways[0][1]])
+            return
+    elif isinstance(document, list):
         with suppress(TypeError, ValueError):
             for row in _as_rows(np.array(document, float)):
                 yield path, row
             return
         document = dict(enumerate(document))
-    if not isinstance(document, dict):
-        return
-    values = _axes(document)
-    ways = _columns(set(values))
-    if len(ways) == 1:
-        yield path, np.array([values[column] for column in ways[0][1]])
+    else:
         return
     for name in sorted(document, key=lambda name: natural_key(Path(str(name)))):
         inner = re.sub(r"\d+", "", f"{path}.{name}").strip(".")
@@ -253,7 +256,8 @@ def _as_rows(numbers: Array) -> Array:
         if np.allclose(numbers[3], last_rows):
             numbers = numbers.reshape(4, -1, 4).swapaxes(0, 1)
     elif numbers.ndim == 2 and numbers.shape[1] == 4:
-        numbers = numbers.reshape(-1, 4, 4)
+        height = 3 if len(numbers) % 4 else 4
+        numbers = numbers.reshape(-1, height, 4)
     if numbers.ndim == 1:
         return numbers[None]
     rows = numbers.reshape(len(numbers), -1)

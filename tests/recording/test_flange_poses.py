@@ -222,12 +222,12 @@ def test_matrices_are_read_as_programs_save_them(tmp_path, name):
 
 ROWS = ["0.1, 0.2, 0.3, 0.0, 0.0, 0.6, 0.8", "0.2, 0.1, 0.3, 0.6, 0.0, 0.8, 0.0"]
 TEXTS = {
-    "extra.csv": "# note\nid,photo,pos_x,pos_y,pos_z,quat_x,quat_y,quat_z,quat_w,j1\n"
+    "extra.csv": "# note\n,photo,pos_x,pos_y,pos_z,quat_x,quat_y,quat_z,quat_w,j1\n"
     "7,a/0.png,{},9\n8,a/1.png,{},9",
     "times.txt": "# timestamp tx ty tz qx qy qz qw\n9.5, {}\n\n9.7, {}",
     "named.txt": "a/0.png {}\na/1.png {}",
     "lists.yml": "%YAML:1.0\nsize: [640, 480]\npose2: [{}]\npose10: [{}]",
-    "records.json": '{"of": [7, 8], "shots": {"10": {"position": {"x": 0.2, "y": 0.1, "z": 0.3}, '
+    "records.json": '{"of": [7, 8], "shots": {"10": {"xyz": [0.2, 0.1, 0.3], '
     '"orientation": [0.6, 0, 0.8, 0]}, "2": {"position": [0.1, 0.2, 0.3], "orientation": '
     '{"w": 0.8, "x": 0, "y": 0, "z": 0.6}}}}',
 }
