@@ -105,7 +105,7 @@ def test_of_three_joints_at_their_limits_every_branch_is_found():
         ("0 1 0", "-0.39 0.31 0.32", "-1.2", "2.9"),
     )
     arm = arm_from_urdf(chain_urdf(*(joint(*each) for each in joints), tip="-0.17 -0.03 0.08"))
-    model = calib.train(calib.babble(arm, 1500, seed=0), seed=0)
+    model = calib.train(calib.babble(arm, 1500, seed=0), size=20)
     rng = np.random.default_rng(77)
     q = rng.uniform(arm.lower, arm.upper, (100, 3))
     q[:, [0, 2]] = np.where(rng.random((100, 2)) < 0.5, arm.lower[[0, 2]], arm.upper[[0, 2]])
