@@ -1,5 +1,6 @@
 """Hand-eye from a controller's flange poses: conventions, boards, cameras, what is not known."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -189,6 +190,31 @@ def test_tables_have_the_names_that_controllers_write(tmp_path, header):
     rig = world.solve(path)
     assert rig.convention["rotation"] == "kuka"
     assert rig.names[3] == "03.png"
+
+
+def _save_folder(path, poses):
+    path.mkdir()
+    for number, pose in enumerate(poses):
+        np.savetxt(path / f"pose{number}.txt", pose)
+
+
+MATRICES = {
+    "poses.npy": np.save,
+    "poses.json": lambda path, poses: path.write_text(json.dumps(poses.tolist())),
+    "printed.txt": lambda path, poses: path.write_text("\n".join(map(str, poses))),
+    "columns.csv": lambda path, poses: np.savetxt(path, poses.mT.reshape(-1, 16), delimiter=","),
+    "folder": _save_folder,
+}
+
+
+@pytest.mark.parametrize("name", MATRICES)
+def test_matrices_are_read_as_programs_save_them(tmp_path, name):
+    world = World(5, count=12)
+    MATRICES[name](tmp_path / name, world.flange)
+    rig = world.solve(tmp_path / name)
+    assert rig.hand["position"] == pytest.approx(world.solve().hand["position"], abs=1e-6)
+    (tmp_path / "odd.json").write_text("[1, [2]]")
+    refused(LogError, "odd.json holds no poses", world.solve, tmp_path / "odd.json")
 
 
 def test_tables_of_other_columns_and_of_other_numbers_are_refused_in_one_line(tmp_path):
