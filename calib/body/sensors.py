@@ -256,4 +256,4 @@ class InPlane(Sensor):
         """Shear of the plane (2, 2) and on which side the sensor is."""
         stretch, shear = beta["view.shear"]
         sides = np.array([[1.0 + stretch, shear], [shear, 1.0 - stretch]])
-        return sides * [1.0, self.mirror]
+        return sides @ np.diag([1.0, self.mirror])
