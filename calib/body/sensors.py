@@ -250,7 +250,8 @@ class InPlane(Sensor):
         cosine = np.cos(angle)
         sine = np.sin(angle)
         scale = self.metre * np.exp(beta["view.scale"][0])
-        return scale * np.array([[cosine, -sine], [sine, cosine]])
+        turn: Array = scale * np.array([[cosine, -sine], [sine, cosine]])
+        return turn
 
     def _sides(self, beta: Mapping[str, Array]) -> Array:
         """Shear of the plane (2, 2) and on which side the sensor is."""
