@@ -135,7 +135,6 @@ def touches():
 
 
 ABILITIES = {
-    "a mount": lambda: random_rows(Robot()),
     "joint curves": joint_curves,
     "elasticity": lambda: random_rows(Robot(elastic=-3e-3), noise=5e-5),
     "a payload": lambda: random_rows(Robot(elastic=-2e-3, payload=-2e-3), noise=5e-5),

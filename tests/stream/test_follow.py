@@ -185,7 +185,7 @@ def alarmed(monitor, samples):
 
 @pytest.mark.parametrize(("trained_noise", "noise"), [(0.0, 2e-3), (1e-3, 1e-3), (1e-3, 2e-3)])
 def test_a_calm_stream_raises_no_alarm(trained_noise, noise):
-    assert not alarmed(calib.monitor(model(trained_noise)), babbled(n=1500, noise=noise))
+    assert not alarmed(calib.monitor(model(trained_noise)), babbled(n=1000, noise=noise))
 
 
 @pytest.mark.parametrize(
@@ -243,17 +243,17 @@ def test_a_window_shows_a_tenth_of_a_degree_at_a_millimetre_of_noise():
 def test_an_alarm_ends_when_the_change_is_undone():
     monitor = calib.monitor(model(1e-3))
     assert states(monitor, babbled("elbow.length=+5%", n=100))[-1].drifted
-    assert not states(monitor, babbled(n=1500, seed=3))[-1].drifted
+    assert not states(monitor, babbled(n=1000, seed=3))[-1].drifted
 
 
 @pytest.mark.parametrize("changes", [(), ("sensor.shift=0.01,0",)])
 def test_noise_is_told_apart_from_a_change(changes):
-    state = states(calib.monitor(model()), babbled(*changes, n=1000, noise=2e-3))[-1]
+    state = states(calib.monitor(model()), babbled(*changes, n=600, noise=2e-3))[-1]
     assert state.noise == pytest.approx(2e-3, rel=0.15)
 
 
 def test_wrong_detections_raise_no_alarm_and_hide_no_change():
-    assert not alarmed(calib.monitor(model(1e-3)), babbled("sensor.outliers=0.02", n=1000))
+    assert not alarmed(calib.monitor(model(1e-3)), babbled("sensor.outliers=0.02", n=600))
     monitor, calm = calib.monitor(model(1e-3)), babbled(n=200)
     x = calm.x.copy()
     x[[20, 90, 150]] += 100.0
