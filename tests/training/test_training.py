@@ -111,6 +111,12 @@ def test_both_bounds_hold_where_no_row_was():
     assert far > beside
 
 
+def test_the_online_rule_trains_maps_that_read_out_well():
+    model = trained("two_link", 1200, 10, rule="online")
+    q = draw(model, 10_000, seed=50)
+    assert np.linalg.norm(model.forward(q, "activity") - two_link(q), axis=1).mean() < 0.07
+
+
 def test_a_simulated_hobby_arm_is_learned_wherever_random_chains_end():
     """From random chains alone the search ended at the mean of all positions, 32 mm off."""
     about = trained("so101", 20_000, 4).about
