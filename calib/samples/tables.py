@@ -175,18 +175,23 @@ def open_source(
             f"{label} is a model, not a log",
             hint="`log` takes a log (CSV or Parquet), a model is named without an option",
         )
+    source = parse_source(content, label)
+    if source.is_headless and not headless:
+        raise LogError(
+            f"{label} has no header: expected the columns' names in the first line, not numbers"
+        )
+    return source
+
+
+def parse_source(content: bytes, label: str) -> Source:
+    """The table that the bytes of a CSV or Parquet file are."""
     table, about = _parse(content, label)
     document = None
     with suppress(ValueError):
         document = json.loads(about)
     if not isinstance(document, dict):
         document = {}
-    source = Source(label, table.with_row_index(_ROW, 1), document)
-    if source.is_headless and not headless:
-        raise LogError(
-            f"{label} has no header: expected the columns' names in the first line, not numbers"
-        )
-    return source
+    return Source(label, table.with_row_index(_ROW, 1), document)
 
 
 def _content(file: Path, label: str) -> bytes:
