@@ -225,9 +225,9 @@ class InPlane(Sensor):
         flat = motion.position / np.maximum(depth, LEAST_DEPTH)
         away = turn @ self._sides(beta) @ flat
         turned = np.stack([-away[1], away[0]])
-        seen = flat * [[1.0], [self.mirror]]
-        stretched = turn @ (seen * [[1.0], [-1.0]])
-        sheared = turn @ seen[::-1]
+        image = flat * [[1.0], [self.mirror]]
+        stretched = turn @ (image * [[1.0], [-1.0]])
+        sheared = turn @ image[::-1]
         sizes = np.stack([turned, away, stretched, sheared])
         axes = np.eye(2)[..., None]
         shifted = np.broadcast_to(axes, (2, *flat.shape))

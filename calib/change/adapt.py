@@ -22,12 +22,13 @@ from ..training.options import Progress
 from ..training.residuals import error_sizes
 from .adaptation import (
     ADAPTING,
+    ARM_AND_SENSOR,
     Adaptation,
     adaptation_with,
     model_around,
     unchanged_adaptation,
 )
-from .causes import FRAME
+from .causes import FRAME, GROUPS
 from .evidence import Evidence, frame_between
 from .frame import LEAST_OWN
 from .judge import guarded_algebra, judge
@@ -151,15 +152,33 @@ def _without_model(
     """What the update says of the rows, before there is a model of it."""
     if evidence.is_attributed:
         correction = update.explanation.name
+        kept = _groups_kept(evidence, update.explanation.groups)
     elif verdict.changed:
         correction = "no single change stands out"
+        kept = ()
     else:
         correction = "nothing changed"
+        kept = ARM_AND_SENSOR
     if update.improved and not evidence.is_attributed:
         correction += ", rows added"
     return unchanged_adaptation(
-        verdict, update.before, update.after, correction
+        verdict, update.before, update.after, correction, kept
     )
+
+
+def _groups_kept(
+    evidence: Evidence, changed: tuple[str, ...]
+) -> tuple[str, ...]:
+    """What an adaptation leaves as it was, in words."""
+    structure = evidence.reference.structure
+    names = []
+    for name, group in GROUPS.items():
+        if name == "lens" and structure.outputs >= 3:
+            continue  # a tracker has none
+        exists = len(structure.groups.get(name, ())) > 0
+        if group.kept and exists and name not in changed:
+            names.append(group.kept)
+    return tuple(names)
 
 
 def _promise(evidence: Evidence, update: Update) -> float:
@@ -238,7 +257,7 @@ def _online(verdict: Verdict, report: Progress) -> Adaptation:
     before = rows.distance[held_out]
     after = row_lengths(residual)
     correction = "maps and Hebbian links trained online"
-    unchanged = unchanged_adaptation(verdict, before, after, correction)
+    unchanged = unchanged_adaptation(verdict, before, after, correction, ())
     if times > 1:
         note = f"{len(shown)} samples were shown {times} times"
         unchanged = unchanged.with_note(note)

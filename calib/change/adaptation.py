@@ -53,6 +53,8 @@ class AdaptationSettings:
 
 
 ADAPTING = AdaptationSettings()
+ARM_AND_SENSOR = ("the arm and the sensor",)
+"""What is kept where nothing changed."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,6 +78,8 @@ class Adaptation:
         What was corrected, in words.
     changed : tuple of Cause
         What changed, as `check` says of the same log.
+    kept : tuple of str
+        What was left as it was.
     coverage : float
         Share of the learned range that the log measured.
     notes : tuple of str
@@ -96,6 +100,7 @@ class Adaptation:
     after: dict[str, float]
     correction: str
     changed: tuple[Cause, ...]
+    kept: tuple[str, ...]
     coverage: float
     notes: tuple[str, ...] = ()
     everywhere: bool = True
@@ -124,8 +129,12 @@ def unchanged_adaptation(
     before: Array,
     after: Array,
     correction: str,
+    kept: tuple[str, ...] = ARM_AND_SENSOR,
 ) -> Adaptation:
-    """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit]."""
+    """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit].
+
+    kept : what was left as it was, in words
+    """
     rows = verdict.rows
     changed = [cause for cause in verdict.causes if cause.group != "noise"]
     return Adaptation(
@@ -137,6 +146,7 @@ def unchanged_adaptation(
         after=error_sizes(after),
         correction=correction,
         changed=tuple(changed),
+        kept=kept,
         coverage=_coverage(rows.u),
         notes=verdict.notes,
         everywhere=rows.across > ADAPTING.wide,
@@ -247,6 +257,7 @@ def _event(
         "correction": improved.correction,
         "coverage": improved.coverage,
         "changed": [cause.to_json() for cause in improved.changed],
+        "kept": list(improved.kept),
         "frame": None if frame is None else frame.to_json(),
         "from": {
             "source": about.source,

@@ -73,6 +73,8 @@ class Group(NamedTuple):
     freed: float  # of one that has changed
     creep: float = 0.0  # between two logs of an arm that has not
     built: float = 0.0  # of an arm as it was built, from its drawing
+    # of what an adaptation leaves as it was; "" where that is not told
+    kept: str = ""
     changed: str = "{name} changed by {size}"
     whole: bool = False  # whether all of its parameters are one cause
 
@@ -80,10 +82,11 @@ class Group(NamedTuple):
 _DEGREE = float(np.radians(1.0))
 GROUPS = {
     # [rad], about the frame that fits the log best; of the extents
-    "view.rotation": Group(freed=0.05),
+    "view.rotation": Group(freed=0.05, kept="the sensor's frame"),
     "view.shift": Group(freed=0.05),
     "view.scale": Group(
         freed=0.3,
+        kept="the sensor's scale",
         changed="the sensor's scale changed by {size}",
         whole=True,
     ),
@@ -95,11 +98,13 @@ GROUPS = {
     # over the chain's length
     "view.tilt": Group(
         freed=0.3,
+        kept="the camera's tilt",
         changed="the camera is tilted",
         whole=True,
     ),
     "lens": Group(
         freed=0.2,
+        kept="the lens",
         changed="the sensor's frame is bent, as by a lens",
         whole=True,
     ),
@@ -108,30 +113,35 @@ GROUPS = {
         freed=0.15,
         creep=1e-4,
         built=1e-3,
+        kept="the links' lengths",
         changed="the link of {joint} is {share} ({length}) {longer}",
     ),
     "offset": Group(
         freed=5 * _DEGREE,
         creep=0.02 * _DEGREE,
         built=0.1 * _DEGREE,
+        kept="the joints' offsets",
         changed="{joint} is off by {size}",
     ),
     "gain": Group(
         freed=0.03,
         creep=1e-4,
         built=1e-3,
+        kept="the joints' gains",
         changed="{joint} moves {size} further than it says",
     ),
     "coupling": Group(
         freed=0.03,
         creep=1e-4,
         built=1e-3,
+        kept="the joints' coupling",
         changed="{joint} moves with the joint before it, by {size} more",
     ),
     "elastic": Group(
         freed=0.02,
         creep=2e-5,
         built=1e-4,
+        kept="elasticity",
         changed="{joint} bends under load, by up to {most} deg",
         whole=True,
     ),
@@ -139,6 +149,7 @@ GROUPS = {
         freed=0.02,
         creep=2e-5,
         built=1e-4,
+        kept="the payload",
         changed="a payload bends {joint}, by up to {most} deg",
         whole=True,
     ),
@@ -147,6 +158,7 @@ GROUPS = {
         freed=5.0,
         creep=0.1,
         built=1.0,
+        kept="the joints' placements",
         changed="{joint} sits elsewhere, {name} by {size}",
     ),
     # [rad], of the two parameters of a wave
@@ -154,7 +166,7 @@ GROUPS = {
         freed=0.02,
         changed="{joint} errs by a wave of {size}, {order} a turn: a gear, or its encoder's disc",
     ),
-    "tool": Group(freed=0.1, creep=1e-4, built=1e-3),  # [m]
+    "tool": Group(freed=0.1, creep=1e-4, built=1e-3, kept="the tool"),  # [m]
     "tool.rotation": Group(
         freed=0.3, creep=0.02 * _DEGREE, built=0.1 * _DEGREE
     ),

@@ -23,8 +23,8 @@ from .pictures import natural_key
 
 EXPECTED = (
     "x, y, z and one of qx..qw, rx..rz, roll..yaw, A..C, w..r, r11..r33, or m00..m33, of one pose, "
-    "and perhaps picture; without a header six, seven, twelve or sixteen numbers, or matrices of "
-    "3x4 or 4x4"
+    "and perhaps picture; without a header six, seven, twelve or sixteen numbers, the shift first, "
+    "or matrices of 3x4 or 4x4"
 )
 
 _TURNS = {

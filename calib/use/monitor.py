@@ -35,9 +35,8 @@ from ..model.model import Model
 class MonitorSettings:
     """How a stream is watched."""
 
-    window: float = (
-        200.0  # samples that are remembered: older ones fade by a factor of e
-    )
+    # samples that are remembered: older ones fade by a factor of e
+    window: float = 200.0
     every: int = 10  # samples between two judgements
     ahead: int = 2  # samples after one that tell whether it is an outlier
     nodes: int = 20  # of the model's own residual

@@ -23,6 +23,7 @@ FACTS = (
     "outliers",
     "left_out",
     "correction",
+    "kept",
     "coverage",
     "everywhere",
     "before",
@@ -89,6 +90,8 @@ def adapt(
             f"{before} as it is, {after} adapted, {rows}",
         ]
     more: list[Line] = [f"corrected: {result.correction}"]
+    if result.kept:
+        more.append(f"left as it was: {', '.join(result.kept)}")
     return Outcome(document, lines, more, code=0 if result.improved else NO)
 
 

@@ -53,6 +53,7 @@ def test_a_tracker_that_stands_elsewhere_is_told_by_its_turn_and_its_shift():
     assert cause.value == pytest.approx(np.pi / 2, abs=1e-3)
     adapted = calib.adapt(model, log)
     assert errors(adapted.model, log_of(5, **elsewhere))[0] < 3 * NOISE
+    assert "the lens" not in adapted.kept
     assert adapted.coverage > 0.3
 
 

@@ -144,7 +144,6 @@ ABILITIES = {
     "millimetres": lambda: [replace(a, x=1e3 * a.x, unit="mm") for a in random_rows(Robot())],
     "a lens": a_lens,
     "poses": poses,
-    "repeated poses": repeated_poses,
     "encoders that tremble": encoders_that_tremble,
     "backlash": backlash,
     "rows left out": rows_left_out,

@@ -90,7 +90,9 @@ def test_words_of_other_models():
     assert "rows held out" in as_drawn
     assert "As delivered" not in as_drawn
     assert "below 0.000001 mm on average" in words(simulated())
-    assert "no planar arm explains the positions" in words(calib.train(no_arm(300), size=4))
+    undrawn = calib.train(no_arm(300), size=4)
+    assert any("`body='none'`" in note for note in undrawn.about.notes)
+    assert "no planar arm explains the positions" in words(undrawn)
     few = words(trained("two_link", n=600, size=6, body="none"))
     assert 'id="u_matrices"' in few
     assert re.search(r"of the \d+ % that have an answer, on \d+ fresh exact samples", few)
