@@ -32,14 +32,18 @@ typedef calib_real calib_joints[CALIB_DOF], calib_place[CALIB_OUT], calib_vector
 typedef calib_real calib_rotation[9], calib_values[CALIB_CHAIN];
 typedef calib_real calib_slopes[CALIB_CHAIN][CALIB_DOF];
 
-/* An arm: joint values are gain q + offset + curve, and bend with their posture. */
+/* An arm: joint values are mix q + bias, and what curves and loads add where it bends.  Joints move
+ * about the third axes of their frames, of which each has its place and turn in the one before. */
 typedef struct {
-  calib_real gain[CALIB_DOF], offset[CALIB_DOF];
-  calib_real axis[CALIB_CHAIN][3];
-  calib_real stride[CALIB_CHAIN + 1][3], turned[CALIB_CHAIN + 1][9]; /* the last to the tip */
-  int own; /* whether it has curves and bends */
+  calib_real mix[CALIB_CHAIN][CALIB_DOF], bias[CALIB_CHAIN];
+  calib_real stride[CALIB_CHAIN + 1][3], turned[CALIB_CHAIN + 1][9]; /* the last are the tip's */
+  int bends;
 } calib_arm;
 @tables@
+static inline void calib_copy(int count, const calib_real *from, calib_real *to) {
+  while (count-- > 0) to[count] = from[count];
+}
+
 /* Numbers that are not known; returns 0. */
 static inline int calib_unknown(int count, calib_real *out) {
   while (count > 0) out[--count] = (calib_real)NAN;
@@ -116,17 +120,5 @@ static inline void calib_waves(int count, const calib_real *angle, calib_real *c
     s *= rest;
     cosine[i] = sign * (odd > 0 ? -s : c);
     sine[i] = sign * (odd > 0 ? c : s);
-  }
-}
-
-/* R, turned about its own unit axis by an angle of cosine c and sine s (Rodrigues). */
-static inline void calib_turn(const calib_rotation R, const calib_vector axis, calib_real c,
-                              calib_real s, calib_rotation out) {
-  calib_real swept[3], along;
-  int i, j;
-  for (i = 0; i < 3; ++i) {
-    calib_cross(R + 3 * i, axis, swept);
-    along = (1 - c) * calib_dot(R + 3 * i, axis);
-    for (j = 0; j < 3; ++j) out[3 * i + j] = c * R[3 * i + j] + s * swept[j] + along * axis[j];
   }
 }

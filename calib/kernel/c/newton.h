@@ -97,11 +97,6 @@ static inline int calib_beside(const calib_joints q, const calib_real *ways, int
   return 0;
 }
 
-static inline void calib_copy(const calib_joints from, calib_joints to) {
-  int k;
-  for (k = 0; k < CALIB_DOF; ++k) to[k] = from[k];
-}
-
 /* Joints a move on, of which none goes further than a step may, within their limits.  Returns whether
  * no limit holds any. */
 static inline int calib_moved(const calib_joints q, const calib_joints move, calib_joints out) {
@@ -205,7 +200,7 @@ static inline int calib_descend(calib_search *search, int plain, int count, cali
     }
     inside = calib_moved(q, move, trial);
     if (last && inside && !near) { /* what this step leaves is known to be less */
-      calib_copy(trial, q);
+      calib_copy(CALIB_DOF, trial, q);
       return 1;
     }
     if (calib_beside(trial, search->way, count, @margin@ / 4)) return 0;
@@ -215,7 +210,7 @@ static inline int calib_descend(calib_search *search, int plain, int count, cali
                                                                calib_apart(q, search->from, 0));
       if (!better) slides.share /= 4;
       calib_apart(trial, q, slides.slid);
-      calib_copy(slides.pull, slides.before);
+      calib_copy(CALIB_DOF, slides.pull, slides.before);
       slides.moved = better;
     } else {
       const int slow = !(next.left < gap->left * (1 - @slow@));
@@ -229,7 +224,7 @@ static inline int calib_descend(calib_search *search, int plain, int count, cali
              next.left * next.left <= @surplus@ * close * gap->left;
     }
     if (!better) continue;
-    calib_copy(trial, q);
+    calib_copy(CALIB_DOF, trial, q);
     *gap = next;
   }
   return gap->left <= (plain ? 10 * rough : close); /* what misses by far does so bent */

@@ -90,25 +90,25 @@ static inline int calib_try(calib_search *search, const calib_joints start) {
   calib_real trial[CALIB_DOF], way[CALIB_DOF];
   calib_gap gap;
   int fold, gain = 0;
-  calib_copy(start, trial);
+  calib_copy(CALIB_DOF, start, trial);
   for (fold = 0; fold < 2; ++fold) {
     const int one = search->most == 1;
     calib_real away;
     if (!calib_reach(search, !fold, fold ? 0 : search->count, trial, &gap)) {
       if (search->count || search->left <= gap.left || !(gap.left - gap.left == 0)) return gain;
       search->left = gap.left;
-      calib_copy(trial, search->nearest);
+      calib_copy(CALIB_DOF, trial, search->nearest);
       return gain;
     }
     if (!one && calib_beside(trial, search->way, search->count, @same@)) return gain;
     away = calib_apart(trial, search->from, 0);
     if (!one || !search->count || away < search->away) {
       if (one) search->count = 0;
-      calib_copy(trial, search->way + CALIB_DOF * search->count++);
+      calib_copy(CALIB_DOF, trial, search->way + CALIB_DOF * search->count++);
       search->away = away;
       gain = 1;
     }
-    calib_copy(trial, way);
+    calib_copy(CALIB_DOF, trial, way);
     if (CALIB_DOF > calib_rows(search->task) || (one && away <= @near_enough@)) return gain;
     if (search->count == search->most && !one) return gain;
     if (!calib_twin(search->task, way, &gap, trial)) return gain;
@@ -122,7 +122,7 @@ static inline calib_search calib_begin(const calib_task *task, const calib_joint
                                        int budget, calib_real *way) {
   calib_search search = {task, {0}, way, 0, most, budget, 0, {0}, 0};
   calib_unknown(1, &search.left);
-  calib_copy(from, search.from);
+  calib_copy(CALIB_DOF, from, search.from);
   return search;
 }
 
@@ -281,7 +281,7 @@ CALIB_API int calib_correct(const calib_joints q, calib_joints out) {
   calib_gap gap;
   int k, good = calib_inside(q, start);
   if (good) {
-    calib_copy(start, out);
+    calib_copy(CALIB_DOF, start, out);
     search = calib_begin(&task, start, 0, CALIB_BUDGET, 0);
     if (task.kind == CALIB_POSITION) calib_seen(&calib_nominal, 0, start, task.x, 0);
     else calib_chain(&calib_nominal, 0, start, task.x, task.R, 0);
