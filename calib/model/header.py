@@ -102,7 +102,9 @@ class Header:
         parts = [sections.joint_ranges(model), sections.body_arm(arm)]
         if self.nominal is not None:
             nominal, goal = self.nominal
-            words = {"correcting": int(goal)}
+            local = model.predictor.models.degree >= 0
+            seen = int(local or goal == Goal.POSITION)
+            words = {"correcting": int(goal), "correcting_seen": seen}
             arms = {"nominal": nominal}
             parts.append(Section({"limit": self.limit}, words, arms))
         parts += sections.placed_arm(model, arm)

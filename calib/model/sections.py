@@ -108,7 +108,7 @@ def body_arm(arm: KernelArm) -> Section:
         "harmonics": HARMONICS,
         "lever": max(length, 1e-9),
         "least_depth": LEAST_DEPTH,
-        "bent": int(arm.bends),
+        "step_cost": SOLVER.bent_steps if arm.bends else 1,
     }
     return Section(tables, words, arms)
 
@@ -213,7 +213,7 @@ def local_models(model: Parts) -> Section:
         "terms": len(terms),
         "silent": LOCAL.silent,
         "full": LOCAL.full,
-        "bent": 1,
+        "step_cost": SOLVER.bent_steps,
     }
     return Section(tables, words)
 
@@ -229,7 +229,11 @@ def grid_starts(model: Parts) -> Section:
     corners = np.indices((side,) * dimensions).reshape(dimensions, -1).T
     step = place.span / side
     middles = place.lower + (corners + 0.5) * step
-    cell, u = model.solver.starts.of(middles)
+    shifts = np.indices((2,) * dimensions).reshape(dimensions, -1).T - 0.5
+    around = np.vstack([np.zeros(dimensions), shifts]) * step
+    places = middles[:, None] + around
+    point, u = model.solver.starts.of(places.reshape(-1, dimensions))
+    cell = point // len(around)
     single = distinct(model.motor.scale, cell, u, STARTS.apart)
     count = np.bincount(cell[single], minlength=len(middles))
     grid: Tables = {

@@ -61,7 +61,7 @@ static inline void calib_loads_off(const calib_joints q, const calib_frame *at, 
   calib_real moved[CALIB_CHAIN][3], bent[CALIB_CHAIN][3];
   calib_real load[CALIB_LOADS][3], tilt[2][3] = {{0}};
   int i, k, n;
-  calib_drawn_frames(q, drawn);
+  calib_posture(&calib_drawn, q, drawn, 0);
   for (i = 0; i < CALIB_CHAIN; ++i) {
     calib_tip_moved(at, i, bent[i]);
     calib_levers(drawn, i, calib_bending[i], moved);
@@ -113,11 +113,14 @@ static inline void calib_joints_off(const calib_joints q, calib_ways *off,
 static inline void calib_moves(const calib_joints q, calib_ways *off, calib_ways z[3],
                                calib_real joints[CALIB_DOF][3]) {
   calib_frame at[CALIB_CHAIN + 1];
-  calib_real motion[CALIB_DOF][3] = {{0}}, by[3];
-  const calib_real *p = at[CALIB_CHAIN].p, one = 1;
+  calib_real motion[CALIB_DOF][3] = {{0}}, L[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, seen[9], view[12], by[3];
+  const calib_real *p = at[CALIB_CHAIN].p;
   calib_ways there[3] = {{0}};
   int i, k, n;
-  calib_posture(&calib_body, 0, q, at, 0);
+#if @lens@
+  calib_real before[3], x[2], u[2];
+#endif
+  calib_posture(&calib_body, q, at, 0);
   calib_origins_off(at, there);
 #if @gravity@
   calib_loads_off(q, at, there);
@@ -128,28 +131,26 @@ static inline void calib_moves(const calib_joints q, calib_ways *off, calib_ways
       for (k = 0; k < 3; ++k) motion[n][k] += calib_coupling[i][n] * by[k];
   }
   calib_spread(CALIB_DOF, motion[0], off[0], there);
-  calib_product(3, calib_view, CALIB_TOGETHER, there[0], z[0]);
-  for (k = 0; k < 3; ++k) { /* the view's matrix and shift */
-    calib_add_rows(3, p, 1, calib_by_view[3 * k], z[k]);
-    calib_add_rows(1, &one, 1, calib_by_view[9 + k], z[k]);
-  }
-  for (n = 0; n < CALIB_DOF; ++n) calib_product(3, calib_view, 1, motion[n], joints[n]);
 #if @lens@
-  {
-    calib_real before[3], x[2], L[9] = {0}, u[2];
-    calib_copy(3, calib_shift, before);
-    calib_add(calib_view, p, before);
-    calib_pinhole(before, x, L, u);
-    calib_copy(3 * CALIB_TOGETHER, z[0], there[0]);
-    calib_product(3, L, CALIB_TOGETHER, there[0], z[0]);
-    calib_copy(3 * CALIB_DOF, joints[0], motion[0]);
-    for (n = 0; n < CALIB_DOF; ++n) calib_product(3, L, 1, motion[n], joints[n]);
-    for (k = 0; k < 2; ++k) {
-      const calib_real bent = (x[k] - calib_lens[1 + k]) / calib_lens[0];
-      const calib_real cubic = calib_lens[0] * u[k] * (u[0] * u[0] + u[1] * u[1]);
-      const calib_real lens[4] = {bent, k == 0, k == 1, cubic};
-      calib_add_rows(4, lens, 1, calib_by_lens[0], z[k]);
-    }
+  calib_copy(3, calib_shift, before);
+  calib_add(calib_view, p, before);
+  calib_pinhole(before, x, L, u);
+  L[8] = 0;
+#endif
+  calib_product(3, L, 3, calib_view, seen);
+  calib_product(3, seen, CALIB_TOGETHER, there[0], z[0]);
+  for (n = 0; n < CALIB_DOF; ++n) calib_product(3, seen, 1, motion[n], joints[n]);
+  for (k = 0; k < 3; ++k) { /* the view's matrix and shift */
+    for (n = 0; n < 9; ++n) view[n] = L[3 * k + n / 3] * p[n % 3];
+    calib_copy(3, L + 3 * k, view + 9);
+    calib_add_rows(12, view, 1, calib_by_view[0], z[k]);
+  }
+#if @lens@
+  for (k = 0; k < 2; ++k) {
+    const calib_real bent = (x[k] - calib_lens[1 + k]) / calib_lens[0];
+    const calib_real cubic = calib_lens[0] * u[k] * (u[0] * u[0] + u[1] * u[1]);
+    const calib_real lens[4] = {bent, k == 0, k == 1, cubic};
+    calib_add_rows(4, lens, 1, calib_by_lens[0], z[k]);
   }
 #endif
 }

@@ -104,19 +104,13 @@ static inline void calib_levers(const calib_frame *at, int first,
   }
 }
 
-/* Frames of the arm as it is drawn, at which its weights bend it. */
-static inline void calib_drawn_frames(const calib_joints q, calib_frame *at) {
-  calib_real value[CALIB_CHAIN];
-  calib_mixed(&calib_drawn, q, value, 0);
-  calib_frames(&calib_drawn, value, at);
-}
-
 /* Adds how much each joint bends under the weights, and where slope is not null the derivatives. */
 static inline void calib_sag(const calib_joints q, calib_values value, calib_slopes slope) {
   calib_frame at[CALIB_CHAIN + 1];
-  calib_real across[CALIB_CHAIN][3] = {{0}}, moved[CALIB_CHAIN][3];
+  calib_real across[CALIB_CHAIN][3] = {{0}}, moved[CALIB_CHAIN][3], angle[CALIB_CHAIN];
   int i, j, k;
-  calib_drawn_frames(q, at);
+  calib_mixed(&calib_drawn, q, angle, 0);
+  calib_frames(&calib_drawn, angle, at); /* at which weights bend it */
   for (i = 0; i < CALIB_CHAIN; ++i)
     if (calib_turns[i]) calib_cross(calib_gravity, at[i].axis, across[i]);
   for (i = 0; i < CALIB_CHAIN; ++i) {
@@ -132,13 +126,12 @@ static inline void calib_sag(const calib_joints q, calib_values value, calib_slo
 }
 #endif
 
-/* Frames of an arm, and where slope is not null the derivatives of its joints' values; `plain` without
- * curves and loads. */
-static inline void calib_posture(const calib_arm *arm, int plain, const calib_joints q,
-                                 calib_frame *at, calib_slopes slope) {
+/* Frames of an arm, and where slope is not null the derivatives of its joints' values. */
+static inline void calib_posture(const calib_arm *arm, const calib_joints q, calib_frame *at,
+                                 calib_slopes slope) {
   calib_real value[CALIB_CHAIN];
   calib_mixed(arm, q, value, slope);
-  if (arm->bends && !plain) {
+  if (arm->bends) {
 #if @curve@
     calib_curves(q, value, slope);
 #endif
@@ -151,12 +144,12 @@ static inline void calib_posture(const calib_arm *arm, int plain, const calib_jo
 
 /* Position and orientation of the tip in the root's frame, and where G is not null the geometric
  * Jacobian, of which three rows are velocities and three angular velocities. */
-static inline void calib_chain(const calib_arm *arm, int plain, const calib_joints q,
-                               calib_vector p, calib_rotation R, calib_real G[6 * CALIB_DOF]) {
+static inline void calib_chain(const calib_arm *arm, const calib_joints q, calib_vector p,
+                               calib_rotation R, calib_real G[6 * CALIB_DOF]) {
   calib_frame at[CALIB_CHAIN + 1];
   calib_real slope[CALIB_CHAIN][CALIB_DOF];
   int i, k, o;
-  calib_posture(arm, plain, q, at, G ? slope : 0);
+  calib_posture(arm, q, at, G ? slope : 0);
   calib_copy(3, at[CALIB_CHAIN].p, p);
   calib_copy(9, at[CALIB_CHAIN].R, R);
   for (k = 0; G && k < 6 * CALIB_DOF; ++k) G[k] = 0;
@@ -191,10 +184,10 @@ static inline void calib_pinhole(const calib_vector at, calib_real x[2], calib_r
 #endif
 
 /* What the sensor sees of an arm, and where J is not null its derivative (row by row). */
-static inline void calib_seen(const calib_arm *arm, int plain, const calib_joints q, calib_place x,
+static inline void calib_seen(const calib_arm *arm, const calib_joints q, calib_place x,
                               calib_real *J) {
   calib_real p[3], R[9], G[6 * CALIB_DOF], at[3];
-  calib_chain(arm, plain, q, p, R, J ? G : 0);
+  calib_chain(arm, q, p, R, J ? G : 0);
   calib_copy(3, calib_shift, at);
   calib_add(calib_view, p, at);
 #if @lens@

@@ -22,8 +22,8 @@ typedef @real@ calib_real;
 
 enum {
   CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_CHAIN = @chain@, CALIB_HARMONICS = @harmonics@,
-  CALIB_STARTS = @starts@, CALIB_STEPS = @steps@, CALIB_SLIDES = @slides@, CALIB_BUDGET = @budget@,
-  CALIB_TRIES = @tries@, CALIB_RUNS = @runs@, CALIB_PULL = @pull@
+  CALIB_STARTS = @starts@, CALIB_STEPS = @steps@, CALIB_SLIDES = @slides@, CALIB_RUNS = @runs@,
+  CALIB_TRIES = @tries@, CALIB_BUDGET = @budget@ / @step_cost@
 };
 
 /* Values of the joints, what a sensor sees, vectors, matrices row by row; values of the chain's joints
@@ -60,6 +60,11 @@ static inline calib_real calib_short(int k, calib_real way) {
   return calib_periodic[k] ? way - floor(way + (calib_real)0.5) : way;
 }
 
+/* A joint value, moved into its range where it goes round. */
+static inline calib_real calib_wrapped(int k, calib_real value) {
+  return calib_periodic[k] ? value - calib_span[k] * floor(calib_share_of(k, value)) : value;
+}
+
 /* Joints with those of full turns moved into their range; 0 where they are outside of what the model
  * was learned for. */
 static inline int calib_inside(const calib_joints q, calib_joints out) {
@@ -68,7 +73,7 @@ static inline int calib_inside(const calib_joints q, calib_joints out) {
     const calib_real u = calib_share_of(i, q[i]);
     const calib_real more = calib_periodic[i] ? 1 : 0; /* at most a turn beyond */
     if (!(u >= @rounded@ - more && u <= 1 - @rounded@ + more)) inside = 0;
-    out[i] = calib_periodic[i] ? calib_lower[i] + (u - floor(u)) * calib_span[i] : q[i];
+    out[i] = calib_wrapped(i, q[i]);
   }
   return inside;
 }
@@ -82,6 +87,17 @@ static inline void calib_cross(const calib_vector a, const calib_vector b, calib
 
 static inline calib_real calib_dot(const calib_vector a, const calib_vector b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static inline calib_real calib_length(int count, const calib_real *vector) {
+  calib_real squared = 0;
+  int i;
+  for (i = 0; i < count; ++i) squared += vector[i] * vector[i];
+  return sqrt(squared);
+}
+
+static inline calib_real calib_between(calib_real value, calib_real least, calib_real most) {
+  return value > least ? value < most ? value : most : least;
 }
 
 /* out += R v, with the rows of R. */
@@ -121,4 +137,18 @@ static inline void calib_waves(int count, const calib_real *angle, calib_real *c
     cosine[i] = sign * (odd > 0 ? -s : c);
     sine[i] = sign * (odd > 0 ? c : s);
   }
+}
+
+/* Puts a row among the nearest so far, in their order; returns how many there are, at most `most`. */
+static inline int calib_rank(int row, calib_real away, int count, int most, calib_real *far,
+                             int *rows) {
+  int k = count < most ? count : most - 1;
+  if (count == most && !(away < far[k])) return most;
+  for (; k > 0 && far[k - 1] > away; --k) {
+    far[k] = far[k - 1];
+    rows[k] = rows[k - 1];
+  }
+  far[k] = away;
+  rows[k] = row;
+  return count < most ? count + 1 : most;
 }
