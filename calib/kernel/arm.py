@@ -6,7 +6,7 @@ by a depth, a lens: a homography is a camera whose picture is the plane.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,7 +26,7 @@ from ..body.planar import PlanarLoads, PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
 from ..body.views import lens_slope, pixels
-from ..common.arrays import Array, Index
+from ..common.arrays import Array
 from ..common.rows import row_lengths
 
 
@@ -70,35 +70,33 @@ class Sag:
         ends = [[1.0, 0.0, 0.0], still, [0.0, -1.0, 0.0], still]
         links = np.repeat(loads.pairs[:, 1], 4)
         points = chain.points[links] + np.tile(ends, (len(loads.pairs), 1))
-        weights = np.kron(np.eye(len(loads.joints)), [1.0, -1.0])
+        weights = np.asarray(np.kron(np.eye(len(loads.joints)), [1.0, -1.0]))
         pairs = Loads(logged, loads.joints, weights, points, links)
         return Sag(pairs, elastic, np.array([0.0, 1.0, 0.0]), np.zeros((2, 3)))
 
     @property
     def on_links(self) -> Array:
-        """Mass and moment [kg, kg m] of each load on each link, (e, m, 4).
-
-        In the frame at the link's end, where the next joint or the tip is.
-        """
-        loads = self.loads
-        arms = loads.points - loads.chain.points[loads.links]
-        masses = np.ones(len(arms))
-        frames = Frames.of(loads.chain, loads.chain.nominal_links)
-        ends = loads.links + 1
-        from_end = frames.in_frames(arms - frames.strides[ends], ends)
-        moments = np.column_stack([masses, from_end])
-        link = np.arange(loads.chain.joints)[:, None] == loads.links
-        beyond = loads.weights * (loads.links >= loads.joints[:, None])
-        return np.asarray(np.einsum("ep,mp,pk->emk", beyond, link, moments))
+        """Mass and moment [kg, kg m] of each load on each link, (e, m, 4)."""
+        return _on_links(self.loads)
 
     @property
     def bending(self) -> Array:
         """How much mass and moment of each link bend each joint, (m, m, 4)."""
-        size = self.loads.chain.joints
-        bending = np.zeros((size, size, 4))
-        weights = self.elastic[:, None, None] * self.on_links
-        np.add.at(bending, self.loads.joints, weights)
-        return bending
+        return _on_links(self._together)
+
+    @cached_property
+    def _together(self) -> Loads:
+        """One load for each joint of the chain that bends it as all of them do."""
+        loads = self.loads
+        joints = np.arange(loads.chain.joints)
+        weights = np.zeros((len(joints), loads.weights.shape[1]))
+        bending = self.elastic[:, None] * loads.weights
+        np.add.at(weights, loads.joints, bending)
+        return replace(loads, joints=joints, weights=weights)
+
+    def bends(self, q: Array) -> Array:
+        """How much joints of the chain bend (m, n) at joint values (n, dof)."""
+        return loads_of(self._together.levers(q), self.gravity)
 
     def derivatives(self, q: Array, chained: Array) -> tuple[Array, Array]:
         """How positions move with each load's elasticity (e, 3, n), and with gravity's (2, 3, n).
@@ -108,12 +106,25 @@ class Sag:
         levers = self.loads.levers(q)
         bent = chained[self.loads.joints]
         by_elasticity = bent * loads_of(levers, self.gravity)[:, None]
-        by_gravity = []
-        for way in self.tilts:
-            pull = self.elastic[:, None] * loads_of(levers, way)
-            moved = bent * pull[:, None]
-            by_gravity.append(moved.sum(axis=0))
-        return by_elasticity, np.stack(by_gravity)
+        joints = self._together.levers(q)
+        pulls = np.einsum("mgn,tg->tmn", joints, self.tilts)
+        return by_elasticity, np.einsum("mkn,tmn->tkn", chained, pulls)
+
+
+def _on_links(loads: Loads) -> Array:
+    """Mass and moment [kg, kg m] of loads on each link, (e, m, 4).
+
+    In the frame at the link's end, where the next joint or the tip is.
+    """
+    chain = loads.chain
+    frames = Frames.of(chain, chain.nominal_links)
+    ends = loads.links + 1
+    arms = loads.points - chain.points[loads.links] - frames.strides[ends]
+    moments = np.einsum("pij,pi->pj", frames.sides[ends], arms)
+    masses = np.column_stack([np.ones(len(arms)), moments])
+    link = np.arange(chain.joints)[:, None] == loads.links
+    beyond = loads.weights * (loads.links >= loads.joints[:, None])
+    return np.asarray(np.einsum("ep,mp,pk->emk", beyond, link, masses))
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,10 +149,6 @@ class Frames:
         strides = np.vstack([links.strides[:-1, :, 0], place])
         return Frames(axes, turned @ axes, strides)
 
-    def in_frames(self, vectors: Array, index: Index) -> Array:
-        """Vectors (n, 3) in the links' frames before some frames (n,), in these frames."""
-        return np.asarray(np.einsum("nij,ni->nj", self.sides[index], vectors))
-
 
 @dataclass(frozen=True, eq=False)
 class KernelArm:
@@ -151,8 +158,9 @@ class KernelArm:
     beta: Array  # its parameters
     chain: SpatialChain
     deviations: Deviations
-    gain: Array  # (dof,)
-    offset: Array  # (dof,)
+    # values of the chain's joints are mix q + bias, without what bends them
+    mix: Array  # (m, dof)
+    bias: Array  # (m,)
     view: Array  # (3, 3), the sensor sees view @ tip + shift
     shift: Array  # (3,)
     aim: Array  # (3, 3), orientation of the sensor
@@ -160,8 +168,6 @@ class KernelArm:
     # (4,), focal length, centre, k1; None where nothing is divided by a depth
     lens: Array | None
     curves: Array  # (dof, 96), or (0, 96) where there are none
-    # (dof - 1,), to the joint before
-    coupling: Array = field(default_factory=lambda: np.zeros(0))
     sag: Sag | None = None
 
     @staticmethod
@@ -179,30 +185,17 @@ class KernelArm:
         return bool(sags or self.curves.any())
 
     @property
-    def mix(self) -> Array:
-        """How much each joint of the chain follows each logged value, (m, dof)."""
-        motors = np.diag(self.gain)
-        if len(self.coupling):
-            motors += np.diag(self.coupling, -1)
-        return self.chain.coupling @ motors
-
-    @property
-    def bias(self) -> Array:
-        """Values (m,) of the chain's joints where all logged values are zero, without bending."""
-        return self.chain.bias + self.chain.coupling @ self.offset
-
-    @property
     def drawn(self) -> KernelArm:
         """The arm at whose postures weights bend it; of an arm with a sag."""
         assert self.sag is not None  # noqa: S101
+        chain = self.sag.loads.chain
         return replace(
             self,
-            chain=self.sag.loads.chain,
-            deviations=Deviations.none(self.chain.joints),
-            gain=np.ones_like(self.gain),
-            offset=np.zeros_like(self.offset),
+            chain=chain,
+            deviations=Deviations.none(chain.joints),
+            mix=chain.coupling,
+            bias=chain.bias,
             curves=self.curves[:0],
-            coupling=self.coupling[:0],
             sag=None,
         )
 
@@ -233,9 +226,8 @@ class KernelArm:
             @ _along(self.frames.axes[:-1], motion.turns()[0]),
             "offset": joints,
             "gain": joints * q.T[:, None],
+            "neighbour": joints[1:] * q.T[:-1, None],
         }
-        if len(self.coupling):
-            parts["neighbour"] = joints[1:] * q.T[:-1, None]
         if self.sag is not None:
             by_load, by_tilt = self.sag.derivatives(q, chained)
             parts["load"] = by_load
@@ -264,7 +256,7 @@ class KernelArm:
 
 def _along(axes: Array, moves: Array) -> Array:
     """How positions move by shifts or turns along axes (m, 3, 3), from those along x, y, z."""
-    return np.einsum("mij,mikn->mjkn", axes, moves)
+    return np.asarray(np.einsum("mij,mikn->mjkn", axes, moves))
 
 
 def _curves(structure: Structure, beta: Array) -> Array:
@@ -281,14 +273,16 @@ def _spatial(structure: SpatialStructure, beta: Array) -> KernelArm:
     """An arm in space."""
     groups = structure.groups
     sensor = structure.sensor(beta)
-    coupling = beta[groups["coupling"]]
+    chain = structure.chain
+    motors = np.diag(beta[groups["gain"]])
+    motors += np.diag(beta[groups["coupling"]], -1)
     return KernelArm(
         structure=structure,
         beta=beta,
-        chain=structure.chain,
+        chain=chain,
         deviations=structure.deviations(beta),
-        gain=beta[groups["gain"]],
-        offset=beta[groups["offset"]],
+        mix=chain.coupling @ motors,
+        bias=chain.bias + chain.coupling @ beta[groups["offset"]],
         view=sensor.matrix[:, :3],
         shift=sensor.shift,
         aim=sensor.rotation,
@@ -296,7 +290,6 @@ def _spatial(structure: SpatialStructure, beta: Array) -> KernelArm:
         lens=sensor.lens,
         curves=_curves(structure, beta),
         sag=Sag.of(structure, beta),
-        coupling=coupling if coupling.any() else coupling[:0],
     )
 
 
@@ -332,8 +325,8 @@ def _planar(structure: PlanarStructure, beta: Array) -> KernelArm:
         beta=beta,
         chain=chain,
         deviations=Deviations.none(dof),
-        gain=beta[groups["gain"]] * way,
-        offset=np.where(revolute, offset, 0.0),
+        mix=np.diag(beta[groups["gain"]] * way),
+        bias=np.where(revolute, offset, 0.0),
         view=view[:, :3],
         shift=view[:, 3],
         aim=np.eye(3),

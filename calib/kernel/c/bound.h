@@ -58,20 +58,22 @@ static inline void calib_origins_off(const calib_frame *at, calib_ways sum[3]) {
 /* The same as loads bend joints more, and as gravity tilts. */
 static inline void calib_loads_off(const calib_joints q, const calib_frame *at, calib_ways sum[3]) {
   calib_frame drawn[CALIB_CHAIN + 1];
-  calib_real moved[CALIB_CHAIN][3], bent[CALIB_CHAIN][3];
+  calib_real lever[CALIB_CHAIN][4], moved[3], bent[CALIB_CHAIN][3];
   calib_real load[CALIB_LOADS][3], tilt[2][3] = {{0}};
   int i, k, n;
   calib_posture(&calib_drawn, q, drawn, 0);
   for (i = 0; i < CALIB_CHAIN; ++i) {
     calib_tip_moved(at, i, bent[i]);
-    calib_levers(drawn, i, calib_bending[i], moved);
+    calib_levers(drawn, i, calib_bending[i], lever);
+    calib_swing(drawn, i, lever[i], moved);
     for (n = 0; n < 2; ++n)
-      for (k = 0; k < 3; ++k) tilt[n][k] += calib_dot(moved[i], calib_tilt[n]) * bent[i][k];
+      for (k = 0; k < 3; ++k) tilt[n][k] += calib_dot(moved, calib_tilt[n]) * bent[i][k];
   }
   for (n = 0; n < CALIB_LOADS; ++n) {
     i = calib_loaded[n];
-    calib_levers(drawn, i, calib_load[n], moved);
-    for (k = 0; k < 3; ++k) load[n][k] = calib_dot(moved[i], calib_gravity) * bent[i][k];
+    calib_levers(drawn, i, calib_load[n], lever);
+    calib_swing(drawn, i, lever[i], moved);
+    for (k = 0; k < 3; ++k) load[n][k] = calib_dot(moved, calib_gravity) * bent[i][k];
   }
   calib_spread(CALIB_LOADS, load[0], calib_by_load[0], sum);
   calib_spread(2, tilt[0], calib_by_tilt[0], sum);
@@ -90,9 +92,7 @@ static inline void calib_joints_off(const calib_joints q, calib_ways *off,
     for (b = 0; b < CALIB_BELIEFS; ++b) alone[b][i] = 0;
     calib_copy(CALIB_TOGETHER, calib_by_offset[i], off[i]);
     calib_add_rows(1, q + i, 1, calib_by_gain[i], off[i]);
-#if @by_neighbour@
     if (i > 0) calib_add_rows(1, q + i - 1, 1, calib_by_neighbour[i - 1], off[i]);
-#endif
 #if @alone@
     {
       const calib_real turn = q[i] / (calib_real)6.283185307179586;

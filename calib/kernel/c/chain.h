@@ -29,20 +29,21 @@ static inline void calib_frames(const calib_arm *arm, const calib_values value, 
   }
 }
 
-/* How a joint moves a mass at the end of a lever, times that mass: it turns it, or slides. */
-static inline void calib_swing(const calib_frame *at, int joint, const calib_vector lever,
-                               calib_real mass, calib_vector out) {
+/* How a joint moves a mass at the end of a lever, times that mass: it turns it, or slides.  A lever is
+ * three coordinates, times the mass, and the mass. */
+static inline void calib_swing(const calib_frame *at, int joint, const calib_real lever[4],
+                               calib_vector out) {
   int k;
   if (calib_turns[joint]) calib_cross(at[joint].axis, lever, out);
-  for (k = 0; k < 3 && !calib_turns[joint]; ++k) out[k] = mass * at[joint].axis[k];
+  for (k = 0; k < 3 && !calib_turns[joint]; ++k) out[k] = lever[3] * at[joint].axis[k];
 }
 
 /* How a joint moves the tip. */
 static inline void calib_tip_moved(const calib_frame *at, int joint, calib_vector out) {
-  calib_real lever[3];
+  calib_real lever[4] = {0, 0, 0, 1};
   int k;
   for (k = 0; k < 3; ++k) lever[k] = at[CALIB_CHAIN].p[k] - at[joint].p[k];
-  calib_swing(at, joint, lever, 1, out);
+  calib_swing(at, joint, lever, out);
 }
 #if @curve@
 
@@ -89,37 +90,41 @@ static inline void calib_mixed(const calib_arm *arm, const calib_joints q, calib
 }
 #if @gravity@
 
-/* How each joint from one on moves weights on the links beyond it, as much as each weighs; a weight
- * of a link is a mass at the end of the link and its moment in the frame there. */
+/* Levers of the weights on the links beyond each joint, from one on; a weight of a link is a mass at the
+ * end of the link and its moment in the frame there. */
 static inline void calib_levers(const calib_frame *at, int first,
                                 const calib_real weight[CALIB_CHAIN][4],
-                                calib_real moved[CALIB_CHAIN][3]) {
-  calib_real lever[3] = {0, 0, 0}, mass = 0;
+                                calib_real lever[CALIB_CHAIN][4]) {
+  calib_real sum[4] = {0, 0, 0, 0};
   int j, k;
   for (j = CALIB_CHAIN - 1; j >= first; --j) {
-    mass += weight[j][0];
-    calib_add(at[j + 1].R, weight[j] + 1, lever);
-    for (k = 0; k < 3; ++k) lever[k] += mass * (at[j + 1].p[k] - at[j].p[k]);
-    calib_swing(at, j, lever, mass, moved[j]);
+    sum[3] += weight[j][0];
+    calib_add(at[j + 1].R, weight[j] + 1, sum);
+    for (k = 0; k < 3; ++k) sum[k] += sum[3] * (at[j + 1].p[k] - at[j].p[k]);
+    calib_copy(4, sum, lever[j]);
   }
 }
 
 /* Adds how much each joint bends under the weights, and where slope is not null the derivatives. */
 static inline void calib_sag(const calib_joints q, calib_values value, calib_slopes slope) {
   calib_frame at[CALIB_CHAIN + 1];
-  calib_real across[CALIB_CHAIN][3] = {{0}}, moved[CALIB_CHAIN][3], angle[CALIB_CHAIN];
+  calib_real across[CALIB_CHAIN][3] = {{0}}, lever[CALIB_CHAIN][4], moved[CALIB_CHAIN][3];
+  calib_real angle[CALIB_CHAIN];
   int i, j, k;
   calib_mixed(&calib_drawn, q, angle, 0);
   calib_frames(&calib_drawn, angle, at); /* at which weights bend it */
   for (i = 0; i < CALIB_CHAIN; ++i)
     if (calib_turns[i]) calib_cross(calib_gravity, at[i].axis, across[i]);
   for (i = 0; i < CALIB_CHAIN; ++i) {
-    calib_levers(at, i, calib_bending[i], moved);
+    calib_levers(at, i, calib_bending[i], lever);
+    calib_swing(at, i, lever[i], moved[i]);
     value[i] += calib_dot(moved[i], calib_gravity);
     for (j = 0; slope && j < CALIB_CHAIN; ++j) {
       /* a joint before turns the whole lever, one beyond only the weights that follow it */
       const int first = j < i ? j : i, last = j < i ? i : j;
-      const calib_real by_joint = calib_dot(across[first], moved[last]);
+      calib_real by_joint;
+      if (j > i) calib_swing(at, j, lever[j], moved[j]);
+      by_joint = calib_dot(across[first], moved[last]);
       for (k = 0; k < CALIB_DOF; ++k) slope[i][k] += by_joint * calib_drawn.mix[j][k];
     }
   }
