@@ -21,7 +21,7 @@ from calib.arm.rotations import matrix_of
 from calib.common.scale import METRES
 from calib.recording.board_pictures import BoardPictures, find_board
 from calib.recording.bundle import project
-from calib.recording.motion_tables import FlangeTable, read_flange_poses
+from calib.recording.pose_files import FlangeTable, read_flange_poses
 from calib.recording.readings import pose_readings
 from calib.samples.lens import Lens
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from tables import typed
 
 import calib
-from calib.recording.motion_tables import FlangeTable
+from calib.recording.pose_files import FlangeTable
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 

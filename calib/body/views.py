@@ -169,6 +169,7 @@ class Projection:
         return {
             "view.rotation": (cross(axes, position), axes),
             "view.shift": (axes / self.scale, None),
+            "view.scale": (position[None], None),
         }
 
     def look(self, motion: Motion) -> Sight:

@@ -15,10 +15,8 @@ best sets to convergence, and where that leads far the system is linearised agai
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass
 from itertools import chain, product
-from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -53,7 +51,7 @@ class SearchSettings:
     # nats by which one more cause must better the evidence: without it waves of 8 mrad in a corner
     # were an offset and a gain
     nats_better: float = 1.0
-    # most times that the system is set up anew, at the best explanation
+    # most times that sets are compared, each where the system is linear anew
     rounds: int = 3
     # most explanations of a round that are fitted to convergence
     fits: int = 8
@@ -80,11 +78,9 @@ class Candidate(NamedTuple):
     normals: Array  # (p,), their best changes over the standard deviations by which they are free
 
 
-CauseNames = tuple[str, ...]
-Tried = dict[CauseNames, list[Candidate]]
-"""Sets of causes with each size of waves, the best first."""
-
-_evidence = attrgetter("evidence")
+def _order(candidate: Candidate | Explanation) -> tuple[float, tuple[str, ...]]:
+    """What sorts sets of causes: the greatest evidence first."""
+    return -candidate.evidence, candidate.causes
 
 
 class Information(NamedTuple):
@@ -129,6 +125,7 @@ class Search:
     free_groups : those free in every set: a frame that was fitted to the log, a turned tool
     correlation_time : of the rows; likelihoods are raised to the power 1 / of it
     sd : (d,), by which the parameters may have changed
+    beta : (d,), parameters at which the system is linear
     always_free : parameters of `free_groups`
     free : those that are free in any set
     """
@@ -155,7 +152,7 @@ class Search:
             name for name in singles if name in self.cause_sets
         ]
         self.cost = float(np.log(max(len(self.cause_sets), 1)))
-        self.informations: dict[float, Information] = {}
+        self.linearise(reference.beta)
 
     def _cause_sets(self, singles: Mapping[str, Indices]) -> dict[str, Indices]:
         """Parameters of each cause, and of sets that belong together, that may be free."""
@@ -177,6 +174,11 @@ class Search:
                 free_sets[name] = free
         return free_sets
 
+    def linearise(self, beta: Array) -> None:
+        """Compare sets of causes in the system as it is linear at parameters (d,)."""
+        self.beta = beta
+        self.informations: dict[float, Information] = {}
+
     def information(self, wave_size: float) -> Information:
         """What rows tell, beside waves of a size, of all that may be free."""
         if wave_size not in self.informations:
@@ -185,10 +187,11 @@ class Search:
 
     def _information(self, wave_size: float) -> Information:
         """The same for each size of the noise."""
-        x = self.system.x[:, self.free] * self.sd[self.free]
-        statistics = self.system.nuisance(wave_size).statistics(
-            self.system.y, x
-        )
+        residual, columns = self.system.residual(self.beta, self.free)
+        change = (self.beta - self.system.reference.beta)[self.free]
+        y = self.system.whiten(residual) + columns @ change
+        nuisance = self.system.nuisance(wave_size)
+        statistics = nuisance.statistics(y, columns * self.sd[self.free])
         noises, likelihood = statistics.noises()
         sparse = slice(None, None, SEARCH.noise_stride)
         by_noise = map(statistics.information, noises[sparse].tolist())
@@ -212,48 +215,57 @@ class Search:
             candidates.append(
                 Candidate(causes, wave_size, indices, best, normals)
             )
-        return sorted(candidates, key=_evidence, reverse=True)
+        return sorted(candidates, key=_order)
 
-    def candidates(self) -> list[Candidate]:
-        """Nothing, sets that belong together, and causes added one by one, best first."""
-        nothing = self.candidates_of(())
-        tried: Tried = {
-            (name,): self.candidates_of((name,)) for name in self.cause_sets
-        }
-        least = nothing[0].evidence
-        beam: list[CauseNames] = [()]
+    def fits(self, *, calm: bool) -> Iterable[Explanation]:
+        """Fits of nothing, and unless all is `calm` of the best sets.
+
+        Where the best fit is not as it was promised, sets are compared again as they are there.
+        """
+        fits: dict[tuple[tuple[str, ...], float], Explanation] = {}
+        candidates = self.candidates_of(())
+        for _ in range(SEARCH.rounds):
+            if not calm:
+                candidates += self.best_candidates()
+            for candidate in candidates:
+                key = candidate.causes, candidate.wave_size
+                if key not in fits:
+                    fits[key] = self.explanation_of(candidate)
+            best = min(fits.values(), key=_order)
+            promise = min(candidates, key=_order)
+            if calm or abs(best.evidence - promise.evidence) < MARGIN:
+                break
+            self.linearise(best.beta)
+            candidates = []
+        return fits.values()
+
+    def best_candidates(self) -> list[Candidate]:
+        """Sets that belong together, and causes added one by one: those near the best."""
+        best = self.candidates_of(())[0]
+        tried = [best]
+        for name in self.cause_sets.keys() - self.single_names:
+            tried += self.candidates_of((name,))
+        beam = [best]
         for _ in range(SEARCH.causes):
-            longer = self._longer(beam, tried)
-            if not longer:
+            longer = {
+                tuple(sorted((*shorter.causes, name)))
+                for shorter, name in product(beam, self.single_names)
+                if name not in shorter.causes
+            }
+            sets = [self.candidates_of(causes) for causes in longer]
+            tried += chain(*sets)
+            beam = sorted((first for first, *_ in sets), key=_order)
+            beam = beam[: SEARCH.beam]
+            least = best.evidence + SEARCH.nats_better
+            if not beam or beam[0].evidence < least:
                 break
-            tried |= longer
-            best_of_sets = [candidates[0] for candidates in longer.values()]
-            best_of_sets.sort(key=_evidence, reverse=True)
-            best = best_of_sets[0].evidence
-            beam = [
-                candidate.causes for candidate in best_of_sets[: SEARCH.beam]
-            ]
-            if best < least + SEARCH.nats_better:
-                break
-            least = best
-        every = chain(nothing, *tried.values())
-        return sorted(every, key=_evidence, reverse=True)
-
-    def _longer(self, beam: Sequence[CauseNames], tried: Tried) -> Tried:
-        """Sets of a beam with one more cause each, with each size of waves."""
-        longer: Tried = {}
-        for causes, name in product(beam, self.single_names):
-            key = tuple(sorted({*causes, name}))
-            if len(key) > len(causes) and key not in longer:
-                longer[key] = tried.get(key) or self.candidates_of(key)
-        return longer
-
-    def relinearised(self, beta: Array) -> Search:
-        """The same of the system linearised at parameters (d,)."""
-        search = copy(self)
-        search.system = self.system.relinearised(beta)
-        search.informations = {}
-        return search
+            best = beam[0]
+        tried.sort(key=_order)
+        least = tried[0].evidence - SEARCH.nats_near
+        near = [candidate for candidate in tried if candidate.evidence > least]
+        return [
+            candidate for candidate in near[: SEARCH.fits] if candidate.causes
+        ]
 
     def explanation_of(self, candidate: Candidate) -> Explanation:
         """Fit a set by damped Gauss-Newton steps, its noise by likelihood."""
@@ -345,37 +357,5 @@ def explain(
         if system.reference.is_fitted:
             free_groups = (*FRAME, *certain_groups)
         search = Search(system, cause, free_groups, correlation_time)
-        nothing = map(search.explanation_of, search.candidates_of(()))
-        if calm:
-            explanations += nothing
-        else:
-            explanations += _with_best_sets(search, nothing)
-    return tuple(sorted(explanations, key=_evidence, reverse=True))
-
-
-def _with_best_sets(
-    search: Search, nothing: Iterable[Explanation]
-) -> Iterable[Explanation]:
-    """Fits of the best sets and of nothing, linearised at the best until that is as promised."""
-    fits = list(nothing)
-    causes: CauseNames | None = None
-    for _ in range(SEARCH.rounds):
-        candidates = search.candidates()
-        promise = candidates[0].evidence
-        for candidate in candidates[: SEARCH.fits]:
-            if candidate.evidence > promise - SEARCH.nats_near:
-                fits.append(search.explanation_of(candidate))
-        fits.sort(key=_evidence, reverse=True)
-        best = fits[0]
-        is_as_promised = abs(best.evidence - promise) < MARGIN
-        if is_as_promised or best.causes == causes:
-            break
-        causes = best.causes
-        search = search.relinearised(best.beta)
-    return _best_of_each(fits)
-
-
-def _best_of_each(fits: Sequence[Explanation]) -> Iterable[Explanation]:
-    """The best fit of each set with each size of waves, of fits whose first is the best."""
-    best = {(fit.causes, fit.wave_size): fit for fit in reversed(fits)}
-    return best.values()
+        explanations += search.fits(calm=calm)
+    return tuple(sorted(explanations, key=_order))

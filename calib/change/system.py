@@ -11,7 +11,6 @@ statistics of both: X'X, X'y, U'X and so on, from which likelihood and informati
 from __future__ import annotations
 
 import math
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -81,8 +80,6 @@ class System:
         residual = structure.residual(observations.z, self.predicted)
         self.y = self.whiten(residual)
         self.x = self.whiten(columns)
-        # nuisances are those at the reference, wherever the system is linearised
-        self.x_at_reference = self.x
         self._nuisance: dict[float, Nuisance] = {}
 
     @cached_property
@@ -129,18 +126,6 @@ class System:
             )
             residual = structure.residual(self.observations.z, predicted)
         return residual, self.whiten(columns)
-
-    def relinearised(self, beta: Array) -> System:
-        """The same rows linearised at parameters (d,), y + X (beta - reference).
-
-        Changes count from the reference as before.
-        """
-        every = np.arange(len(beta))
-        change = beta - self.reference.beta
-        system = copy(self)
-        residual, system.x = self.residual(beta, every)
-        system.y = self.whiten(residual) + system.x @ change
-        return system
 
     def log_columns(self, sd: Array) -> Array:
         """Columns (N, r) of what a log shows of its own: a smooth residual, and a shared frame.
@@ -269,7 +254,7 @@ class Nuisance:
         active, root = prior_columns(
             reference, wave_size, creep_share, change_sd
         )
-        of_arm = system.x_at_reference[:, active] @ root
+        of_arm = system.x[:, active] @ root
         of_log = system.log_columns(residual_sd)
         columns = np.concatenate([of_log, of_arm], axis=1)
         self.system = system

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..common.arrays import Array, Index
 from ..common.rows import group_sums, row_lengths
 from ..common.scale import Scale
-from .links import SparseRows
+from .links import SparseRows, entry_rows
 from .map import Map
 from .settings import READOUT
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 @dataclass(frozen=True)
@@ -90,20 +94,35 @@ def _cluster_labels(links: SparseRows, motor: Map) -> Index:
     from scipy.sparse.csgraph import connected_components
 
     count = len(links.indices)
-    around = 3 ** min(motor.units.shape[1], 3)
-    k = min(around, motor.size)
-    distance, near = motor.nearest(motor.units, k)
-    close = distance <= READOUT.joined * motor.spacing
+    neighbours = _close_nodes(motor)[links.indices]
+    link = entry_rows(neighbours.indptr)
     # links are in the order of their keys; look for those of the same node to close motor nodes
     rows = links.rows * motor.size
     keys = rows + links.indices
-    neighbour_keys = rows[:, None] + near[links.indices]
+    neighbour_keys = rows[link] + neighbours.indices
     place = np.searchsorted(keys, neighbour_keys)
     place = np.minimum(place, count - 1)
     exists = keys[place] == neighbour_keys
-    link, column = np.nonzero(close[links.indices] & exists)
-    pairs = (link, place[link, column])
-    ones = np.ones(len(link))
+    pairs = (link[exists], place[exists])
+    ones = np.ones(len(pairs[0]))
     graph = coo_array((ones, pairs), (count, count))
     label: Index = connected_components(graph)[1].astype(np.intp)
     return label
+
+
+def _close_nodes(motor: Map) -> csr_array:
+    """Pairs of a motor node and a later one close to it, (motor nodes, motor nodes)."""
+    from scipy.sparse import coo_array
+
+    around = 3 ** min(motor.units.shape[1], 3)
+    k = min(around, motor.size)
+    distance, near = motor.nearest(motor.units, k)
+    node, column = np.nonzero(distance <= READOUT.joined * motor.spacing)
+    other = near[node, column]
+    is_apart = node != other
+    first = np.minimum(node, other)[is_apart]
+    second = np.maximum(node, other)[is_apart]
+    ones = np.ones(len(first))
+    shape = (motor.size, motor.size)
+    # what is there twice is added up
+    return coo_array((ones, (first, second)), shape).tocsr()

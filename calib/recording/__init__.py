@@ -2,7 +2,8 @@
 
 Hand-eye (camera and board from pictures and motions), in the order of the flow:
     handeye           the call that runs all below
-    motion_tables     joints or flange poses from a table
+    motion_tables     joints from a table, and the picture of each row
+    pose_files        flange poses from tables, matrices, lists, JSON, NumPy
     board             patterns, and their corners in a picture
     board_pictures    the pictures that show a board
     lens              a camera's lens

@@ -29,8 +29,9 @@ from .answer import solve_rig
 from .board import Pattern, TagGrid
 from .board_pictures import BoardPictures, Source, find_board
 from .lerobot import is_dataset
-from .motion_tables import FlangeTable, JointTable, read_flange_poses
+from .motion_tables import JointTable
 from .pictures import Picture
+from .pose_files import FlangeTable, read_flange_poses
 from .problem import problem_of_joints, problem_of_poses
 from .rig import HandEye as HandEye
 from .view import view_of

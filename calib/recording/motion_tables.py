@@ -1,12 +1,10 @@
-"""Tables of motions beside pictures: joints, or flange poses as controllers write them."""
+"""Tables of joints beside pictures, and the picture of each row."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
-from pathlib import Path
 
 import numpy as np
 
@@ -20,31 +18,7 @@ from ..samples.header import name_and_unit
 from ..samples.tables import Source, open_source
 from .pictures import Shot, list_pictures, read_series
 
-TURNS = {
-    "xyzw": ("qx", "qy", "qz", "qw"),
-    "vector": ("rx", "ry", "rz"),
-    "rpy": ("roll", "pitch", "yaw"),
-    "kuka": ("A", "B", "C"),
-    "fanuc": ("w", "p", "r"),
-    "matrix": tuple(f"r{i}{k}" for i in (1, 2, 3) for k in (1, 2, 3)),
-}
-"""Columns of a turn, by what their names say."""
-
-MATRIX = tuple(f"m{i}{k}" for i in range(4) for k in range(4))
-
-EXPECTED = (
-    f"x, y, z and one of {', '.join(f'{n[0]}..{n[-1]}' for n in TURNS.values())}, or m00..m33, "
-    "and perhaps picture; without a header six, seven, twelve or sixteen numbers"
-)
-
-_LENGTHS = (6, 7, 12, 16)  # numbers of a row without a header
-_BESIDE = {"picture", "time", "timestamp", "episode"}
-# numbers of rows, as pandas and databases write them, tell nothing
-_IGNORED = {*_BESIDE, "", "id", "index", *map(str.lower, MATRIX)}
-# "[mm]", "(deg)", "_mm": the fit finds units
-_UNIT = r"\s*[\[(].*[\])]$|_(?:m|cm|mm|in|rad|deg|grad)$"
-_OTHERS = {*_BESIDE, "x", "y", "z", *TURNS["xyzw"]}
-_KNOWN = {*_IGNORED, *"xyz", *map(str.lower, chain(*TURNS.values()))}
+_OTHERS = r"picture|time|timestamp|episode|q?[xyz]|qw"
 # [rad]; joints that go beyond two turns are taken for degrees
 _TURNS = 4.0 * np.pi
 
@@ -52,7 +26,9 @@ _TURNS = 4.0 * np.pi
 def joint_columns(header: Sequence[str]) -> tuple[str, ...]:
     """Return the columns of a table that are not a time, a picture or a position."""
     return tuple(
-        name for name in header if name_and_unit(name)[0].lower() not in _OTHERS
+        name
+        for name in header
+        if not re.fullmatch(_OTHERS, name_and_unit(name)[0].lower())
     )
 
 
@@ -130,9 +106,7 @@ def number_rows_of(source: Source, columns: Sequence[str]) -> JointTable:
     column = picture_column(source)
     if column is not None:
         cells = source.read([column])[column].to_list()
-        # without their folders, of this system or another
-        paths = [str(cell or "").replace("\\", "/").strip() for cell in cells]
-        pictures = [paths[k].rpartition("/")[2] for k in good]
+        pictures = [file_name(str(cells[k] or "")) for k in good]
     return JointTable(
         source.label,
         tuple(columns),
@@ -141,6 +115,11 @@ def number_rows_of(source: Source, columns: Sequence[str]) -> JointTable:
         pictures,
         len(numbers) - len(good),
     )
+
+
+def file_name(path: str) -> str:
+    """The name of a file without its folders, of this system or another."""
+    return path.replace("\\", "/").strip().rpartition("/")[2]
 
 
 def picture_column(source: Source) -> str | None:
@@ -191,95 +170,3 @@ def read_shots(
             "the order of names or by a column 'picture'"
         )
     return rows, read_series(paths, notes), notes
-
-
-@dataclass(frozen=True, eq=False)
-class FlangeTable:
-    """Flange poses as numbers, one row for each picture."""
-
-    label: str
-    numbers: Array  # (n, 3 + k): x, y, z and 3, 4 or 9 numbers of a turn
-    pictures: Sequence[str] | None  # names of the rows' pictures
-    named: str = ""  # the rotation that the columns' names say
-    dropped: int = 0  # rows with a missing value
-    # what the user states of the poses; by default all readings are tried
-    unit: str | None = None
-    rotation: str | None = None
-    degrees: bool | None = None
-
-    @property
-    def joints(self) -> JointTable:
-        """The same rows without a joint."""
-        q = np.zeros((len(self.numbers), 0))
-        return JointTable(self.label, (), q, None, self.pictures, self.dropped)
-
-
-def read_flange_poses(path: FilePath) -> FlangeTable:
-    """Read a table of flange poses.
-
-    Its columns are x, y, z and one of qx, qy, qz, qw; rx, ry, rz; roll, pitch, yaw; A, B, C;
-    w, p, r; r11 .. r33; or m00 .. m33 alone, with a unit in brackets or behind "_" or without; a
-    column of names of pictures may have any name; without a header six, seven, twelve or sixteen
-    numbers.
-    Raises LogError, which lists these, where it is none.
-    """
-    source = open_source(path)
-    label = source.label
-    cells = [name.partition("_duplicated_")[0] for name in source.header]
-    named = ""
-    pictures = None
-    dropped = 0
-    if re.fullmatch(r"[-+\d.eE\s]+", " ".join(cells)):
-        numbers = _without_header(Path(path), label)
-    else:
-        shown = picture_column(source)
-        names = {
-            re.sub(_UNIT, "", name.lower()): name
-            for name in source.header
-            if name != shown
-        }
-        named, columns = _columns(set(names))
-        if not columns or names.keys() - {*columns, *_IGNORED}:
-            odd = [name for key, name in names.items() if key not in _KNOWN]
-            raise LogError(
-                f"{label} has the columns {listing(source.header)}: expected {EXPECTED}; "
-                f"rename or drop {listing(odd)}"
-            )
-        rows = number_rows_of(source, [names[column] for column in columns])
-        numbers = rows.q
-        pictures = rows.pictures
-        dropped = rows.dropped
-    if not len(numbers):
-        raise LogError(
-            f"{label} has no row with numbers alone: expected decimals with a point"
-        )
-    if numbers.shape[1] >= 12 and named != "matrix":
-        lines = numbers[:, :12].reshape(-1, 3, 4)
-        turns = lines[:, :, :3].reshape(-1, 9)
-        numbers = np.column_stack([lines[:, :, 3], turns])
-    return FlangeTable(label, numbers, pictures, named, dropped)
-
-
-def _columns(header: set[str]) -> tuple[str, list[str]]:
-    """The rotation that names of columns (small letters) say, and its columns, if all are there."""
-    if header.issuperset(MATRIX[:12]):
-        return "", list(MATRIX[:12])
-    for kind, names in TURNS.items():
-        columns = ["x", "y", "z", *map(str.lower, names)]
-        if header.issuperset(columns):
-            return "rpy" if kind == "fanuc" else kind, columns
-    return "", []
-
-
-def _without_header(path: Path, label: str) -> Array:
-    """Numbers (n, 6, 7, 12 or 16) of a file."""
-    text = re.sub(r"[;,\t]", " ", path.read_text(encoding="utf-8-sig"))
-    try:
-        numbers = np.loadtxt(text.splitlines(), ndmin=2)
-    except ValueError as error:
-        raise LogError(f"{label}: {error}") from None
-    if numbers.shape[1] not in _LENGTHS:
-        raise LogError(
-            f"{label} has no header and {numbers.shape[1]} numbers a row: expected {EXPECTED}"
-        )
-    return numbers

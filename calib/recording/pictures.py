@@ -60,8 +60,8 @@ def one_thread() -> Iterator[None]:
         cv2.setNumThreads(threads)
 
 
-def _natural(path: Path) -> str:
-    """A key that sorts `img_10` after `img_9`."""
+def natural_key(path: Path) -> str:
+    """Return a key that sorts `img_10` after `img_9`."""
     return re.sub(r"\d+", lambda digits: digits[0].zfill(20), path.name.lower())
 
 
@@ -73,7 +73,7 @@ def list_pictures(source: FilePath | Sequence[str]) -> list[Path]:
     if not isinstance(source, (str, os.PathLike)):
         return sorted(
             {path for name in source for path in list_pictures(name)},
-            key=_natural,
+            key=natural_key,
         )
     text = os.fspath(source)
     paths = [Path(source)]
@@ -95,7 +95,7 @@ def list_pictures(source: FilePath | Sequence[str]) -> list[Path]:
         raise LogError(
             f"no pictures in {text!r}: expected a folder of {kinds}, or a pattern"
         )
-    return sorted(paths, key=_natural)
+    return sorted(paths, key=natural_key)
 
 
 def read_picture(path: FilePath, *, colour: bool = False) -> Picture:

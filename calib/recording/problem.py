@@ -21,7 +21,7 @@ from .board_pictures import LEAST
 from .bundle import Bundle, CornerLayout, Motions, Unknowns, shape_slopes
 from .fit import CornerFit, CornerPrior, Noise, Scale, solve
 from .joint_motions import JointMotions
-from .motion_tables import FlangeTable
+from .pose_files import FlangeTable
 from .readings import Choice, choose, refuse_readings
 from .start import RigStart, find_start
 from .view import View

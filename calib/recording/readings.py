@@ -24,7 +24,7 @@ from ..errors import LogError, OptionError
 from ..samples.findings import Finding
 from ..samples.interpretations import interpretations
 from ..samples.settings import DIAGNOSIS
-from .motion_tables import FlangeTable
+from .pose_files import FlangeTable
 from .start import UNITS, RigStart, find_start, find_starts
 from .view import View
 

@@ -7,6 +7,7 @@ import csv
 import io
 import json
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -69,6 +70,12 @@ class Source:
     def header(self) -> tuple[str, ...]:
         """Names of the columns."""
         return tuple(name for name in self.table.columns if name != _ROW)
+
+    @property
+    def is_headless(self) -> bool:
+        """Whether its first line is numbers, not names."""
+        cells = (name.partition("_duplicated_")[0] for name in self.header)
+        return re.fullmatch(r"[-+\d.eE\s\[\]]+", " ".join(cells)) is not None
 
     @property
     def unit(self) -> str | None:
@@ -148,11 +155,14 @@ class Source:
         return values, self.table[_ROW].to_numpy().astype(np.intp)
 
 
-def open_source(path: str | os.PathLike[str] | Source) -> Source:
+def open_source(
+    path: str | os.PathLike[str] | Source, *, headless: bool = False
+) -> Source:
     """Read a CSV or Parquet file.
 
     `-` reads CSV from standard input.  A table that is open stays as it is, so that a pipe, which
     can be read only once, serves several readers.
+    headless : whether the first line may be numbers
     Raises LogError if there is no such file, or no header in it.
     """
     if isinstance(path, Source):
@@ -165,6 +175,16 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
             f"{label} is a model, not a log",
             hint="`log` takes a log (CSV or Parquet), a model is named without an option",
         )
+    source = parse_source(content, label)
+    if source.is_headless and not headless:
+        raise LogError(
+            f"{label} has no header: expected the columns' names in the first line, not numbers"
+        )
+    return source
+
+
+def parse_source(content: bytes, label: str) -> Source:
+    """The table that the bytes of a CSV or Parquet file are."""
     table, about = _parse(content, label)
     document = None
     with suppress(ValueError):

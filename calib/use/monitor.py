@@ -37,12 +37,9 @@ class MonitorSettings:
 
     # samples that are remembered: older ones fade by a factor of e
     window: float = 200.0
-    # samples between two judgements
-    every: int = 10
-    # samples after one that tell whether it is an outlier
-    ahead: int = 2
-    # nodes of the model's own residual
-    nodes: int = 20
+    every: int = 10  # samples between two judgements
+    ahead: int = 2  # samples after one that tell whether it is an outlier
+    nodes: int = 20  # of the model's own residual
     # largest autocorrelation from sample to sample that is counted
     most_alike: float = 0.99
     # share of calm samples that may be alarms
@@ -57,6 +54,8 @@ class MonitorSettings:
     least_readings: float = 1e-4
     # standard deviation of how much later positions may come than joints [samples]
     late: float = 1.0
+    # share of what it does that a late clock leaves: the model errs otherwise at the pose before
+    late_leaves: float = 0.1
 
     @property
     def fade(self) -> float:
@@ -70,11 +69,9 @@ MONITOR = MonitorSettings()
 class State(NamedTuple):
     """What is known after a sample."""
 
-    # samples seen, without those outside of what the model has learned
-    samples: int
+    samples: int  # seen, without those outside of what the model has learned
     drifted: bool  # whether a signal is above its threshold now
-    # largest score of a test; 0 while there are too few samples
-    score: float
+    score: float  # largest of a test; 0 while there are too few samples
     # [unit], standard deviation per axis of what no change explains; NaN before it is known
     noise: float
     # the most telling group of parameters, where one fired
@@ -198,7 +195,7 @@ class _News:
         squares = (_steps(rest, last_rest) ** 2).mean(axis=1) / 2.0
         self._steps.extend(squares[alike > MONITOR.near].tolist())
 
-        readings = self._variance_of_readings(rest.shape[1])
+        readings = self.variance_of_readings(rest.shape[1])
         weights = np.ones(len(q))
         if readings >= 1.0:
             return weights
@@ -209,17 +206,12 @@ class _News:
             weights[row] = (self._known - known) / (1.0 - readings)
         return weights
 
-    def without_outliers(self, q: Array, rest: Array) -> Array:
-        """Residuals (b, m), outliers among those nearby as their median (a Hampel filter)."""
-        outputs = rest.shape[1]
+    def medians(self, q: Array, y: Array) -> Array:
+        """Medians (b, m) of the residuals (b, m) near each (a Hampel filter)."""
         is_near = matern(q, q, self._lengths) > MONITOR.near
-        medians = np.array([np.median(rest[near], axis=0) for near in is_near])
-        variance = outputs * self._variance_of_readings(outputs)
-        distance = row_lengths(rest - medians)
-        is_outlier = distance > MONITOR.clip * math.sqrt(variance)
-        return np.where(is_outlier[:, None], medians, rest)
+        return np.array([np.median(y[near], axis=0) for near in is_near])
 
-    def _variance_of_readings(self, outputs: int) -> float:
+    def variance_of_readings(self, outputs: int) -> float:
         """Variance 1 - c, over that of the noise, at most; infinite before one is known."""
         from scipy.special import chdtri
 
@@ -289,13 +281,26 @@ class _Equations:
         """Take residuals (b, m) [unit] of samples at joints (b, dof), those ahead come again."""
         count = len(q) - MONITOR.ahead
         sizes = self._reference.sizes
-        y = self._news.without_outliers(q, residual / sizes)[:count]
-        q = q[:count]
         columns = self._columns(q) / sizes[:, None]
+        y = residual / sizes
+        medians = self._news.medians(q, y)
+        q, y, medians, columns = (
+            part[:count] for part in (q, y, medians, columns)
+        )
+
+        # where the arm dwells a late clock errs at each jump, as wrong detections may
         late = columns[:, :, 0]
         delay = self._delay_of(y, late)
-        rest = self._clipped(y - delay * late)
-        y = delay * late + rest
+        outputs = y.shape[1]
+        variance = outputs * self._news.variance_of_readings(outputs)
+        most = MONITOR.clip * math.sqrt(variance)
+        is_outlier = row_lengths(y - medians) > most
+        left_over = row_lengths(y - delay * late - medians)
+        by_late = MONITOR.late_leaves * row_lengths(delay * late)
+        late[is_outlier & (left_over > np.maximum(most, by_late))] = 0.0
+        rest = np.where(is_outlier[:, None], medians, y - delay * late)
+        rest = self._clipped(rest)
+        y = rest + delay * late
         rows = np.concatenate([columns, y[:, :, None]], axis=2)
         steps = _steps(rows, self._last_row)
         self._last_row = rows[-1]
@@ -315,7 +320,7 @@ class _Equations:
         body = self._reference.body
         predicted, slope = body.structure.linearise(q, self._reference.beta)
         late = -_steps(predicted, self._last_predicted)
-        self._last_predicted = predicted[-1]
+        self._last_predicted = predicted[-1 - MONITOR.ahead]
         residual_sd = body.kappa * self._reference.residual_sd
         columns = [
             MONITOR.late * late[:, :, None],

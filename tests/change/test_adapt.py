@@ -306,7 +306,7 @@ def test_local_models_follow_the_arm():
         return replace(rows, x=real(rows.q + offset) + noise)
 
     offset = np.array([0.0, 0.02, 0.0])
-    learned = calib.train(measured(1500, 1, 0.0), size=6)
+    learned = calib.train(measured(1000, 1, 0.0), size=6)
     found = calib.adapt(learned, measured(60, 5, offset))
     q = calib.babble(robot, 500, seed=9).q
     assert found.improved

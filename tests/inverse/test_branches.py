@@ -48,7 +48,7 @@ def test_all_branches_and_no_others(robot, least, answering):
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_answers_lead_to_their_target_within_the_limits(robot):
     model = trained(robot)
-    q = draw(model, 200, seed=1, margin=0.02)
+    q = draw(model, 100, seed=1, margin=0.02)
     x = model.forward(q)
     for answer in (model.solve(x), model.solve(x, near=q)):
         assert answer.reachable.all()
@@ -56,24 +56,13 @@ def test_answers_lead_to_their_target_within_the_limits(robot):
         np.testing.assert_allclose(answer.position, x, atol=1e-9)
         assert answer.distance.max() < 1e-9
     assert away(model, answer.q, q).max() < 1e-5
-    beyond = np.random.default_rng(2).uniform(-0.9, 0.9, (200, 2))
+    middle = (model.about.lower + model.about.upper) / 2
+    np.testing.assert_allclose(model.inverse(x), model.inverse(x, near=middle), atol=1e-6)
+    beyond = np.random.default_rng(2).uniform(-0.9, 0.9, (100, 2))
     q = model.solve(beyond).q
     slack = 1e-12 * (model.about.upper - model.about.lower)
     assert (q >= model.about.lower - slack).all()
     assert (q <= model.about.upper + slack).all()
-
-
-@pytest.mark.parametrize("robot", ["two_link_full", "scara"])
-def test_near_is_the_closest_of_all_branches_without_it_the_middle_decides(robot):
-    model = trained(robot)
-    x, near = model.forward(draw(model, 300, seed=3)), draw(model, 300, seed=4)
-    middle = (model.about.lower + model.about.upper) / 2
-    nearest, central = model.inverse(x, near=near), model.inverse(x)
-    np.testing.assert_array_equal(central, model.inverse(x, near=middle))
-    for i, branches in enumerate(model.inverse_all(x)):
-        closest = away(model, branches, near[i]).min()
-        assert away(model, nearest[i], near[i]) <= closest + 1e-6
-        np.testing.assert_allclose(central[i], branches[0], atol=1e-6)
 
 
 def test_a_joint_that_turns_round_reaches_every_direction_across_its_seam():
@@ -105,7 +94,7 @@ def test_of_three_joints_at_their_limits_every_branch_is_found():
         ("0 1 0", "-0.39 0.31 0.32", "-1.2", "2.9"),
     )
     arm = arm_from_urdf(chain_urdf(*(joint(*each) for each in joints), tip="-0.17 -0.03 0.08"))
-    model = calib.train(calib.babble(arm, 1500, seed=0), seed=0)
+    model = calib.train(calib.babble(arm, 1500, seed=0), size=20)
     rng = np.random.default_rng(77)
     q = rng.uniform(arm.lower, arm.upper, (100, 3))
     q[:, [0, 2]] = np.where(rng.random((100, 2)) < 0.5, arm.lower[[0, 2]], arm.upper[[0, 2]])
@@ -242,13 +231,13 @@ def test_no_attainable_point_is_closer_and_the_edge_is_reached(robot):
     for k in range(arm.dof):  # the workspace ends where joints do
         grid[k::6, k] = rng.choice([arm.lower[k], arm.upper[k]], len(grid[k::6]))
     positions = arm.forward(grid)
-    targets = rng.uniform(-0.9, 0.9, (150, 2))
+    targets = rng.uniform(-0.9, 0.9, (80, 2))
     closest = np.array([np.linalg.norm(positions - x, axis=1).min() for x in targets])
     # from joints far away, too: of ways that miss the one that misses least
-    for near in (grid[:150], None):
+    for near in (grid[:80], None):
         answer = model.solve(targets, near)
         out = ~answer.reachable
-        assert out.sum() > 30
+        assert out.sum() > 15
         assert (answer.distance[out] <= closest[out] + 1e-6).all()
         assert answer.distance[~out].max() < 1e-12
     away = np.linalg.norm(arm.forward(answer.q) - targets, axis=1)

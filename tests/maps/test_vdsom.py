@@ -69,17 +69,6 @@ def test_eq_7_and_8_as_printed_step_by_step():
         h = (t / rho) ** 4 * np.exp(-t / sigma**2)  # eq. 8
         w = w + min(alpha * h, 1.0) * (sample - w)
     np.testing.assert_allclose(net.layers[0].weights, w, atol=1e-12)
-
-
-def test_eq_8_as_printed_gathers_all_nodes_in_one_place_and_only_online():
-    x = np.random.default_rng(0).random((2000, 2))
-    printed, stable = (
-        calib.SOM(10, f"vdsom:{name}", rule="online", epochs=3).fit(x)
-        for name in ("printed", "rho")
-    )
-    assert np.ptp(printed.units, axis=0).max() < 0.02
-    assert printed.quantization_error(x) > 0.3
-    assert stable.quantization_error(x) < 0.06
     refused(OptionError, "one sample at a time", calib.SOM(10, "vdsom:printed").fit, x)
 
 
@@ -173,16 +162,6 @@ def test_the_default_is_the_border_times_where_a_smooth_model_is_wrong():
 
 
 X = points(600)
-
-
-def test_a_gain_draws_nodes():
-    def right(visit: calib.Visit):
-        assert visit.weights.shape == (64, 2)
-        return 1.0 + 20.0 * visit.progress * (visit.weights[visit.winners, 0] > 0.7)
-
-    drawn = calib.SOM((8, 8), map=right).fit(X)
-    plain = calib.SOM((8, 8), map="som").fit(X)
-    assert (drawn.units[:, 0] > 0.7).sum() > 1.3 * (plain.units[:, 0] > 0.7).sum()
 
 
 WRONG = {

@@ -12,7 +12,7 @@ RECIPES = {
     "two links": {"log": 0},
     "two links, online rule": {"rule": "online"},
     "two links, dsom": {"map": "dsom"},
-    "two links, growing neural gas": {"map": "gng", "log": 40, "epochs": 5},
+    "two links, growing neural gas": {"map": "gng", "log": 40, "epochs": 2},
     "three links": {"robot": "three_link"},
     "a log": {},
     "maps and links alone": {"body": "none"},
@@ -25,7 +25,7 @@ WORK = """
 import hashlib, importlib, json, pathlib, sys, tempfile
 import calib
 
-importlib.import_module("calib.change.adapt").HORIZON = 600
+importlib.import_module("calib.change.adapt").HORIZON = 300
 
 def made(robot="two_link", log=100, adapt="", **options):
     arm = calib.load_arm(robot)

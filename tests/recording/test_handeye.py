@@ -165,7 +165,7 @@ def test_what_changed_on_the_way_is_told(group, step):
 @cache
 def learned():
     """A model of the camera in the hand and of its lens."""
-    return calib.train(Rig(True, known=False, pictures=40).solve().poses)
+    return calib.train(Rig(True, known=False, pictures=40).solve().poses, size=4)
 
 
 @pytest.mark.parametrize(("tilt", "drifted"), [(0.0, False), (0.5, True)])
@@ -228,7 +228,7 @@ def test_the_command_says_where_the_camera_is_and_its_model_watches_it(folder, r
 @cache
 def watching():
     """A model of where the camera in the hand is."""
-    return calib.train(solved(True).poses)
+    return calib.train(solved(True).poses, size=4)
 
 
 ALIKE = {

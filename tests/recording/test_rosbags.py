@@ -41,46 +41,41 @@ def write(
     path, kind="ros2", tip="PointStamped", n=300, latency=0.0, turning=False, lost=(), stamped=True
 ):
     store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
-    types = store.types
+    types = {name.rpartition("/")[2]: made for name, made in store.types.items()}
+    types["Time"] = store.types["builtin_interfaces/msg/Time"]  # std_msgs has one, too
     joint_t = np.arange(n) * STEP
     tip_t = 0.013 + np.arange(n - 2) * STEP
 
     def header(t):
-        whole, rest = (int(100 + t), int(1e9 * (t % 1))) if stamped else (0, 0)
-        stamp = types["builtin_interfaces/msg/Time"](whole, rest)
+        stamp = types["Time"](int(100 + t), int(1e9 * (t % 1))) if stamped else types["Time"](0, 0)
         extra = {"seq": 0} if kind == "ros1" else {}
-        extra["frame_id"] = "base" if stamped else ""
-        return types["std_msgs/msg/Header"](stamp=stamp, **extra)
+        return types["Header"](stamp=stamp, frame_id="base" if stamped else "", **extra)
 
     def joint_state(t, q):
-        return types["sensor_msgs/msg/JointState"](
-            header(t), ["elbow", "shoulder"], q[::-1].copy(), np.zeros(0), np.zeros(0)
-        )
+        none = np.zeros(0)
+        return types["JointState"](header(t), ["elbow", "shoulder"], q[::-1].copy(), none, none)
 
     def position(t, x):
-        point = types["geometry_msgs/msg/Point"](*map(float, x))
-        turn = types["geometry_msgs/msg/Quaternion"](*(turn_at(t) if turning else UNTURNED))
+        point = types["Point"](*map(float, x))
+        turn = types["Quaternion"](*(turn_at(t) if turning else UNTURNED))
         if tip == "TFMessage":
             moved = (("camera", "tag", x), ("base", "link", 2 * x))
-            return types["tf2_msgs/msg/TFMessage"]([transformed(t, *m, turn) for m in moved])
+            return types["TFMessage"]([transformed(t, *m, turn) for m in moved])
         if tip == "PointStamped":
-            return types["geometry_msgs/msg/PointStamped"](header(t), point)
+            return types["PointStamped"](header(t), point)
         if tip == "PoseStamped":
-            pose = types["geometry_msgs/msg/Pose"](point, turn)
-            return types["geometry_msgs/msg/PoseStamped"](header(t), pose)
+            return types["PoseStamped"](header(t), types["Pose"](point, turn))
         return transformed(t, "base", "tip", x, turn)
 
     def transformed(t, parent, child, x, turn):
-        vector = types["geometry_msgs/msg/Vector3"](*map(float, x))
-        transform = types["geometry_msgs/msg/Transform"](vector, turn)
-        stamped = types["geometry_msgs/msg/TransformStamped"](header(t), child, transform)
+        transform = types["Transform"](types["Vector3"](*map(float, x)), turn)
+        stamped = types["TransformStamped"](header(t), child, transform)
         stamped.header.frame_id = parent
         return stamped
 
-    messages = [
-        (t, "/joint_states", "sensor_msgs/msg/JointState", joint_state(t, q))
-        for t, q in zip(joint_t, q_at(joint_t), strict=True)
-    ]
+    states = zip(joint_t, q_at(joint_t), strict=True)
+    joints = ("/joint_states", "sensor_msgs/msg/JointState")
+    messages = [(t, *joints, joint_state(t, q)) for t, q in states]
     kinds, topic = ("tf2_msgs", "/tf") if tip == "TFMessage" else ("geometry_msgs", "/tracker")
     places = x_at(tip_t)
     places[list(lost)] = np.nan
@@ -89,11 +84,10 @@ def write(
         for t, x in zip(tip_t, places, strict=True)
     ]
     if tip == "TFMessage":
-        unturned = types["geometry_msgs/msg/Quaternion"](*UNTURNED)
+        unturned = types["Quaternion"](*UNTURNED)
         still = [transformed(0.0, "tag", "tool", (0.0, 0.0, 0.1), unturned)]
         still += [transformed(0.0, "world", "camera", (1.0, 0.0, 0.0), unturned)]
-        static = types["tf2_msgs/msg/TFMessage"](still)
-        messages.append((0.0, "/tf_static", "tf2_msgs/msg/TFMessage", static))
+        messages.append((0.0, "/tf_static", "tf2_msgs/msg/TFMessage", types["TFMessage"](still)))
     rng = np.random.default_rng(0)
     if kind == "ros1":
         writer = Writer1(path)

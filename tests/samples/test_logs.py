@@ -63,6 +63,7 @@ def test_times_that_are_not_used_are_told(file):
 
 BAD = [  # what a file holds, what is asked of it, and what the refusal says
     ("", {}, "is empty"),
+    ("1,2,2,3e-1\n2,3,4,5\n", {}, "has no header: expected the columns' names"),
     ("a,b,x,y\n", {}, "has no rows below its header"),
     ("a,b,x,y\n1,2,3,4\n", {}, "one usable row"),
     ("a,b,x\n1,2,3\n", {}, "no column 'y': choose from a, b, x"),

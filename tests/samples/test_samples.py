@@ -127,8 +127,7 @@ def spoiled(log, share, size=0.05, seed=7):
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 @pytest.mark.parametrize("n", [20, 140, 400])
 def test_clean_logs_lose_no_row(robot, noise, n):
-    for seed in (1, 2):
-        assert screen(bare(robot, n, seed, noise=noise)) == (0, [])
+    assert screen(bare(robot, n, 1, noise=noise)) == (0, [])
 
 
 @pytest.mark.parametrize(("n", "share"), [(300, 0.01), (300, 0.15), (2000, 0.05)])
@@ -147,13 +146,13 @@ def test_where_more_than_a_quarter_of_the_rows_are_wrong_all_are_believed():
 
 def test_a_patch_that_bends_away_or_a_row_far_from_all_others_is_no_outlier():
     """No smooth function of few terms follows a bump, but neighbours share it."""
-    log = bare("two_link", 3000, 1, noise=1e-3)
+    log = bare("two_link", 1500, 1, noise=1e-3)
     u = (log.q - log.lower) / (log.upper - log.lower)
     bump = 0.05 * np.exp(-0.5 * np.sum((u - 0.5) ** 2, axis=1) / 0.05**2)
     assert screen(replace(log, x=log.x + bump[:, None]))[0] <= 3
     # what a fit to the other rows says far from them is a guess
     near = (log.q < np.quantile(log.q, 0.5, axis=0)).all(axis=1)
-    alone = np.arange(3000) == np.argmax(log.q.sum(axis=1))
+    alone = np.arange(1500) == np.argmax(log.q.sum(axis=1))
     rows = np.flatnonzero(near | alone)
     assert screen(replace(log, x=log.x + 0.03 * alone[:, None]).take(rows))[0] == 0
 

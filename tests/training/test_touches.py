@@ -34,7 +34,9 @@ def test_a_model_is_learned_evaluated_and_asked(tmp_path, run):
     rows(world, q, setup=setups, point=points).write_csv(path)
     distance = np.linalg.norm(world.points[::2] - world.points[1::2], axis=1).mean()
     known = ["--distance", f"A,B={1e3 * distance}mm+-200mm"]
-    done = run.done("train", "six_axis", "--data", path, "-o", model, "--json", *known)
+    done = run.done(
+        "train", "six_axis", "--data", path, "-o", model, "--size", "5", "--json", *known
+    )
     assert "2 rows were in no socket" in done.err
     assert done.document["errors"]["local"]["forward"]["distance"]["mean"] < 0.6e-3
     document = run("evaluate", model, "--data", path, "--json", *known).document

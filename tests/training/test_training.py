@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import draw, log, log_of, measured, no_arm, of_a_third, papers, trained, two_link
+from models import draw, log, log_of, measured, of_a_third, papers, trained, two_link
 from refusals import refused
 
 import calib
@@ -111,23 +111,10 @@ def test_both_bounds_hold_where_no_row_was():
     assert far > beside
 
 
-def test_what_is_no_arm_is_told_and_has_local_models():
-    """A smooth map that no chain explains: a note names `body='none'`."""
-    model = calib.train(no_arm(600), size=8)
-    assert model.about.errors["local"]["forward"]["distance"]["mean"] < 4e-3
-    assert model.predictor.models.degree >= 0
-    assert any("body='none'" in note for note in model.about.notes)
-
-
-@pytest.mark.parametrize("rule", ["batch", "online"])
-@pytest.mark.parametrize("name", ["som", "vdsom:error", "vdsom:rho"])
-def test_every_network_and_rule_trains_maps_that_read_out_well(name, rule):
-    model = trained("two_link", 1200, 10, map=name, rule=rule)
-    assert model.about.options["map"] == name
-    assert model.about.options["rule"] == rule
-    most = 0.03 if rule == "batch" else 0.07
+def test_the_online_rule_trains_maps_that_read_out_well():
+    model = trained("two_link", 1200, 10, rule="online")
     q = draw(model, 10_000, seed=50)
-    assert np.linalg.norm(model.forward(q, "activity") - two_link(q), axis=1).mean() < most
+    assert np.linalg.norm(model.forward(q, "activity") - two_link(q), axis=1).mean() < 0.07
 
 
 def test_a_simulated_hobby_arm_is_learned_wherever_random_chains_end():

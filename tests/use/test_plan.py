@@ -92,7 +92,7 @@ def test_poses_from_a_drawing_tell_where_the_camera_is(seed, in_view):
 def test_a_model_of_pictures_knows_camera_and_board(run, tmp_path, in_hand):
     """However they are mounted: no board, no `--from`, and none of the new pictures is lost."""
     rig = Rig(in_hand, pictures=12, half_turn=not in_hand)
-    calib.train(rig.solve().poses).save(tmp_path / "rig.calib")
+    calib.train(rig.solve().poses, size=4).save(tmp_path / "rig.calib")
     path = tmp_path / "poses.csv"
     plan = f"plan {tmp_path}/rig.calib --handeye -o {path}"
     poses = run.done(f"{plan} -n 12 --json").document["poses"]

@@ -182,7 +182,7 @@ def test_waves_of_the_joints_are_in_the_interval_of_a_zero(seed):
     assert abs(lift.value - zeros[1]) < lift.interval < 3e-3
 
 
-@pytest.mark.parametrize(("size", "seed"), [(20, 0), (20, 2), (40, 1)])
+@pytest.mark.parametrize(("size", "seed"), [(20, 2), (40, 1)])
 def test_intervals_of_maps_alone_hold_the_lengths_of_the_simulated_arm(size, seed):
     """Errors of maps hang together: 500 nodes tell no more than a few rows."""
     maps = calib.train(calib.babble(arm(), 3000, seed=seed), size=size, seed=seed, body="none")
