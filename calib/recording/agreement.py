@@ -27,7 +27,7 @@ class AgreementSettings:
     better: float = 0.3
     share: float = 0.4  # of the pictures that must agree
     folds: int = 5
-    # noise that no camera and no arm has [px, rad, m]
+    # noise that no picture and no arm has [px, rad, m]
     corner: float = 5.0
     turn: float = float(np.radians(3.0))
     shift: float = 0.03
@@ -103,9 +103,12 @@ def _agreement(problem: Problem, agreeing: Mask) -> Agreement | None:
             break
     turn, _, _, shift, *_ = fit.noise.error
     is_arm = turn < AGREEMENT.turn and shift < AGREEMENT.shift
-    is_camera = fit.noise.corner.max() < AGREEMENT.corner
+    is_sharp = [
+        view.pictures.is_of_poses or corner < AGREEMENT.corner
+        for view, corner in zip(problem.views, fit.noise.corner, strict=True)
+    ]
     share = before.mean()
-    if not is_arm or not is_camera or share < AGREEMENT.share:
+    if not is_arm or not all(is_sharp) or share < AGREEMENT.share:
         return None
     rms = np.sqrt(np.mean(misses[before] ** 2))
     return Agreement(fit, before, float(rms / share))

@@ -55,6 +55,8 @@ class BoardPictures:
     episodes: Index | None = None  # (p,), the series that each is of
     # (p,), the row of joints or poses that each is of
     rows: Index | None = None
+    # whether corners are those of boards' poses, which no camera took
+    is_of_poses: bool = False
 
     @property
     def points(self) -> list[Array]:

@@ -216,7 +216,8 @@ def pictures_of_boards(boards: Array) -> tuple[BoardPictures, Lens]:
     names = tuple(f"pose {k + 1}" for k in range(count))
     corners = tuple(dict(enumerate(picture)) for picture in pixels)
     q = np.zeros((count, 0))
+    size = lens.size
     pictures = BoardPictures(
-        pattern, (), names, q, corners, lens.size, count, ()
+        pattern, (), names, q, corners, size, count, (), is_of_poses=True
     )
     return pictures, lens

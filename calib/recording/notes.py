@@ -31,6 +31,7 @@ class NoteLimits:
     focus: float = 1e-3  # sd of the focal length from picture to picture
     # [px], sd of a corner beyond what lens and board explain
     corner: float = 0.5
+    posed: float = 0.2  # the same of boards that were given as poses [deg]
     repeats: tuple[float, float] = (1e-4, 3.5e-4)  # of joints [m, rad]
     # of joint origins, that no drawing is off by [m, rad]
     drawing: tuple[float, float] = (5e-3, float(np.radians(1.0)))
@@ -83,8 +84,11 @@ def notes_of(
         )
     notes += _contradicting(rig, agreeing)
     notes += _open(rig, agreeing)
-    notes += _size(rig)
-    notes += _lenses(problem, fit)
+    if problem.views[0].pictures.is_of_poses:
+        notes += _posed_boards(fit, rig)
+    else:
+        notes += _size(rig)
+        notes += _lenses(problem, fit)
     arm = problem.arm
     notes += _nearness(rig) if arm is None else _arm(problem, arm, fit, rig)
     return tuple(notes)
@@ -126,18 +130,40 @@ def _direction(axis: Array) -> str:
     return f"({', '.join(f'{value:+.2f}' for value in axis)})"
 
 
-def _size(rig: HandEye) -> Iterator[str]:
+def _is_of_another_size(rig: HandEye) -> bool:
+    """Whether the board is not of the stated size."""
     stated = rig.square["said"]
-    measured = rig.square["measured"]
     low, high = rig.square["interval"]
-    if (
-        abs(measured / stated - 1.0) > NOTE_LIMITS.size
-        and not low < stated < high
-    ):
+    off = abs(rig.square["measured"] / stated - 1.0)
+    return off > NOTE_LIMITS.size and not low < stated < high
+
+
+def _size(rig: HandEye) -> Iterator[str]:
+    if _is_of_another_size(rig):
+        low, high = rig.square["interval"]
         yield (
-            f"the board's squares measure {1e3 * measured:.4g} mm (95 %: {1e3 * low:.4g} to "
-            f"{1e3 * high:.4g}) by the arm's motions, {1e3 * stated:.4g} mm as said: the measured "
+            f"the board's squares measure {1e3 * rig.square['measured']:.4g} mm (95 %: "
+            f"{1e3 * low:.4g} to {1e3 * high:.4g}) by the arm's motions, "
+            f"{1e3 * rig.square['said']:.4g} mm as said: the measured "
             "size is used; measure the print, and give its size in `board`"
+        )
+
+
+def _posed_boards(fit: CornerFit, rig: HandEye) -> Iterator[str]:
+    """What motions say of boards that were given as poses."""
+    if _is_of_another_size(rig):
+        off = 100 * (rig.square["said"] / rig.square["measured"] - 1.0)
+        side = "long" if off > 0.0 else "short"
+        yield (
+            f"shifts of the boards are {two_digits(abs(off))} % too {side} by the arm's motions, "
+            "as of a tag of another size: the motions' size is used"
+        )
+    turn = np.degrees(fit.noise.corner[0] / rig.lens["focal"])
+    if turn > NOTE_LIMITS.posed:
+        yield (
+            f"the boards are seen {two_digits(turn)} deg beside where the motions put their "
+            "corners: a small or blurred tag, or another lens, of which intervals know the "
+            "scatter alone"
         )
 
 

@@ -1,6 +1,7 @@
 """Hand-eye from a controller's flange poses: conventions, boards, cameras, what is not known."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -281,6 +282,19 @@ def test_poses_of_the_board_alone_are_enough():
     rig = calib.handeye(poses=world.flange, boards=there, eye="hand")
     np.testing.assert_allclose(rig.hand["position"], world.camera[:3, 3], atol=1e-6)
     refused(OptionError, "z > 0", calib.handeye, poses=world.flange, boards=-there, eye="hand")
+
+
+def test_poses_of_small_tags_are_taken_with_their_scatter_and_their_size():
+    rng = np.random.default_rng(0)
+    world = World(1)
+    seen = np.linalg.inv(world.camera) @ np.linalg.inv(world.flange) @ world.placed
+    seen[:, :3, :3] @= Rotation.from_rotvec(rng.normal(0.0, 0.06, (len(seen), 3))).as_matrix()
+    seen[:, :3, 3] *= 1.02
+    rig = calib.handeye(poses=world.flange, boards=seen, eye="hand")
+    assert (misses(rig.hand, world.camera) < 1.5).all()
+    notes = " ".join(rig.notes)
+    assert re.search(r"shifts of the boards are [1-3](\.\d)? % too long", notes)
+    assert "a small or blurred tag" in notes
 
 
 def test_mirrored_pictures_are_refused():
