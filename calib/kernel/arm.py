@@ -71,8 +71,20 @@ class Sag:
         links = np.repeat(loads.pairs[:, 1], 4)
         points = chain.points[links] + np.tile(ends, (len(loads.pairs), 1))
         weights = np.asarray(np.kron(np.eye(len(loads.joints)), [1.0, -1.0]))
-        pairs = Loads(logged, loads.joints, weights, points, links)
-        return Sag(pairs, elastic, np.array([0.0, 1.0, 0.0]), np.zeros((2, 3)))
+        pairs = Loads(
+            logged,
+            loads.joints,
+            weights,
+            points,
+            links,
+        )
+        along_second_axis = np.array([0.0, 1.0, 0.0])
+        return Sag(
+            pairs,
+            elastic,
+            gravity=along_second_axis,
+            tilts=np.zeros((2, 3)),
+        )
 
     @property
     def on_links(self) -> Array:
