@@ -74,10 +74,12 @@ def with_waves(noise: NoiseFit) -> NoiseFit:
         return noise
     for _ in range(WAVES.most):
         beside_joint = noise_with_joint(noise)
-        if _clearest_wave(beside_joint) is None:
+        wave = _clearest_wave(beside_joint)
+        if wave is None:
             is_wavy = _follows_short_waves(beside_joint)
             return replace(beside_joint, is_wavy=is_wavy)
-        wave = _clearest_wave(noise)
+        if beside_joint is not noise:
+            wave = _clearest_wave(noise)
         if wave is None or not wave.is_cause:
             return replace(beside_joint, is_wavy=True)
         reference = noise.system.reference

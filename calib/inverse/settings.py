@@ -53,6 +53,7 @@ class SolverSettings:
     tries: int = 48  # starts of a position
     # steps of a search by compiled C from joints and what is near: at most a millisecond
     budget: int = 2000
+    bent_steps: int = 4  # that a step of joints that bend counts as
     # the same, of redundant joints, whose steps take longer
     spare_budget: int = 1600
     # of the workspace's extent: what redundant joints miss by less may be reached by

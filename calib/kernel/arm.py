@@ -6,7 +6,7 @@ by a depth, a lens: a homography is a camera whose picture is the plane.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,11 +22,12 @@ from ..arm.spatial_chain import (
 )
 from ..body.curves import HARMONICS
 from ..body.loads import loads_of
-from ..body.planar import PlanarStructure
+from ..body.planar import PlanarLoads, PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
 from ..body.views import lens_slope, pixels
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +42,13 @@ class Sag:
     @staticmethod
     def of(structure: SpatialStructure, beta: Array) -> Sag | None:
         """The sag of an arm in space at parameters (d,); None where its drawing has no loads."""
+        if not structure.loads:
+            return None
         blocks = [
             name
             for name in structure.loads
             if name == "elastic" or beta[structure.groups[name]].any()
         ]
-        if not structure.loads:
-            return None
         loads = Loads.together([structure.loads[name] for name in blocks])
         elastic = np.concatenate(
             [beta[structure.groups[name]] for name in blocks]
@@ -55,25 +56,59 @@ class Sag:
         gravity = structure.gravity_at(beta)
         return Sag(loads, elastic, gravity, structure.tilts["gravity"])
 
+    @staticmethod
+    def in_plane(
+        chain: SpatialChain, loads: PlanarLoads, elastic: Array
+    ) -> Sag:
+        """The sag of a planar arm whose gravity is unknown: moments of pairs of weights.
+
+        Along the second axis a moment along a link pulls by the cosine of the link's direction, one
+        across it by the sine.
+        """
+        logged = replace(chain, coupling=np.diag(loads.turns * 1.0))
+        still = [0.0, 0.0, 0.0]
+        ends = [[1.0, 0.0, 0.0], still, [0.0, -1.0, 0.0], still]
+        links = np.repeat(loads.pairs[:, 1], 4)
+        points = chain.points[links] + np.tile(ends, (len(loads.pairs), 1))
+        weights = np.asarray(np.kron(np.eye(len(loads.joints)), [1.0, -1.0]))
+        pairs = Loads(
+            logged,
+            loads.joints,
+            weights,
+            points,
+            links,
+        )
+        along_second_axis = np.array([0.0, 1.0, 0.0])
+        return Sag(
+            pairs,
+            elastic,
+            gravity=along_second_axis,
+            tilts=np.zeros((2, 3)),
+        )
+
     @property
     def on_links(self) -> Array:
-        """Mass and moment [kg, kg m] of each load on each link, in the link's frame, (e, m, 4)."""
-        loads = self.loads
-        arms = loads.points - loads.chain.points[loads.links]
-        masses = np.ones(len(arms))
-        moments = np.column_stack([masses, arms])
-        link = np.arange(loads.chain.joints)[:, None] == loads.links
-        beyond = loads.weights * (loads.links >= loads.joints[:, None])
-        return np.asarray(np.einsum("ep,mp,pk->emk", beyond, link, moments))
+        """Mass and moment [kg, kg m] of each load on each link, (e, m, 4)."""
+        return _on_links(self.loads)
 
     @property
     def bending(self) -> Array:
         """How much mass and moment of each link bend each joint, (m, m, 4)."""
-        size = self.loads.chain.joints
-        bending = np.zeros((size, size, 4))
-        weights = self.elastic[:, None, None] * self.on_links
-        np.add.at(bending, self.loads.joints, weights)
-        return bending
+        return _on_links(self._together)
+
+    @cached_property
+    def _together(self) -> Loads:
+        """One load for each joint of the chain that bends it as all of them do."""
+        loads = self.loads
+        joints = np.arange(loads.chain.joints)
+        weights = np.zeros((len(joints), loads.weights.shape[1]))
+        bending = self.elastic[:, None] * loads.weights
+        np.add.at(weights, loads.joints, bending)
+        return replace(loads, joints=joints, weights=weights)
+
+    def bends(self, q: Array) -> Array:
+        """How much joints of the chain bend (m, n) at joint values (n, dof)."""
+        return loads_of(self._together.levers(q), self.gravity)
 
     def derivatives(self, q: Array, chained: Array) -> tuple[Array, Array]:
         """How positions move with each load's elasticity (e, 3, n), and with gravity's (2, 3, n).
@@ -83,12 +118,48 @@ class Sag:
         levers = self.loads.levers(q)
         bent = chained[self.loads.joints]
         by_elasticity = bent * loads_of(levers, self.gravity)[:, None]
-        by_gravity = []
-        for way in self.tilts:
-            pull = self.elastic[:, None] * loads_of(levers, way)
-            moved = bent * pull[:, None]
-            by_gravity.append(moved.sum(axis=0))
-        return by_elasticity, np.stack(by_gravity)
+        joints = self._together.levers(q)
+        pulls = np.einsum("mgn,tg->tmn", joints, self.tilts)
+        return by_elasticity, np.einsum("mkn,tmn->tkn", chained, pulls)
+
+
+def _on_links(loads: Loads) -> Array:
+    """Mass and moment [kg, kg m] of loads on each link, (e, m, 4).
+
+    In the frame at the link's end, where the next joint or the tip is.
+    """
+    chain = loads.chain
+    frames = Frames.of(chain, chain.nominal_links)
+    ends = loads.links + 1
+    arms = loads.points - chain.points[loads.links] - frames.strides[ends]
+    moments = np.einsum("pij,pi->pj", frames.sides[ends], arms)
+    masses = np.column_stack([np.ones(len(arms)), moments])
+    link = np.arange(chain.joints)[:, None] == loads.links
+    beyond = loads.weights * (loads.links >= loads.joints[:, None])
+    return np.asarray(np.einsum("ep,mp,pk->emk", beyond, link, masses))
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Frames of m joints, which move about or along their third axes, and of the tip."""
+
+    axes: Array  # (m + 1, 3, 3), in the frames of the links
+    sides: Array  # (m + 1, 3, 3), in the frame of the link before
+    strides: Array  # (m + 1, 3) [m], to their origins, in the frame of the link before
+
+    @staticmethod
+    def of(chain: SpatialChain, links: Links) -> Frames:
+        """The frames of a chain with its links."""
+        place, rotation = links.tip
+        least = np.argmin(np.abs(chain.axes), axis=1)
+        first = np.cross(chain.axes, np.eye(3)[least])
+        first /= row_lengths(first)[:, None]
+        second = np.cross(chain.axes, first)
+        frames = np.stack([first, second, chain.axes], axis=2)
+        axes = np.concatenate([frames, np.eye(3)[None]])
+        turned = np.concatenate([links.rotations, rotation[None]])
+        strides = np.vstack([links.strides[:-1, :, 0], place])
+        return Frames(axes, turned @ axes, strides)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +170,9 @@ class KernelArm:
     beta: Array  # its parameters
     chain: SpatialChain
     deviations: Deviations
-    gain: Array  # (dof,)
-    offset: Array  # (dof,)
+    # values of the chain's joints are mix q + bias, without what bends them
+    mix: Array  # (m, dof)
+    bias: Array  # (m,)
     view: Array  # (3, 3), the sensor sees view @ tip + shift
     shift: Array  # (3,)
     aim: Array  # (3, 3), orientation of the sensor
@@ -108,12 +180,6 @@ class KernelArm:
     # (4,), focal length, centre, k1; None where nothing is divided by a depth
     lens: Array | None
     curves: Array  # (dof, 96), or (0, 96) where there are none
-    # (dof, dof) each, cosines and sines of the summed angles up to joint k that bend joint i
-    flex: Array | None = None
-    # (dof,), sense of joints that turn
-    way: Array = field(default_factory=lambda: np.zeros(0))
-    # (dof - 1,), to the joint before
-    coupling: Array = field(default_factory=lambda: np.zeros(0))
     sag: Sag | None = None
 
     @staticmethod
@@ -127,17 +193,33 @@ class KernelArm:
     @property
     def bends(self) -> bool:
         """Whether its joints have curves, or bend with their posture."""
-        sizes = [self.curves, self.coupling]
-        if self.flex is not None:
-            sizes.append(self.flex)
-        if self.sag is not None:
-            sizes.append(self.sag.elastic)
-        return any(size.any() for size in sizes)
+        sags = self.sag is not None and self.sag.elastic.any()
+        return bool(sags or self.curves.any())
+
+    @property
+    def drawn(self) -> KernelArm:
+        """The arm at whose postures weights bend it; of an arm with a sag."""
+        assert self.sag is not None  # noqa: S101
+        chain = self.sag.loads.chain
+        return replace(
+            self,
+            chain=chain,
+            deviations=Deviations.none(chain.joints),
+            mix=chain.coupling,
+            bias=chain.bias,
+            curves=self.curves[:0],
+            sag=None,
+        )
 
     @cached_property
     def links(self) -> Links:
         """Its links as the body has them."""
         return Links.of(self.chain, self.deviations)
+
+    @cached_property
+    def frames(self) -> Frames:
+        """The frames of its joints."""
+        return Frames.of(self.chain, self.links)
 
     def joints(self, q: Array) -> Array:
         """Values (m, n) of the chain's joints."""
@@ -147,22 +229,21 @@ class KernelArm:
         """How positions move with each part of it (k, m, n), and with joints (dof, m, n)."""
         motion = move(self.links, self.joints(q))
         chained = self.view @ motion.joints()[0]
+        shifts = np.swapaxes(motion.frames, 1, 2)
         joints = np.tensordot(self.chain.coupling.T, chained, axes=1)
         parts = {
             "view": self._by_view(motion),
-            "shift": self.view @ np.swapaxes(motion.frames, 1, 2),
-            "turn": self.view @ motion.turns()[0],
+            "shift": self.view @ _along(self.frames.sides, shifts),
+            "turn": self.view
+            @ _along(self.frames.axes[:-1], motion.turns()[0]),
             "offset": joints,
             "gain": joints * q.T[:, None],
+            "neighbour": joints[1:] * q.T[:-1, None],
         }
-        if len(self.coupling):
-            parts["neighbour"] = joints[1:] * q.T[:-1, None]
         if self.sag is not None:
             by_load, by_tilt = self.sag.derivatives(q, chained)
             parts["load"] = by_load
             parts["tilt"] = by_tilt
-        if self.flex is not None:
-            parts["flex"] = self._by_flex(q, joints)
         moved = {
             name: part.reshape(-1, 3, len(q)) for name, part in parts.items()
         }
@@ -184,15 +265,10 @@ class KernelArm:
         shifts = np.repeat(outputs[:, :, None], n, axis=2)
         return np.vstack([linear.reshape(9, 3, n), shifts])
 
-    def _by_flex(self, q: Array, joints: Array) -> Array:
-        """How points move with what bends a planar arm, (k, 3, n), given how with joints."""
-        sums = np.cumsum(self.way * q, axis=1).T
-        waves = np.stack([np.cos(sums), np.sin(sums)], axis=1)
-        bent = [
-            (joints[: k + 1, None] * wave[:, None]).reshape(-1, 3, len(q))
-            for k, wave in enumerate(waves)
-        ]
-        return np.concatenate(bent)
+
+def _along(axes: Array, moves: Array) -> Array:
+    """How positions move by shifts or turns along axes (m, 3, 3), from those along x, y, z."""
+    return np.asarray(np.einsum("mij,mikn->mjkn", axes, moves))
 
 
 def _curves(structure: Structure, beta: Array) -> Array:
@@ -209,14 +285,16 @@ def _spatial(structure: SpatialStructure, beta: Array) -> KernelArm:
     """An arm in space."""
     groups = structure.groups
     sensor = structure.sensor(beta)
-    coupling = beta[groups["coupling"]]
+    chain = structure.chain
+    motors = np.diag(beta[groups["gain"]])
+    motors += np.diag(beta[groups["coupling"]], -1)
     return KernelArm(
         structure=structure,
         beta=beta,
-        chain=structure.chain,
+        chain=chain,
         deviations=structure.deviations(beta),
-        gain=beta[groups["gain"]],
-        offset=beta[groups["offset"]],
+        mix=chain.coupling @ motors,
+        bias=chain.bias + chain.coupling @ beta[groups["offset"]],
         view=sensor.matrix[:, :3],
         shift=sensor.shift,
         aim=sensor.rotation,
@@ -224,7 +302,6 @@ def _spatial(structure: SpatialStructure, beta: Array) -> KernelArm:
         lens=sensor.lens,
         curves=_curves(structure, beta),
         sag=Sag.of(structure, beta),
-        coupling=coupling if coupling.any() else coupling[:0],
     )
 
 
@@ -250,11 +327,6 @@ def _planar(structure: PlanarStructure, beta: Array) -> KernelArm:
         coupling=np.eye(dof),
         bias=np.zeros(dof),
     )
-    flex = np.zeros((2, dof, dof))
-    pairs = structure.loads["elastic"].pairs
-    waves = beta[groups["elastic"]].reshape(-1, 2)
-    for (joint, last), wave in zip(pairs, waves, strict=True):
-        flex[:, joint, last] = wave
     sensor = structure.sensor(beta)
     view = np.zeros((3, 4))
     size = len(sensor.matrix)
@@ -265,14 +337,15 @@ def _planar(structure: PlanarStructure, beta: Array) -> KernelArm:
         beta=beta,
         chain=chain,
         deviations=Deviations.none(dof),
-        gain=beta[groups["gain"]] * way,
-        offset=np.where(revolute, offset, 0.0),
+        mix=np.diag(beta[groups["gain"]] * way),
+        bias=np.where(revolute, offset, 0.0),
         view=view[:, :3],
         shift=view[:, 3],
         aim=np.eye(3),
         outputs=2,
         lens=sensor.lens,
         curves=_curves(structure, beta),
-        flex=flex,
-        way=np.where(revolute, way, 0.0),
+        sag=Sag.in_plane(
+            chain, structure.loads["elastic"], beta[groups["elastic"]]
+        ),
     )

@@ -79,11 +79,13 @@ class Header:
         tables: Tables = {}
         words = {**_NO_COMMENTS, **sections.SETTINGS, **precision}
         constants = ["\n"]
+        arms: dict[str, KernelArm] = {}
         for section in self._sections:
             tables |= section.tables
             words |= section.words
-            for name, arm in section.arms.items():
-                constants.append(_arm(f"calib_{name}", arm, single))
+            arms |= section.arms
+        for name, arm in arms.items():
+            constants.append(_arm(f"calib_{name}", arm, single))
         for name, values in tables.items():
             constants.append(table(f"calib_{name}", values, single))
         text = "".join(constants)
@@ -100,7 +102,9 @@ class Header:
         parts = [sections.joint_ranges(model), sections.body_arm(arm)]
         if self.nominal is not None:
             nominal, goal = self.nominal
-            words = {"correcting": int(goal)}
+            local = model.predictor.models.degree >= 0
+            seen = int(local or goal == Goal.POSITION)
+            words = {"correcting": int(goal), "correcting_seen": seen}
             arms = {"nominal": nominal}
             parts.append(Section({"limit": self.limit}, words, arms))
         parts += sections.placed_arm(model, arm)
@@ -130,15 +134,11 @@ class Header:
 
 def _arm(name: str, arm: KernelArm, single: bool) -> str:
     """The constant of one arm."""
-    links = arm.links
-    place, rotation = links.tip
-    numbers = (
-        arm.gain,
-        arm.offset,
-        arm.chain.axes,
-        np.vstack([links.strides[:-1, :, 0], place]),
-        np.concatenate([links.rotations, rotation[None]]).reshape(-1, 9),
-    )
+    frames = arm.frames
+    before = np.concatenate([np.eye(3)[None], frames.axes[:-1]])
+    sides = np.swapaxes(before, 1, 2) @ frames.sides
+    strides = np.einsum("ni,nij->nj", frames.strides, before)
+    numbers = (arm.mix, arm.bias, strides, sides.reshape(-1, 9))
     rows = [braces(np.asarray(part, dtype=float), single) for part in numbers]
     listed = ",\n".join([*rows, str(int(arm.bends))])
     return f"static const calib_arm {name} = {{\n{listed}}};\n"

@@ -99,11 +99,11 @@ def nominal_arm(model: Parts) -> PlanarArm | SpatialArm:
 
 
 class Goal(IntEnum):
-    """What `calib_correct` asks for, as task.h numbers it."""
+    """What `calib_correct` asks of the arm before its sensor: so many residuals."""
 
-    POSITION = 0
-    PLACE = 1
-    POSE = 2
+    POSITION = 0  # of what the sensor sees
+    PLACE = 3
+    POSE = 6
 
 
 def nominal_for_kernel(

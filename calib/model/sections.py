@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.spatial_chain import Deviations
 from ..body.covariance import NORMAL_95
 from ..body.curves import HARMONICS
 from ..body.views import LEAST_DEPTH
@@ -17,7 +16,7 @@ from ..common.rows import row_lengths, spread_rows
 from ..errors import CalibError
 from ..inverse.settings import SOLVER
 from ..inverse.ways import distinct
-from ..kernel.arm import KernelArm
+from ..kernel.arm import KernelArm, Sag
 from ..kernel.compiled import MOST
 from ..kernel.posterior import COMPACT, CompactPosterior
 from ..maps.blend import blend_size
@@ -83,9 +82,7 @@ def joint_ranges(model: Parts) -> Section:
 def body_arm(arm: KernelArm) -> Section:
     """The body's chain and its view, and of lens, curves, coupling and bending what it has."""
     tables: Tables = {
-        "bends": np.array(arm.chain.revolute, int),
-        "coupling": arm.chain.coupling,
-        "bias": arm.chain.bias,
+        "turns": np.array(arm.chain.revolute, int),
         "view": arm.view.ravel(),
         "shift": arm.shift,
     }
@@ -97,35 +94,28 @@ def body_arm(arm: KernelArm) -> Section:
         order = np.arange(1.0, HARMONICS + 1)
         cosines = waves[:, 0]
         sines = waves[:, 1]
-        series = [cosines, sines, order * sines, -order * cosines]
-        tables["curve"] = np.vstack(series).T
-    if len(arm.coupling):
-        tables["neighbour"] = np.concatenate([[0.0], arm.coupling])
-    if arm.sag is not None:
-        tables |= {
-            "gravity": arm.sag.gravity,
-            "bending": arm.sag.bending,
-        }
-        drawn = Deviations.none(arm.chain.joints)
-        arms["drawn"] = replace(arm, deviations=drawn)
-    if arm.flex is not None and arm.flex.any():
-        tables |= _flex(arm, arm.flex)
-    links = np.vstack([arm.links.strides[1:-1, :, 0], arm.links.tip[0]])
-    length = float(row_lengths(links).sum())
+        rates = [order * sines, -order * cosines]
+        tables["curve"] = np.vstack([cosines, sines]).T
+        tables["curve_rate"] = np.vstack(rates).T
+        tables["coupling"] = arm.chain.coupling
+    if arm.sag is not None and arm.sag.elastic.any():
+        tables |= _sag(arm.sag)
+        arms["drawn"] = arm.drawn
+    length = float(row_lengths(arm.frames.strides[1:]).sum())
     words = {
         "out": arm.outputs,
         "chain": arm.chain.joints,
         "harmonics": HARMONICS,
         "lever": max(length, 1e-9),
         "least_depth": LEAST_DEPTH,
-        "bent": int(arm.bends),
+        "step_cost": SOLVER.bent_steps if arm.bends else 1,
     }
     return Section(tables, words, arms)
 
 
-def _flex(arm: KernelArm, flex: Array) -> Tables:
-    """What bends the joints of a planar arm."""
-    return {"way": arm.way, "flex_cos": flex[0], "flex_sin": flex[1]}
+def _sag(sag: Sag) -> Tables:
+    """What bends the joints of an arm."""
+    return {"gravity": sag.gravity, "bending": sag.bending}
 
 
 def placed_arm(model: Parts, arm: KernelArm) -> list[Section]:
@@ -168,34 +158,35 @@ def belief(posterior: CompactPosterior, *, noise: bool) -> Section:
         "more": more,
         "less": less,
     }
-    for name, part in posterior.geometry.items():
-        tables[f"by_{name}"] = part.reshape(len(part), -1)
-    if posterior.curves.any():
-        waves = posterior.curves.reshape(
-            len(posterior.curves), 2, HARMONICS, -1
-        )
-        tables["by_cos"] = waves[:, 0]
-        tables["by_sin"] = waves[:, 1]
-        tables["alone"] = posterior.alone
     arm = posterior.arm
-    if arm.flex is not None:
-        tables |= _flex(arm, arm.flex)
+    arms: dict[str, KernelArm] = {}
     loads = 0
     if arm.sag is not None:
         loads = len(arm.sag.elastic)
+        tables |= _sag(arm.sag)
         tables |= {
             "loaded": arm.sag.loads.joints,
             "load": arm.sag.on_links,
             "tilt": arm.sag.tilts,
         }
+        arms["drawn"] = arm.drawn
+    if posterior.curves.any():
+        waves = posterior.curves.reshape(
+            len(posterior.curves), 2, HARMONICS, -1
+        )
+        tables["by_wave"] = waves
+        tables["alone"] = posterior.alone
+    for name, part in posterior.geometry.items():
+        tables[f"by_{name}"] = part.reshape(len(part), -1)
+    tables["coupling"] = arm.chain.coupling
     words = {
         "beliefs": len(posterior.scale),
-        "together": tables["by_view"].shape[1],
+        "ways": posterior.curves.shape[-1],
         "loads": loads,
         "knots": COMPACT.knots,
         "normal": NORMAL_95,
     }
-    return Section(tables, words)
+    return Section(tables, words, arms)
 
 
 def local_models(model: Parts) -> Section:
@@ -222,7 +213,7 @@ def local_models(model: Parts) -> Section:
         "terms": len(terms),
         "silent": LOCAL.silent,
         "full": LOCAL.full,
-        "bent": 1,
+        "step_cost": SOLVER.bent_steps,
     }
     return Section(tables, words)
 
@@ -238,7 +229,11 @@ def grid_starts(model: Parts) -> Section:
     corners = np.indices((side,) * dimensions).reshape(dimensions, -1).T
     step = place.span / side
     middles = place.lower + (corners + 0.5) * step
-    cell, u = model.solver.starts.of(middles)
+    shifts = np.indices((2,) * dimensions).reshape(dimensions, -1).T - 0.5
+    around = np.vstack([np.zeros(dimensions), shifts]) * step
+    places = middles[:, None] + around
+    point, u = model.solver.starts.of(places.reshape(-1, dimensions))
+    cell = point // len(around)
     single = distinct(model.motor.scale, cell, u, STARTS.apart)
     count = np.bincount(cell[single], minlength=len(middles))
     grid: Tables = {

@@ -23,6 +23,7 @@ from ..common.arrays import Array, Mask
 from ..common.inputs import query_rows
 from ..common.rows import row_lengths
 from ..errors import QueryError
+from ..kernel.arm import Sag
 from .parts import Parts
 
 #: A pose or a position counts as reached within this share of the arm's length.
@@ -75,13 +76,21 @@ class Space:
         """
         structure = self.structure
         beta = self.body.beta
-        motion = structure.move(structure.joint_values(q, beta), beta)
+        values = structure.joint_values(q, self._rigid)
+        if self._sag is not None:
+            values += self._sag.bends(q)
+        motion = structure.move(values, beta)
         chained = np.concatenate(motion.joints(), axis=1)
         return (
             motion.position.T.copy(),
             np.moveaxis(motion.rotation, 2, 0).copy(),
             structure.by_joints(q, self._rigid, chained),
         )
+
+    @cached_property
+    def _sag(self) -> Sag | None:
+        """How its joints bend."""
+        return Sag.of(self.structure, self.body.beta)
 
     @cached_property
     def _rigid(self) -> Array:

@@ -9,5 +9,5 @@ int main(void) {
   filter_command(command);
   calib_forward(q, target);
   target[0] += calib_span[0] / 1000;
-  return step_towards(target, q) >= 0 ? 0 : 1;
+  return step_towards(target, q) ? 0 : 1;
 }

@@ -1,8 +1,8 @@
-/* What the model says, wherever q is; `plain` without curves, bending and local models. */
-static inline void calib_model(int plain, const calib_joints q, calib_real *x, calib_real *J) {
-  calib_seen(&calib_body, plain, q, x, J);
+/* What the model says, wherever q is. */
+static inline void calib_model(const calib_joints q, calib_real *x, calib_real *J) {
+  calib_seen(&calib_body, q, x, J);
 #if @local_terms@
-  if (!plain) calib_local(q, x, J);
+  calib_local(q, x, J);
 #endif
 }
 
@@ -11,7 +11,7 @@ static inline void calib_model(int plain, const calib_joints q, calib_real *x, c
 static inline calib_real calib_play_reach(const calib_joints q) {
   calib_real x[CALIB_OUT], J[CALIB_OUT * CALIB_DOF], reach = 0;
   int i, k;
-  calib_model(0, q, x, J);
+  calib_model(q, x, J);
   for (k = 0; k < CALIB_DOF; ++k) {
     calib_real square = 0;
     for (i = 0; i < CALIB_OUT; ++i) square += J[i * CALIB_DOF + k] * J[i * CALIB_DOF + k];
@@ -37,7 +37,7 @@ static inline int calib_position(const calib_joints q, calib_real *x, calib_real
     calib_unknown(J ? CALIB_OUT * CALIB_DOF : 0, J);
     return calib_unknown(CALIB_OUT, x);
   }
-  calib_model(0, inside, x, J);
+  calib_model(inside, x, J);
   return 1;
 }
 
@@ -82,32 +82,25 @@ static inline int calib_pose(const calib_joints q, calib_real *x, calib_rotation
   calib_real inside[CALIB_DOF], p[3], turn[9];
   if (!calib_position(q, x, 0)) return calib_unknown(9, R);
   calib_inside(q, inside);
-  calib_chain(&calib_placed, 0, inside, p, turn, 0);
+  calib_chain(&calib_placed, inside, p, turn, 0);
   calib_product(3, calib_aim, 3, turn, R);
   return 1;
 }
 
-/* Quaternion x, y, z, w of a rotation, with w >= 0: of four formulas (Shepperd 1978) the one that
- * divides by most. */
+/* Quaternion x, y, z, w of a rotation, with w >= 0: of the rows of four times its products with
+ * itself the one with the largest square (Shepperd 1978). */
 static inline void calib_quaternion(const calib_rotation R, calib_real q[4]) {
-  const calib_real four[4] = {1 + R[0] - R[4] - R[8], 1 - R[0] + R[4] - R[8],
-                              1 - R[0] - R[4] + R[8], 1 + R[0] + R[4] + R[8]};
-  calib_real size = 0;
-  int best = 0, i, j, k;
+  const calib_real products[4][4] = {
+      {1 + R[0] - R[4] - R[8], R[1] + R[3], R[2] + R[6], R[7] - R[5]},
+      {R[1] + R[3], 1 - R[0] + R[4] - R[8], R[5] + R[7], R[2] - R[6]},
+      {R[2] + R[6], R[5] + R[7], 1 - R[0] - R[4] + R[8], R[3] - R[1]},
+      {R[7] - R[5], R[2] - R[6], R[3] - R[1], 1 + R[0] + R[4] + R[8]}};
+  calib_real size;
+  int best = 0, i;
   for (i = 1; i < 4; ++i)
-    if (four[i] > four[best]) best = i;
-  for (i = 0; i < 3; ++i) {
-    j = (i + 1) % 3;
-    k = (i + 2) % 3;
-    q[i] = best == 3 ? R[3 * k + j] - R[3 * j + k] : i == best ? four[i]
-                                                               : R[3 * i + best] + R[3 * best + i];
-  }
-  j = (best + 1) % 3;
-  k = (best + 2) % 3;
-  q[3] = best == 3 ? four[3] : R[3 * k + j] - R[3 * j + k];
-  for (i = 0; i < 4; ++i) size += q[i] * q[i];
-  size = q[3] < 0 ? -sqrt(size) : sqrt(size);
-  for (i = 0; i < 4; ++i) q[i] /= size;
+    if (products[i][i] > products[best][best]) best = i;
+  size = calib_length(4, products[best]);
+  for (i = 0; i < 4; ++i) q[i] = products[best][i] / (products[best][3] < 0 ? -size : size);
 }
 
 /* The rotation of a quaternion x, y, z, w of any length. */

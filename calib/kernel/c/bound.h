@@ -1,11 +1,12 @@
+
 #if @belief_scale@
 
 enum {
-  CALIB_KNOTS = @knots@, CALIB_LOADS = @loads@,
-  CALIB_BELIEFS = @beliefs@, CALIB_TOGETHER = @together@
+  CALIB_KNOTS = @knots@, CALIB_LOADS = @loads@, CALIB_SHIFTS = 3 * CALIB_CHAIN + 3,
+  CALIB_BELIEFS = @beliefs@, CALIB_WAYS = @ways@, CALIB_TOGETHER = CALIB_BELIEFS * CALIB_WAYS
 };
 
-/* Amounts of what beliefs vary together in. */
+/* Amounts of what beliefs vary together in: CALIB_WAYS directions of each. */
 typedef calib_real calib_ways[CALIB_TOGETHER];
 
 /* Radius of 95 % of a Gaussian of covariance S (xx, xy, xz, yy, yz, zz) and more (3). */
@@ -22,206 +23,155 @@ static inline calib_real calib_radius_95(const calib_real S[6], calib_real share
   return sqrt(trace * r * r * r);
 }
 
-/* Adds an amount of a row of what beliefs vary together in. */
-static inline void calib_add_row(calib_real amount, const calib_ways row, calib_ways sum) {
-  int r;
-  for (r = 0; r < CALIB_TOGETHER; ++r) sum[r] += amount * row[r];
+/* Adds amounts, so far apart, of rows of what beliefs vary together in. */
+static inline void calib_add_rows(int count, const calib_real *__restrict amount, int apart,
+                                  const calib_real *__restrict row, calib_real *__restrict sum) {
+  int n, r;
+  for (n = 0; n < count; ++n)
+    for (r = 0; r < CALIB_TOGETHER; ++r) sum[r] += amount[n * apart] * row[n * CALIB_TOGETHER + r];
 }
 
-/* The same of a motion's three coordinates. */
-static inline void calib_spread(const calib_vector by, const calib_ways row, calib_real *z) {
+/* The same of motions, row by row, in each coordinate. */
+static inline void calib_spread(int count, const calib_real *motion, const calib_real *row,
+                                calib_ways sum[3]) {
   int k;
-  for (k = 0; k < 3; ++k) calib_add_row(by[k], row, z + k * CALIB_TOGETHER);
+  for (k = 0; k < 3; ++k) calib_add_rows(count, motion + k, 3, row, sum[k]);
 }
 
-/* The same of three motions, the columns of a matrix, and a row of each. */
-static inline void calib_spread_three(const calib_rotation motions, const calib_ways *row,
-                                      calib_real *z) {
-  int k, r;
-  for (k = 0; k < 3; ++k) {
-    const calib_real a = motions[3 * k], b = motions[3 * k + 1], c = motions[3 * k + 2];
-    for (r = 0; r < CALIB_TOGETHER; ++r)
-      z[k * CALIB_TOGETHER + r] += a * row[0][r] + b * row[1][r] + c * row[2][r];
-  }
-}
-
-/* Adds how the tip moves as the origins of joints shift and turn along their own axes. */
-static inline void calib_origins_off(const calib_frame *at, calib_real *z) {
-  calib_real arrow[3], along[3], swept[3], turned[9];
-  int i, a, k;
-  for (i = 0; i <= CALIB_CHAIN; ++i) {
-    calib_spread_three(at[i].before, calib_by_shift + 3 * i, z);
-    if (i == CALIB_CHAIN) return;
-    for (k = 0; k < 3; ++k) arrow[k] = at[CALIB_CHAIN].origin[k] - at[i].origin[k];
-    for (a = 0; a < 3; ++a) {
-      for (k = 0; k < 3; ++k) along[k] = at[i].after[3 * k + a];
-      calib_cross(along, arrow, swept);
-      for (k = 0; k < 3; ++k) turned[3 * k + a] = swept[k];
+/* Adds how the tip moves as the origins of joints shift and turn along the axes of their frames. */
+static inline void calib_origins_off(const calib_frame *at, calib_ways sum[3]) {
+  calib_real shift[CALIB_SHIFTS][3], turn[CALIB_SHIFTS][3], lever[3];
+  int i, k, n;
+  for (n = 0; n < CALIB_SHIFTS; ++n) {
+    i = n / 3;
+    for (k = 0; k < 3; ++k) {
+      shift[n][k] = at[i].R[3 * k + n % 3];
+      lever[k] = at[CALIB_CHAIN].p[k] - at[i].p[k];
     }
-    calib_spread_three(turned, calib_by_turn + 3 * i, z);
+    calib_cross(shift[n], lever, turn[n]);
   }
+  calib_spread(CALIB_SHIFTS, shift[0], calib_by_shift[0], sum);
+  calib_spread(CALIB_SHIFTS - 3, turn[0], calib_by_turn[0], sum);
 }
 #if @gravity@
 
-/* Adds how much joints of the chain are off as loads bend them more, and as gravity tilts. */
-static inline void calib_loads_off(const calib_joints q, calib_ways *off) {
-  calib_frame at[CALIB_CHAIN + 1];
-  calib_real moved[CALIB_CHAIN][3];
-  int i, j, n;
-  calib_drawn_frames(q, at);
+/* The same as loads bend joints more, and as gravity tilts. */
+static inline void calib_loads_off(const calib_joints q, const calib_frame *at, calib_ways sum[3]) {
+  calib_frame drawn[CALIB_CHAIN + 1];
+  calib_real lever[CALIB_CHAIN][4], moved[3], bent[CALIB_CHAIN][3];
+  calib_real load[CALIB_LOADS][3], tilt[2][3] = {{0}};
+  int i, k, n;
+  calib_posture(&calib_drawn, q, drawn, 0);
+  for (i = 0; i < CALIB_CHAIN; ++i) {
+    calib_tip_moved(at, i, bent[i]);
+    calib_levers(drawn, i, calib_bending[i], lever);
+    calib_swing(drawn, i, lever[i], moved);
+    for (n = 0; n < 2; ++n)
+      for (k = 0; k < 3; ++k) tilt[n][k] += calib_dot(moved, calib_tilt[n]) * bent[i][k];
+  }
   for (n = 0; n < CALIB_LOADS; ++n) {
-    j = calib_loaded[n];
-    calib_levers(at, j, calib_load[n], moved);
-    calib_add_row(calib_dot(moved[j], calib_gravity), calib_by_load[n], off[j]);
+    i = calib_loaded[n];
+    calib_levers(drawn, i, calib_load[n], lever);
+    calib_swing(drawn, i, lever[i], moved);
+    for (k = 0; k < 3; ++k) load[n][k] = calib_dot(moved, calib_gravity) * bent[i][k];
   }
-  for (j = 0; j < CALIB_CHAIN; ++j) {
-    calib_levers(at, j, calib_bending[j], moved);
-    for (i = 0; i < 2; ++i)
-      calib_add_row(calib_dot(moved[j], calib_tilt[i]), calib_by_tilt[i], off[j]);
-  }
-}
-#endif
-#if @by_cos@
-
-/* Cosines and sines of the multiples of joint angles. */
-static inline void calib_multiples(const calib_joints q,
-                                   calib_real wave[CALIB_HARMONICS][2][CALIB_DOF]) {
-  int i, n;
-  calib_waves(CALIB_DOF, q, wave[0][0], wave[0][1]);
-  for (n = 1; n < CALIB_HARMONICS; ++n)
-    for (i = 0; i < CALIB_DOF; ++i) {
-      const calib_real c = wave[n - 1][0][i], s = wave[n - 1][1][i];
-      wave[n][0][i] = c * wave[0][0][i] - s * wave[0][1][i];
-      wave[n][1][i] = c * wave[0][1][i] + s * wave[0][0][i];
-    }
+  calib_spread(CALIB_LOADS, load[0], calib_by_load[0], sum);
+  calib_spread(2, tilt[0], calib_by_tilt[0], sum);
 }
 #endif
 
 /* How much joints are off in each direction of beliefs, and the variance of their curves alone. */
 static inline void calib_joints_off(const calib_joints q, calib_ways *off,
                                     calib_real alone[CALIB_BELIEFS][CALIB_DOF]) {
-  int b, i, r;
-#if @by_cos@
-  calib_real wave[CALIB_HARMONICS][2][CALIB_DOF];
-  int n;
-#endif
-#if @way@
-  calib_real angle = 0;
-  int k, row = 0;
-#endif
-  for (b = 0; b < CALIB_BELIEFS; ++b)
-    for (i = 0; i < CALIB_DOF; ++i) alone[b][i] = 0;
-  for (i = 0; i < CALIB_DOF; ++i) {
-    for (r = 0; r < CALIB_TOGETHER; ++r) off[i][r] = calib_by_offset[i][r];
-    calib_add_row(q[i], calib_by_gain[i], off[i]);
-#if @neighbour@
-    if (i > 0) calib_add_row(q[i - 1], calib_by_neighbour[i - 1], off[i]);
-#endif
-  }
-#if @way@
-  for (k = 0; k < CALIB_DOF; ++k) {
-    angle += calib_way[k] * q[k];
-    for (i = 0; i <= k; ++i, row += 2) {
-      calib_add_row(cos(angle), calib_by_flex[row], off[i]);
-      calib_add_row(sin(angle), calib_by_flex[row + 1], off[i]);
-    }
-  }
-#endif
-#if @by_cos@
+  int b, i;
+#if @alone@
+  calib_real wave[CALIB_HARMONICS][2 * CALIB_DOF];
   calib_multiples(q, wave);
-  for (i = 0; i < CALIB_DOF; ++i) {
-    const calib_real turn = q[i] / (calib_real)6.283185307179586;
-    const calib_real place = CALIB_KNOTS * (turn - floor(turn)), knot = floor(place);
-    const int first = (int)knot % CALIB_KNOTS, next = (first + 1) % CALIB_KNOTS;
-    for (b = 0; b < CALIB_BELIEFS; ++b)
-      alone[b][i] = calib_alone[b][i][first] +
-                    (place - knot) * (calib_alone[b][i][next] - calib_alone[b][i][first]);
-    for (n = 0; n < CALIB_HARMONICS; ++n) {
-      const calib_real c = wave[n][0][i], s = wave[n][1][i];
-      for (r = 0; r < CALIB_TOGETHER; ++r)
-        off[i][r] += c * calib_by_cos[i][n][r] + s * calib_by_sin[i][n][r];
-    }
-  }
 #endif
+  for (i = 0; i < CALIB_DOF; ++i) {
+    for (b = 0; b < CALIB_BELIEFS; ++b) alone[b][i] = 0;
+    calib_copy(CALIB_TOGETHER, calib_by_offset[i], off[i]);
+    calib_add_rows(1, q + i, 1, calib_by_gain[i], off[i]);
+    if (i > 0) calib_add_rows(1, q + i - 1, 1, calib_by_neighbour[i - 1], off[i]);
+#if @alone@
+    {
+      const calib_real turn = q[i] / (calib_real)6.283185307179586;
+      const calib_real place = CALIB_KNOTS * (turn - floor(turn)), knot = floor(place);
+      const int first = (int)knot % CALIB_KNOTS, next = (first + 1) % CALIB_KNOTS;
+      for (b = 0; b < CALIB_BELIEFS; ++b)
+        alone[b][i] = calib_alone[b][i][first] +
+                      (place - knot) * (calib_alone[b][i][next] - calib_alone[b][i][first]);
+      for (b = 0; b < 2; ++b) /* cosines, then sines */
+        calib_add_rows(CALIB_HARMONICS, wave[0] + b * CALIB_DOF + i, 2 * CALIB_DOF,
+                       calib_by_wave[i][b][0], off[i]);
+    }
+#endif
+  }
 }
 
 /* How the sensor sees the tip move in each direction of beliefs, and with each joint. */
-static inline void calib_moves(const calib_joints q, calib_ways *off, calib_real *z,
-                               calib_real *joints) {
+static inline void calib_moves(const calib_joints q, calib_ways *off, calib_ways z[3],
+                               calib_real joints[CALIB_DOF][3]) {
   calib_frame at[CALIB_CHAIN + 1];
-  calib_real moves[CALIB_CHAIN][3], by[3];
-  calib_real there[3 * CALIB_TOGETHER] = {0}, motion[3 * CALIB_DOF], arrow[3];
-  const calib_real *p = at[CALIB_CHAIN].origin;
+  calib_real motion[CALIB_DOF][3] = {{0}}, L[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, seen[9], view[12], by[3];
+  const calib_real *p = at[CALIB_CHAIN].p;
+  calib_ways there[3] = {{0}};
   int i, k, n;
-#if @gravity@
-  calib_real bent[CALIB_CHAIN][CALIB_TOGETHER] = {{0}};
+#if @lens@
+  calib_real before[3], x[2], u[2];
 #endif
-  calib_posture(&calib_body, 0, q, at, 0);
+  calib_posture(&calib_body, q, at, 0);
   calib_origins_off(at, there);
-  for (i = 0; i < CALIB_CHAIN; ++i) {
-    for (k = 0; k < 3; ++k) arrow[k] = p[k] - at[i].origin[k];
-    calib_cross(at[i].axis, arrow, moves[i]);
-    for (k = 0; k < 3 && !calib_bends[i]; ++k) moves[i][k] = at[i].axis[k];
-  }
 #if @gravity@
-  calib_loads_off(q, bent);
-  for (i = 0; i < CALIB_CHAIN; ++i) calib_spread(moves[i], bent[i], there);
+  calib_loads_off(q, at, there);
 #endif
-  for (n = 0; n < CALIB_DOF; ++n) {
-    for (k = 0; k < 3; ++k) {
-      by[k] = 0;
-      for (i = 0; i < CALIB_CHAIN; ++i) by[k] += calib_coupling[i][n] * moves[i][k];
-      motion[k * CALIB_DOF + n] = by[k];
-    }
-    calib_spread(by, off[n], there);
+  for (i = 0; i < CALIB_CHAIN; ++i) {
+    calib_tip_moved(at, i, by);
+    for (n = 0; n < CALIB_DOF; ++n)
+      for (k = 0; k < 3; ++k) motion[n][k] += calib_coupling[i][n] * by[k];
   }
-  calib_product(3, calib_view, CALIB_TOGETHER, there, z);
-  calib_product(3, calib_view, CALIB_DOF, motion, joints);
+  calib_spread(CALIB_DOF, motion[0], off[0], there);
+#if @lens@
+  calib_copy(3, calib_shift, before);
+  calib_add(calib_view, p, before);
+  calib_pinhole(before, x, L, u);
+  L[8] = 0;
+#endif
+  calib_product(3, L, 3, calib_view, seen);
+  calib_product(3, seen, CALIB_TOGETHER, there[0], z[0]);
+  for (n = 0; n < CALIB_DOF; ++n) calib_product(3, seen, 1, motion[n], joints[n]);
   for (k = 0; k < 3; ++k) { /* the view's matrix and shift */
-    for (i = 0; i < 3; ++i) calib_add_row(p[i], calib_by_view[3 * k + i], z + k * CALIB_TOGETHER);
-    calib_add_row(1, calib_by_view[9 + k], z + k * CALIB_TOGETHER);
+    for (n = 0; n < 9; ++n) view[n] = L[3 * k + n / 3] * p[n % 3];
+    calib_copy(3, L + 3 * k, view + 9);
+    calib_add_rows(12, view, 1, calib_by_view[0], z[k]);
   }
 #if @lens@
-  {
-    calib_real at_view[3], x[2], L[9] = {0}, u[2], in_view[3 * CALIB_TOGETHER];
-    for (k = 0; k < 3; ++k) at_view[k] = calib_shift[k] + calib_dot(calib_view + 3 * k, p);
-    calib_pinhole(at_view, x, L, u);
-    for (n = 0; n < 3 * CALIB_TOGETHER; ++n) in_view[n] = z[n];
-    for (n = 0; n < 3 * CALIB_DOF; ++n) motion[n] = joints[n];
-    calib_product(3, L, CALIB_TOGETHER, in_view, z);
-    calib_product(3, L, CALIB_DOF, motion, joints);
-    for (k = 0; k < 2; ++k) {
-      const calib_real cubic = calib_lens[0] * u[k] * (u[0] * u[0] + u[1] * u[1]);
-      calib_real *seen = z + k * CALIB_TOGETHER;
-      calib_add_row((x[k] - calib_lens[1 + k]) / calib_lens[0], calib_by_lens[0], seen);
-      calib_add_row(1, calib_by_lens[1 + k], seen);
-      calib_add_row(cubic, calib_by_lens[3], seen);
-    }
+  for (k = 0; k < 2; ++k) {
+    const calib_real bent = (x[k] - calib_lens[1 + k]) / calib_lens[0];
+    const calib_real cubic = calib_lens[0] * u[k] * (u[0] * u[0] + u[1] * u[1]);
+    const calib_real lens[4] = {bent, k == 0, k == 1, cubic};
+    calib_add_rows(4, lens, 1, calib_by_lens[0], z[k]);
   }
 #endif
 }
 
 static inline calib_real calib_posterior(const calib_joints q, const calib_vector more) {
-  enum { WAYS = CALIB_TOGETHER / CALIB_BELIEFS };
-  calib_real off[CALIB_DOF][CALIB_TOGETHER], alone[CALIB_BELIEFS][CALIB_DOF];
-  calib_real z[3 * CALIB_TOGETHER], joints[3 * CALIB_DOF], bound = 0;
+  calib_real alone[CALIB_BELIEFS][CALIB_DOF], joints[CALIB_DOF][3], bound = 0;
+  calib_ways off[CALIB_DOF], z[3];
   int b, i, j, k, n, r;
   calib_joints_off(q, off, alone);
   calib_moves(q, off, z, joints);
   for (b = 0; b < CALIB_BELIEFS; ++b) {
-    const calib_real *way = z + b * WAYS;
+    const int first = b * CALIB_WAYS, last = first + CALIB_WAYS - 1;
     calib_real S[6], apart = 0, radius;
     for (n = 0, j = 0; j < 3; ++j)
       for (k = j; k < 3; ++k, ++n) {
         S[n] = 0;
-        for (r = 0; r < WAYS - 1; ++r)
-          S[n] += way[j * CALIB_TOGETHER + r] * way[k * CALIB_TOGETHER + r];
-        for (i = 0; i < CALIB_DOF; ++i)
-          S[n] += alone[b][i] * joints[j * CALIB_DOF + i] * joints[k * CALIB_DOF + i];
+        for (r = first; r < last; ++r) S[n] += z[j][r] * z[k][r];
+        for (i = 0; i < CALIB_DOF; ++i) S[n] += alone[b][i] * joints[i][j] * joints[i][k];
       }
     /* the last direction is by how much the beliefs are apart */
-    for (k = 0; k < 3; ++k)
-      apart += way[k * CALIB_TOGETHER + WAYS - 1] * way[k * CALIB_TOGETHER + WAYS - 1];
+    for (k = 0; k < 3; ++k) apart += z[k][last] * z[k][last];
     radius = calib_radius_95(S, calib_belief_scale[b][1], more);
     apart = sqrt(apart) + calib_belief_scale[b][0] * radius;
     if (apart > bound) bound = apart;

@@ -22,8 +22,8 @@ typedef @real@ calib_real;
 
 enum {
   CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_CHAIN = @chain@, CALIB_HARMONICS = @harmonics@,
-  CALIB_STARTS = @starts@, CALIB_STEPS = @steps@, CALIB_SLIDES = @slides@, CALIB_BUDGET = @budget@,
-  CALIB_TRIES = @tries@, CALIB_RUNS = @runs@, CALIB_PULL = @pull@
+  CALIB_STARTS = @starts@, CALIB_STEPS = @steps@, CALIB_SLIDES = @slides@, CALIB_RUNS = @runs@,
+  CALIB_TRIES = @tries@, CALIB_BUDGET = @budget@ / @step_cost@
 };
 
 /* Values of the joints, what a sensor sees, vectors, matrices row by row; values of the chain's joints
@@ -32,14 +32,18 @@ typedef calib_real calib_joints[CALIB_DOF], calib_place[CALIB_OUT], calib_vector
 typedef calib_real calib_rotation[9], calib_values[CALIB_CHAIN];
 typedef calib_real calib_slopes[CALIB_CHAIN][CALIB_DOF];
 
-/* An arm: joint values are gain q + offset + curve, and bend with their posture. */
+/* An arm: joint values are mix q + bias, and what curves and loads add where it bends.  Joints move
+ * about the third axes of their frames, of which each has its place and turn in the one before. */
 typedef struct {
-  calib_real gain[CALIB_DOF], offset[CALIB_DOF];
-  calib_real axis[CALIB_CHAIN][3];
-  calib_real stride[CALIB_CHAIN + 1][3], turned[CALIB_CHAIN + 1][9]; /* the last to the tip */
-  int own; /* whether it has curves and bends */
+  calib_real mix[CALIB_CHAIN][CALIB_DOF], bias[CALIB_CHAIN];
+  calib_real stride[CALIB_CHAIN + 1][3], turned[CALIB_CHAIN + 1][9]; /* the last are the tip's */
+  int bends;
 } calib_arm;
 @tables@
+static inline void calib_copy(int count, const calib_real *from, calib_real *to) {
+  while (count-- > 0) to[count] = from[count];
+}
+
 /* Numbers that are not known; returns 0. */
 static inline int calib_unknown(int count, calib_real *out) {
   while (count > 0) out[--count] = (calib_real)NAN;
@@ -56,6 +60,11 @@ static inline calib_real calib_short(int k, calib_real way) {
   return calib_periodic[k] ? way - floor(way + (calib_real)0.5) : way;
 }
 
+/* A joint value, moved into its range where it goes round. */
+static inline calib_real calib_wrapped(int k, calib_real value) {
+  return calib_periodic[k] ? value - calib_span[k] * floor(calib_share_of(k, value)) : value;
+}
+
 /* Joints with those of full turns moved into their range; 0 where they are outside of what the model
  * was learned for. */
 static inline int calib_inside(const calib_joints q, calib_joints out) {
@@ -64,7 +73,7 @@ static inline int calib_inside(const calib_joints q, calib_joints out) {
     const calib_real u = calib_share_of(i, q[i]);
     const calib_real more = calib_periodic[i] ? 1 : 0; /* at most a turn beyond */
     if (!(u >= @rounded@ - more && u <= 1 - @rounded@ + more)) inside = 0;
-    out[i] = calib_periodic[i] ? calib_lower[i] + (u - floor(u)) * calib_span[i] : q[i];
+    out[i] = calib_wrapped(i, q[i]);
   }
   return inside;
 }
@@ -78,6 +87,17 @@ static inline void calib_cross(const calib_vector a, const calib_vector b, calib
 
 static inline calib_real calib_dot(const calib_vector a, const calib_vector b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static inline calib_real calib_length(int count, const calib_real *vector) {
+  calib_real squared = 0;
+  int i;
+  for (i = 0; i < count; ++i) squared += vector[i] * vector[i];
+  return sqrt(squared);
+}
+
+static inline calib_real calib_between(calib_real value, calib_real least, calib_real most) {
+  return value > least ? value < most ? value : most : least;
 }
 
 /* out += R v, with the rows of R. */
@@ -119,14 +139,16 @@ static inline void calib_waves(int count, const calib_real *angle, calib_real *c
   }
 }
 
-/* R, turned about its own unit axis by an angle of cosine c and sine s (Rodrigues). */
-static inline void calib_turn(const calib_rotation R, const calib_vector axis, calib_real c,
-                              calib_real s, calib_rotation out) {
-  calib_real swept[3], along;
-  int i, j;
-  for (i = 0; i < 3; ++i) {
-    calib_cross(R + 3 * i, axis, swept);
-    along = (1 - c) * calib_dot(R + 3 * i, axis);
-    for (j = 0; j < 3; ++j) out[3 * i + j] = c * R[3 * i + j] + s * swept[j] + along * axis[j];
+/* Puts a row among the nearest so far, in their order; returns how many there are, at most `most`. */
+static inline int calib_rank(int row, calib_real away, int count, int most, calib_real *far,
+                             int *rows) {
+  int k = count < most ? count : most - 1;
+  if (count == most && !(away < far[k])) return most;
+  for (; k > 0 && far[k - 1] > away; --k) {
+    far[k] = far[k - 1];
+    rows[k] = rows[k - 1];
   }
+  far[k] = away;
+  rows[k] = row;
+  return count < most ? count + 1 : most;
 }

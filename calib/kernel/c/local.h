@@ -3,34 +3,28 @@
 /* Factor on what nodes with a model say, by their share of the weight beside those without one. */
 static inline calib_real calib_heard(calib_real share) {
   const calib_real silent = @silent@;
-  calib_real t = (share - silent) / (@full@ - silent);
-  t = t < 0 ? 0 : t > 1 ? 1 : t;
+  const calib_real t = calib_between((share - silent) / (@full@ - silent), 0, 1);
   return t * t * (3 - 2 * t) / (share > silent ? share : silent);
 }
 
 /* Local models of what the body leaves over, added to position and derivative. */
 static inline void calib_local(const calib_joints q, calib_real *x, calib_real *J) {
-  calib_real weight[CALIB_NEAR], u[CALIB_DOF], gap[CALIB_NEAR][CALIB_DOF], loud = 0;
+  calib_real weight[CALIB_NEAR], gap[CALIB_DOF], value[@terms@], loud = 0;
   int node[CALIB_NEAR], i, k, t, o;
-  calib_near(q, node, weight, u);
-  for (k = 0; k < CALIB_NEAR; ++k) {
-    for (i = 0; i < CALIB_DOF; ++i) gap[k][i] = calib_short(i, u[i] - calib_node[node[k]][i]);
+  calib_near(q, node, weight);
+  for (k = 0; k < CALIB_NEAR; ++k)
     if (calib_talks[node[k]]) loud += weight[k];
-  }
   loud = calib_heard(loud);
   for (k = 0; k < CALIB_NEAR; ++k) {
-    const calib_real r = calib_radius[node[k]];
+    const calib_real r = calib_radius[node[k]], w = weight[k] * loud;
     const calib_real *c = calib_local_terms[node[k]];
-    calib_real w = calib_talks[node[k]] ? weight[k] * loud : 0;
-    calib_real value[@terms@];
-    if (!(w > 0)) continue;
+    if (!calib_talks[node[k]]) continue;
+    calib_node_gap(q, node[k], gap);
     value[0] = 1;
-    for (t = 1; t < @terms@; ++t)
-      value[t] = value[calib_parent[t]] * gap[k][calib_along[t]] / r;
+    for (t = 1; t < @terms@; ++t) value[t] = value[calib_parent[t]] * gap[calib_along[t]] / r;
     for (t = 0; t < @terms@; ++t)
       for (o = 0; o < CALIB_OUT; ++o) x[o] += w * c[t * CALIB_OUT + o] * value[t];
-    if (!J) continue;
-    for (t = 1; t < @terms@; ++t)
+    for (t = 1; J && t < @terms@; ++t)
       for (i = 0; i < CALIB_DOF; ++i) {
         const int power = calib_power[t * CALIB_DOF + i];
         if (!power) continue;

@@ -25,29 +25,32 @@ CALIB_API int calib_inverse_all_row(const calib_real *b, calib_real *out) {
 }
 #if @placed@
 
-/* The task of the pose that a question asks for; 0 where its quaternion is none. */
-static inline int calib_asked(const calib_real *b, calib_task *task) {
-  const calib_real *p = b + 20;
-  calib_real R[9];
-  if (!(fabs(p[0] * p[0] + p[1] * p[1] + p[2] * p[2] + p[3] * p[3] - 1) <= @rounding@)) return 0;
-  calib_matrix(p, R);
-  calib_pose_task(b + 16, R, (int)b[24], task);
-  return 1;
-}
-
 /* The starts of a question. */
 static inline calib_starts calib_starts_of(const calib_real *b) {
   const int count = (int)b[26];
-  calib_starts starts = {b + 27, 0, count, count, CALIB_RUNS, b[25]};
+  const calib_starts starts = {b + 27, count, 1, count, CALIB_RUNS, b[25]};
   return starts;
+}
+
+/* The task of the pose that a question asks for. */
+static inline calib_task calib_task_of(const calib_real *b) {
+  calib_real R[9];
+  calib_matrix(b + 20, R);
+  return calib_pose_task(b + 16, R, (int)b[24]);
+}
+
+/* Whether the quaternion of a question is one. */
+static inline int calib_is_pose(const calib_real *b) {
+  const calib_real length = calib_length(4, b + 20);
+  return fabs(length * length - 1) <= @rounding@;
 }
 
 CALIB_API int calib_poses_row(const calib_real *b, calib_real *q) {
   const calib_starts starts = calib_starts_of(b);
-  calib_task task;
+  const calib_task task = calib_task_of(b);
   calib_search search = calib_begin(&task, b, 1, 0, q);
   int sure = 0;
-  if (calib_asked(b, &task)) sure = calib_try_near(&search, &task, b, CALIB_BUDGET, q);
+  if (calib_is_pose(b)) sure = calib_try_near(&search, &task, b, CALIB_BUDGET, q);
   if (sure == 2 && starts.count) { /* all that starts lead to is looked at */
     search.budget = CALIB_BUDGET * starts.count;
     calib_try_starts(&search, &starts);
@@ -58,8 +61,10 @@ CALIB_API int calib_poses_row(const calib_real *b, calib_real *q) {
 
 CALIB_API int calib_poses_all_row(const calib_real *b, calib_real *q) {
   const calib_starts starts = calib_starts_of(b);
-  calib_task task;
-  return calib_asked(b, &task) ? calib_every(&task, &starts, @most_ways@, q) : 0;
+  const calib_task task = calib_task_of(b);
+  calib_search search = calib_begin(&task, b, @most_ways@, CALIB_BUDGET * starts.count, q);
+  if (calib_is_pose(b)) calib_try_starts(&search, &starts);
+  return search.count;
 }
 
 CALIB_API int calib_pose_row(const calib_real *q, calib_real *out) {

@@ -1,51 +1,41 @@
 
-/* What joints are asked for: a position of the sensor; a place, a pose, or a pose whose turn about
- * one axis of the tip is free, of the arm's root frame. */
-enum { CALIB_POSITION, CALIB_PLACE, CALIB_POSE, CALIB_AXIS };
-
+/* What joints are asked for: a position of the sensor, or of the arm's root frame a place, a pose, or a
+ * pose whose turn about one axis of the tip is free. */
 typedef struct {
-  int kind;
-  int axis; /* of CALIB_AXIS: 0, 1 or 2, an axis of the tip's frame */
-  const calib_arm *arm;
+  const calib_arm *arm; /* 0: the sensor's model */
+  int rows;             /* residuals: of a pose six, five where a turn is free */
+  int axis;             /* of the tip, 0 to 2, about which the turn is free, or -1 */
+  calib_real size;      /* a length that residuals are compared with */
   calib_real x[3], R[9];
 } calib_task;
 
-static inline int calib_rows(const calib_task *task) {
-  const int rows[4] = {CALIB_OUT, 3, 6, 5};
-  return rows[task->kind];
-}
-
-/* A length that a task's residuals are compared with. */
-static inline calib_real calib_size(const calib_task *task) {
-  return task->kind == CALIB_POSITION ? @extent@ : @lever@;
+static inline calib_task calib_position_task(const calib_place x) {
+  calib_task task = {0, CALIB_OUT, -1, @extent@, {0}, {0}};
+  calib_copy(CALIB_OUT, x, task.x);
+  return task;
 }
 
 /* Turn that is left from R to another orientation S, or from one axis of R to that of S, a rotation
  * vector. */
 static inline void calib_turn_left(const calib_rotation R, const calib_rotation S, int axis,
                                    calib_vector turn) {
-  const int first = axis < 0 ? 0 : axis, last = axis < 0 ? 3 : axis + 1;
-  calib_real a[3], b[3], across[3], sine, angle, cosine = 0;
+  calib_real across[3], sine, angle, cosine = 0;
   int i, k;
   for (k = 0; k < 3; ++k) turn[k] = 0;
-  for (i = first; i < last; ++i) {
-    for (k = 0; k < 3; ++k) {
-      a[k] = R[3 * k + i];
-      b[k] = S[3 * k + i];
-    }
+  for (i = 0; i < 3; ++i) {
+    const calib_vector a = {R[i], R[3 + i], R[6 + i]}, b = {S[i], S[3 + i], S[6 + i]};
+    if (axis >= 0 && axis != i) continue;
     calib_cross(a, b, across);
     for (k = 0; k < 3; ++k) turn[k] += across[k];
     cosine += calib_dot(a, b);
   }
   if (axis < 0) cosine -= 1; /* twice the cosine, and turn is twice the sine */
-  sine = sqrt(calib_dot(turn, turn));
+  sine = calib_length(3, turn);
   angle = atan2(sine, cosine);
-  if (!(sine > 0) && angle > 1) { /* half a turn, about any axis across */
-    const calib_real other[3] = {a[1], a[2], -a[0]};
-    calib_cross(a, other, turn);
-    sine = sqrt(calib_dot(turn, turn));
-  }
-  for (k = 0; sine > 0 && k < 3; ++k) turn[k] *= angle / sine;
+  for (k = 0; !(sine > 0) && angle > 1 && k < 3; ++k) /* half a turn, about an axis across */
+    turn[k] = R[3 * k + (axis + 4) % 3];
+  sine = sine > 0 ? sine : 1;
+  for (k = 0; k < 3; ++k) turn[k] *= angle / sine;
 }
 
 /* What joints miss of a task: residuals, their derivative by the joints in shares of their ranges,
@@ -54,34 +44,26 @@ typedef struct {
   calib_real r[6], J[6 * CALIB_DOF], left;
 } calib_gap;
 
-static inline void calib_left(const calib_task *task, int plain, const calib_joints q,
-                              calib_gap *gap) {
-  const int rows = calib_rows(task);
-  calib_real *r = gap->r, *J = gap->J, squared = 0, p[3], R[9], turn[3];
+static inline void calib_left(const calib_task *task, const calib_joints q, calib_gap *gap) {
+  calib_real *r = gap->r, *J = gap->J, p[3] = {0}, R[9], turn[3];
   int i, k;
-  if (task->kind == CALIB_POSITION) {
-    calib_model(plain, q, r, J);
-    for (i = 0; i < CALIB_OUT; ++i) r[i] = task->x[i] - r[i];
-  } else {
-    calib_chain(task->arm, plain, q, p, R, J);
-    for (i = 0; i < 3; ++i) r[i] = task->x[i] - p[i];
-  }
-  if (rows > 3) {
+  if (task->arm) calib_chain(task->arm, q, p, R, J);
+  else calib_model(q, p, J);
+  for (i = 0; i < 3; ++i) r[i] = task->x[i] - p[i];
+  if (task->rows > 3) {
     calib_turn_left(R, task->R, task->axis, turn);
     for (i = 0; i < 3; ++i) r[3 + i] = @lever@ * turn[i];
     for (i = 3 * CALIB_DOF; i < 6 * CALIB_DOF; ++i) J[i] *= @lever@;
   }
-  if (task->kind == CALIB_AXIS) { /* along the tip's two other axes */
+  if (task->axis >= 0) { /* along the tip's two other axes */
     calib_real sides[6], spin[3 * CALIB_DOF];
     for (i = 0; i < 6; ++i) sides[i] = R[3 * (i % 3) + (task->axis + 1 + i / 3) % 3];
-    for (i = 0; i < 3; ++i) turn[i] = r[3 + i];
-    for (i = 0; i < 3 * CALIB_DOF; ++i) spin[i] = J[3 * CALIB_DOF + i];
+    calib_copy(3, r + 3, turn);
+    calib_copy(3 * CALIB_DOF, J + 3 * CALIB_DOF, spin);
     calib_product(2, sides, 1, turn, r + 3);
     calib_product(2, sides, CALIB_DOF, spin, J + 3 * CALIB_DOF);
   }
-  for (i = 0; i < rows; ++i) {
-    squared += r[i] * r[i];
+  for (i = 0; i < task->rows; ++i)
     for (k = 0; k < CALIB_DOF; ++k) J[i * CALIB_DOF + k] *= calib_span[k];
-  }
-  gap->left = sqrt(squared);
+  gap->left = calib_length(task->rows, r);
 }
