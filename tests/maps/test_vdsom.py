@@ -69,6 +69,17 @@ def test_eq_7_and_8_as_printed_step_by_step():
         h = (t / rho) ** 4 * np.exp(-t / sigma**2)  # eq. 8
         w = w + min(alpha * h, 1.0) * (sample - w)
     np.testing.assert_allclose(net.layers[0].weights, w, atol=1e-12)
+
+
+def test_eq_8_as_printed_gathers_all_nodes_in_one_place_and_only_online():
+    x = np.random.default_rng(0).random((2000, 2))
+    printed, stable = (
+        calib.SOM(10, f"vdsom:{name}", rule="online", epochs=3).fit(x)
+        for name in ("printed", "rho")
+    )
+    assert np.ptp(printed.units, axis=0).max() < 0.02
+    assert printed.quantization_error(x) > 0.3
+    assert stable.quantization_error(x) < 0.06
     refused(OptionError, "one sample at a time", calib.SOM(10, "vdsom:printed").fit, x)
 
 

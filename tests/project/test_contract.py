@@ -135,6 +135,7 @@ def touches():
 
 
 ABILITIES = {
+    "a mount": lambda: random_rows(Robot()),
     "joint curves": joint_curves,
     "elasticity": lambda: random_rows(Robot(elastic=-3e-3), noise=5e-5),
     "a payload": lambda: random_rows(Robot(elastic=-2e-3, payload=-2e-3), noise=5e-5),
@@ -144,6 +145,7 @@ ABILITIES = {
     "millimetres": lambda: [replace(a, x=1e3 * a.x, unit="mm") for a in random_rows(Robot())],
     "a lens": a_lens,
     "poses": poses,
+    "repeated poses": repeated_poses,
     "encoders that tremble": encoders_that_tremble,
     "backlash": backlash,
     "rows left out": rows_left_out,

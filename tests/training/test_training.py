@@ -111,10 +111,15 @@ def test_both_bounds_hold_where_no_row_was():
     assert far > beside
 
 
-def test_the_online_rule_trains_maps_that_read_out_well():
-    model = trained("two_link", 1200, 10, rule="online")
-    q = draw(model, 10_000, seed=50)
-    assert np.linalg.norm(model.forward(q, "activity") - two_link(q), axis=1).mean() < 0.07
+@pytest.mark.parametrize("rule", ["batch", "online"])
+@pytest.mark.parametrize("name", ["som", "vdsom:error", "vdsom:rho"])
+def test_every_network_and_rule_trains_maps_that_read_out_well(name, rule):
+    model = trained("two_link", 1200, 10, map=name, rule=rule)
+    assert model.about.options["map"] == name
+    assert model.about.options["rule"] == rule
+    most = 0.03 if rule == "batch" else 0.07
+    q = draw(model, 2000, seed=50)
+    assert np.linalg.norm(model.forward(q, "activity") - two_link(q), axis=1).mean() < most
 
 
 def test_a_simulated_hobby_arm_is_learned_wherever_random_chains_end():
