@@ -23,7 +23,7 @@ typedef @real@ calib_real;
 enum {
   CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_CHAIN = @chain@, CALIB_HARMONICS = @harmonics@,
   CALIB_STARTS = @starts@, CALIB_STEPS = @steps@, CALIB_SLIDES = @slides@, CALIB_RUNS = @runs@,
-  CALIB_TRIES = @tries@, CALIB_BUDGET = @budget@ / @step_cost@
+  CALIB_TRIES = @tries@, CALIB_BUDGET = @budget@
 };
 
 /* Values of the joints, what a sensor sees, vectors, matrices row by row; values of the chain's joints

@@ -156,20 +156,23 @@ static inline int calib_slide(const calib_search *search, const calib_joints q,
 static inline int calib_descend(calib_search *search, int count, calib_joints q, calib_gap *gap) {
   const calib_task *task = search->task;
   const calib_real close = @close@ * task->size, rough = @rough@ * task->size;
+  const int straight = task->straight != 0;
   calib_slides slides = {0, 0, 1, {0}, {0}, {0}};
   calib_real move[CALIB_DOF], trial[CALIB_DOF], damping = @calm@;
   calib_gap next;
   int sliding = CALIB_DOF > task->rows, step = 0, last = 0;
   calib_clipped(q);
   calib_left(task, q, gap);
-  while (step < CALIB_STEPS && search->budget-- > 0) {
+  while (step < CALIB_STEPS && search->budget > 0) {
     const int near = sliding && gap->left <= rough;
     int better, inside;
-    if (!near && gap->left <= @enough@ * task->size) break;
+    search->budget -= straight ? 1 : @step_cost@;
+    if (!near && gap->left <= (straight ? rough : @enough@ * task->size)) break;
     if (!calib_move(task->rows, gap->J, gap->r, q, 0, damping, move)) return 0;
     if (near) {
-      const calib_real settled = gap->left <= close ? @settled@ : -1;
+      const calib_real settled = straight ? 100 * @settled@ : gap->left <= close ? @settled@ : -1;
       sliding = calib_slide(search, q, gap, settled, &slides, move);
+      if (!sliding && straight) break;
       if (!sliding) continue;
     }
     inside = calib_moved(q, move, trial);
@@ -193,14 +196,35 @@ static inline int calib_descend(calib_search *search, int count, calib_joints q,
       if (better ? slow : gap->left <= close || !(damping < @hardest@)) step = CALIB_STEPS;
       damping = better ? damping / @easier@ : damping * @easier@;
       damping = calib_between(damping, better ? @calm@ : @hard@, @hardest@ * @easier@);
-      last = better && inside && damping <= @calm@ &&
+      last = better && inside && !straight && damping <= @calm@ &&
              next.left * next.left <= @surplus@ * close * gap->left;
     }
     if (!better) continue;
     calib_copy(CALIB_DOF, trial, q);
     *gap = next;
   }
-  return gap->left <= close;
+  return gap->left <= (straight ? 10 * rough : close); /* what misses by far does so bent */
+}
+
+/* The same from a start on, first roughly by the arm without what bends it; a way that would be further
+ * than the nearest is given up. */
+static inline int calib_reach(calib_search *search, calib_joints q, calib_gap *gap) {
+  if (@step_cost@ > 1) {
+    const calib_task *task = search->task;
+    calib_arm straight = task->arm ? *task->arm : calib_body;
+    calib_task rough = *task;
+    int there;
+    straight.bends = 0;
+    rough.straight = &straight;
+    search->task = &rough;
+    there = calib_descend(search, search->count, q, gap);
+    search->task = task;
+    if (!there) return 0;
+    if (search->most == 1 && search->count &&
+        calib_apart(q, search->from) > search->away + @margin@ / 4)
+      return 0;
+  }
+  return calib_descend(search, search->count, q, gap);
 }
 
 /* Where the joints may stand on the other side of a nearby fold: as far beyond it as q is before it,

@@ -86,7 +86,7 @@ static inline int calib_try(calib_search *search, const calib_joints start) {
   calib_gap gap;
   int gain;
   calib_copy(CALIB_DOF, start, way);
-  if (!calib_descend(search, search->count, way, &gap)) {
+  if (!calib_reach(search, way, &gap)) {
     if (search->count || search->left <= gap.left || !(gap.left - gap.left == 0)) return 0;
     search->left = gap.left;
     calib_copy(CALIB_DOF, way, search->nearest);
@@ -203,7 +203,7 @@ static inline int calib_inverse(const calib_place x, const calib_joints near, ca
 /* The task of a pose of the sensor's frame (R row by row); `axis` is -1, or an axis of the tip, 0 to
  * 2, about which its turn is left open. */
 static inline calib_task calib_pose_task(const calib_vector x, const calib_rotation R, int axis) {
-  calib_task task = {&calib_placed, axis < 0 ? 6 : 5, axis, @lever@, {0}, {0}};
+  calib_task task = {&calib_placed, axis < 0 ? 6 : 5, axis, @lever@, {0}, {0}, 0};
   int i;
   for (i = 0; i < 9; ++i) { /* by the transpose of how the sensor is turned */
     const calib_vector across = {calib_aim[i / 3], calib_aim[3 + i / 3], calib_aim[6 + i / 3]};
@@ -230,7 +230,7 @@ static inline int calib_inverse_pose(const calib_vector x, const calib_rotation 
 /* Joints that bring the real tip to where the nominal arm would be with q, near q; with six joints
  * or more also its orientation.  0 where none do, or a joint would change by more than usual. */
 CALIB_API int calib_correct(const calib_joints q, calib_joints out) {
-  calib_task task = {&calib_body, @correcting@, -1, @lever@, {0}, {0}}, seen;
+  calib_task task = {&calib_body, @correcting@, -1, @lever@, {0}, {0}, 0}, seen;
   calib_real start[CALIB_DOF], x[CALIB_OUT];
   calib_search search;
   calib_gap gap;

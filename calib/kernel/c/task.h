@@ -7,10 +7,11 @@ typedef struct {
   int axis;             /* of the tip, 0 to 2, about which the turn is free, or -1 */
   calib_real size;      /* a length that residuals are compared with */
   calib_real x[3], R[9];
+  const calib_arm *straight; /* 0, or the arm without what bends it: a rough search */
 } calib_task;
 
 static inline calib_task calib_position_task(const calib_place x) {
-  calib_task task = {0, CALIB_OUT, -1, @extent@, {0}, {0}};
+  calib_task task = {0, CALIB_OUT, -1, @extent@, {0}, {0}, 0};
   calib_copy(CALIB_OUT, x, task.x);
   return task;
 }
@@ -47,7 +48,8 @@ typedef struct {
 static inline void calib_left(const calib_task *task, const calib_joints q, calib_gap *gap) {
   calib_real *r = gap->r, *J = gap->J, p[3] = {0}, R[9], turn[3];
   int i, k;
-  if (task->arm) calib_chain(task->arm, q, p, R, J);
+  if (task->arm) calib_chain(task->straight ? task->straight : task->arm, q, p, R, J);
+  else if (task->straight) calib_seen(task->straight, q, p, J);
   else calib_model(q, p, J);
   for (i = 0; i < 3; ++i) r[i] = task->x[i] - p[i];
   if (task->rows > 3) {
