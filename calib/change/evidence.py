@@ -293,10 +293,14 @@ def with_orientations(
     """Evidence whose best explanation orientations do not contradict, as far as there is one.
 
     A camera that is turned moves what it sees: positions alone may call that a joint's offset,
-    which the tool would have to be turned back by.
+    which the tool would have to be turned back by.  An offset of the last joint turns the tool, and
+    hardly moves it: positions alone may call that no change.
     """
-    if not evidence.is_attributed or evidence.tool.score <= 1.0:
+    if evidence.score <= 1.0 or evidence.tool.score <= 1.0:
         return evidence
+    if not evidence.is_attributed:
+        explanations = _by_orientations(evidence)
+        return replace(evidence, explanations=explanations)
     cause = evidence.cause
     if cause not in (None, "joints") or TOOL in evidence.best.groups:
         return evidence
@@ -308,6 +312,21 @@ def with_orientations(
         certain_groups=(TOOL,),
     )
     return replace(evidence, explanations=explanations)
+
+
+def _by_orientations(evidence: Evidence) -> tuple[Explanation, ...]:
+    """The explanations, first the best change by which the tool stands as it should."""
+    structure = evidence.reference.structure
+    changes = [e for e in evidence.explanations if e.causes]
+    least = evidence.best.evidence - MARGIN
+    for change in changes:
+        tool = tool_turn(
+            evidence.rows, structure, change.beta, change.deviation
+        )
+        if change.evidence > least and tool.score <= 1.0:
+            others = [other for other in changes if other is not change]
+            return (change, *others)
+    return evidence.explanations
 
 
 def frame_between(evidence: Evidence, beta: Array) -> Alignment:
