@@ -132,11 +132,15 @@ def best_rig(
     tables : the joints by the units that they may have
     Raises the CalibError of the first where none explains the pictures.
     """
+    spatial = _spatial_arm(arm)
+    first = next(iter(tables.values()))
+    shown = find_board(pictures, first, board, spatial)
     rigs: dict[str, HandEye] = {}
     refusals: list[CalibError] = []
     for unit, table in tables.items():
+        shots = replace(shown, q=table.q[shown.rows])
         try:
-            rigs[unit] = handeye(arm, pictures, table, board, eye)
+            rigs[unit] = handeye(spatial, shots, eye=eye)
         except CalibError as error:
             refusals.append(error)
     if not rigs:
