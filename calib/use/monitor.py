@@ -284,9 +284,10 @@ class _Equations:
         columns = self._columns(q) / sizes[:, None]
         y = residual / sizes
         medians = self._news.medians(q, y)
-        q, y, medians, columns = (
-            part[:count] for part in (q, y, medians, columns)
-        )
+        medians = medians[:count]
+        columns = columns[:count]
+        y = y[:count]
+        q = q[:count]
 
         # where the arm dwells a late clock errs at each jump, as wrong detections may
         late = columns[:, :, 0]

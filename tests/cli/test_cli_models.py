@@ -220,6 +220,19 @@ def test_batch_forward_and_back_returns_the_positions(run, model, tmp_path):
     assert empty.err == "standard input has no rows below its header\n"
 
 
+def test_batch_keeps_bad_rows_in_their_place(run, model):
+    typed = "x,y\n0.1,0.4\nabc,1\n2,2\n,\n-0.1,0.3\n"
+    done = run("query", "inverse", model, "--input", "-", stdin=typed)
+    assert done.code == 1
+    found = read(done.out)
+    assert found["reachable"].tolist() == [1, 0, 0, 0, 1]
+    assert np.isnan([found["shoulder"][1], found["distance"][1]]).all()
+    assert np.isnan([found["shoulder"][2], found["elbow"][2]]).all()
+    assert found["distance"][2] > 1.0
+    assert "rows 2, 4 of 5" in done.err
+    assert "row 3 of 5: out of reach" in done.err
+
+
 @pytest.mark.parametrize("readout", ["linear", "activity", "winner"])
 def test_the_bound_of_another_readout_covers_its_distance_from_the_truth(run, model, readout):
     rows, tables = "shoulder,elbow\n0.3,0.6\n0.4,0.9\n0.9,1.4\n", []

@@ -65,6 +65,19 @@ def test_answers_lead_to_their_target_within_the_limits(robot):
     assert (q <= model.about.upper + slack).all()
 
 
+@pytest.mark.parametrize("robot", ["two_link_full", "scara"])
+def test_near_is_the_closest_of_all_branches_without_it_the_middle_decides(robot):
+    model = trained(robot)
+    x, near = model.forward(draw(model, 100, seed=3)), draw(model, 100, seed=4)
+    middle = (model.about.lower + model.about.upper) / 2
+    nearest, central = model.inverse(x, near=near), model.inverse(x)
+    np.testing.assert_array_equal(central, model.inverse(x, near=middle))
+    for i, branches in enumerate(model.inverse_all(x)):
+        closest = away(model, branches, near[i]).min()
+        assert away(model, nearest[i], near[i]) <= closest + 1e-6
+        np.testing.assert_allclose(central[i], branches[0], atol=1e-6)
+
+
 def test_a_joint_that_turns_round_reaches_every_direction_across_its_seam():
     model = turning()
     q = draw(model, 300, seed=9, margin=0.01)
