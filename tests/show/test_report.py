@@ -61,6 +61,7 @@ def test_one_small_file_without_addresses_in_the_page_own_ink():
 
 def test_the_first_words_are_what_changed_and_what_to_do():
     changed = words(calib.adapt(simulated(noise=1e-3), changed_log()).model)
+    assert "does not hold" not in changed  # a note on the model that it was
     (lead,) = re.findall(r'class="lead">([^<]*)', changed)
     assert re.search(r"elbow is .* longer.*predicted", lead, re.DOTALL)
     assert "is simulated" in words(simulated())
@@ -89,7 +90,11 @@ def test_words_of_other_models():
     as_drawn = words(measured())
     assert "rows held out" in as_drawn
     assert "As delivered" not in as_drawn
+    # rounding alone: its arrows were drawn 60,000,000,000,000 times as long
     assert "below 0.000001 mm on average" in words(simulated())
+    exact = calib.figures(simulated())
+    assert list(exact) == ["accuracy", "where", "coverage", "lattices", "u_matrices"]
+    assert exact["accuracy"].axes[0].get_xlim() == (0.0, 1.0)  # [nm]
     undrawn = calib.train(no_arm(300), size=4)
     assert any("`body='none'`" in note for note in undrawn.about.notes)
     assert "no planar arm explains the positions" in words(undrawn)

@@ -198,8 +198,8 @@ def figures(
     --------
     >>> import calib
     >>> model = calib.train(calib.babble(calib.load_arm("two_link"), 2000, seed=0), size=10)
-    >>> list(calib.figures(model))[:4]
-    ['accuracy', 'where', 'coverage', 'arrows']
+    >>> list(calib.figures(model))[:3]
+    ['accuracy', 'where', 'coverage']
     >>> list(calib.figures(model.association))
     ['lattices', 'u_matrices', 'links']
     """
