@@ -107,7 +107,7 @@ def holds(within: Mapping[str, float], rows: int) -> bool:
     """Whether rows agree with a 95 % bound that covers the share `within["covered"]` of them.
 
     They do not where three times as many as 5 %, and two rows more, are beyond it: a few are by
-    chance.  Without a share there is no evidence against the bound.  Where most rows have no answer,
+    chance.  Without a share nothing contradicts the bound.  Where most rows have no answer,
     as their bound exceeds a tenth of the reach, it is no bound that helps.
     """
     answered = within.get("answered", 1.0)

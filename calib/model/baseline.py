@@ -20,7 +20,7 @@ _PRIOR = 4.0  # samples that the mean of all nodes counts for at each node
 class RowPlaces(ReadOnly):
     """Places of the rows of a log: without a body its bound holds there, and grows between them.
 
-    A place counts as far as its n + 1 neighbours are away, for n joints: along a path they are near.
+    A place counts as far as its n + 1 neighbours are, for n joints: along a path they are near.
     It counts no further than is usual: where rows are few, the bound is that of others.
     """
 
@@ -120,7 +120,7 @@ def learn_baseline(
 
 
 def _zeta(network: Map, points: Array, expected: Array) -> Signal:
-    """Distortion (eq. 9) of points (n, p) in the unit box, relative to the winners' own (nodes,)."""
+    """Distortion (eq. 9) of points (n, p) in the unit box, against the winners' own (nodes,)."""
     distance, winner = network.nearest(points)
     zeta = np.mean(distance[:, 0] ** 2)
     return Signal(float(zeta), float(expected[winner[:, 0]].mean()))

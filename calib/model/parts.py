@@ -249,7 +249,7 @@ class Parts:
         It is the sum of three: the posterior of the arm, how far joint values are from the
         rows of a log without a body, and what unknown play adds.
 
-        side_known : (n,), whether `u` are the joints' true values; where None they are the encoders',
+        side_known : (n,), whether `u` are the joints' true values; None: they are the encoders',
             and the true ones may be anywhere within the play
         """
         noise = which == "bounds" and self.about.bound_of == "sensor reading"
