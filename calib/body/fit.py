@@ -20,7 +20,7 @@ class Fit:
     """Some parameters of a structure fitted to rows of one sensor or several.
 
     structure : of several sensors as `rows.with_measurements` makes it
-    rows : what each sensor saw; what is said of a fit's residuals and noise is of the first
+    rows : what each sensor saw; `noise` is that of the first one
     beta : (d,), start
     prior : parameters with a zero sd stay at the prior's mean
     nu : degrees of freedom of the Student noise; infinite for Gaussian
@@ -133,8 +133,8 @@ class Fit:
         """Information (k, k) of all other blocks, and the step (k,) from beta to their maximum."""
         others = np.ones(len(self.grams))
         others[blocks] = 0.0
-        # summed, not subtracted: a parameter that these blocks alone tell, such as where a socket
-        # is, has a prior that is lost in the rounding of a difference
+        # summed, not subtracted: a parameter that only these blocks determine, such as where a
+        # socket is, has a prior that is lost in the rounding of a difference
         gram = np.tensordot(others, self.grams, axes=1)
         gradient = others @ self.moments - self._prior_gradient(self.beta)
         return gram, Factor(gram + self.prior_precision).solve(gradient)
@@ -149,7 +149,7 @@ class Fit:
         """
         least = 3 if self.hypers else 1
         # A step that fails is damped: a shorter one would hardly move what the rows determine,
-        # since directions that they leave open, such as the gauge of a chain without a
+        # since directions that they do not determine, such as the gauge of a chain without a
         # drawing, are the long and curved part of it.
         dampings = (0.0, *1e-4 * 8.0 ** np.arange(8))
         for step in range(steps):
@@ -270,7 +270,7 @@ class Fit:
         return [readings.residual_at(beta) for readings in self.readings]
 
     def _linearise(self) -> None:
-        """Set what each block of rows tells, the precision and the gradient."""
+        """Set the information of each block of rows, the precision and the gradient."""
         self.grams, self.moments = self._information(
             self.beta, self.residuals, self.active
         )
@@ -282,7 +282,7 @@ class Fit:
     def _information(
         self, beta: Array, residuals: list[Array], indices: Indices
     ) -> tuple[Array, Array]:
-        """What blocks of rows tell of some parameters: information (b, k, k), moments (b, k)."""
+        """Information (b, k, k) and moments (b, k) of blocks of rows about some parameters."""
         size = len(indices)
         blocks = len(self.readings[0].edges) - 1
         grams = np.zeros((blocks, size, size))
@@ -311,7 +311,7 @@ class Fit:
             shares = variance[index] / self.sd[index] ** 2
             count = len(index) - float(shares.sum())
             count += hyper.pseudo
-            if count <= 0.0:  # the rows tell nothing of it
+            if count <= 0.0:  # the rows do not constrain it
                 continue
             squares = deviation[index] ** 2 / hyper.shape
             total = float(squares.sum())
@@ -357,7 +357,7 @@ class Start:
     noise: float = 0.0  # share of the extents that the residuals have
 
     def run(self, rows: Rows, prior: Prior, steps: int) -> Start:
-        """The start carried on by damped steps, with Student noise."""
+        """The start after further damped steps, with Student noise."""
         floor = SIMULATED_FLOOR * self.structure.extents
         rows = replace(rows, floor=floor)
         fit = Fit(self.structure, [rows], self.beta, prior, nu=STUDENT)

@@ -1,4 +1,4 @@
-"""Held-out predictions: what a fit says of each block of rows from the others.
+"""Held-out predictions: what a fit predicts for each block of rows from the others.
 
 The fit is linear near its maximum, so that no block needs another fit: without its rows
 information and gradient give the step to where that fit would end.
@@ -31,7 +31,7 @@ BlockSlope = tuple[slice, Array]
 class HeldOut:
     """How well a fit predicts each contiguous block of a sensor's rows from the others."""
 
-    residual: Array  # (n, m); NaN where the other blocks leave the body open
+    residual: Array  # (n, m); NaN where other blocks leave the body open
     ratio: float  # of errors over their 95 % radius, see `_largest_ratio`
     tau: Array  # (m,), residual sd of the body itself: errors beyond the noise
     # (n,), 95 % radius by the other blocks over that of the fit itself, 1 where it was not computed
@@ -42,7 +42,7 @@ class HeldOut:
 class Prediction:
     """What a fit predicts of rows: errors, and how large it expects them to be."""
 
-    # (n, m); NaN where the rows that it is from leave the body open
+    # (n, m); NaN where the other rows do not determine the body
     residual: Array
     spread: Array  # (n, p, p), covariance of positions' errors; NaN where it was not computed
 
@@ -94,7 +94,7 @@ def leave_blocks_out(fit: Fit, *, sensor: int = 0) -> HeldOut:
 def block_scores(fit: Fit) -> Array:
     """Mean negative log density (b,) of the first sensor's rows in each block by the others.
 
-    Up to a constant; NaN where the others leave the body open.
+    Up to a constant; NaN where the others do not determine the body.
     """
     readings = fit.readings[0]
     slopes = list(readings.by_blocks(fit.beta, fit.active))
@@ -131,7 +131,7 @@ def _prediction(
         try:
             gram, step = fit.without(left_out)
             precision = fit.posterior_precision(gram)
-        except np.linalg.LinAlgError:  # the others leave parameters open
+        except np.linalg.LinAlgError:  # the others are too few
             continue
         for rows, slope in slopes[first:last]:
             residual[rows] = readings.residual[rows] - slope @ step
@@ -158,7 +158,7 @@ def _largest_ratio(
     """The largest 95 % quantile of error over radius among predictions, the finest the last.
 
     Or, if that is more, the mean of the single blocks' quantiles and one standard deviation
-    beyond it, since the place that is asked next may be one of the worse. `unknown_kappa` where
+    beyond it, since the next query may be at one of the worse places. `unknown_kappa` where
     there are too few rows; outliers of the fit do not count.
     """
     outlier = readings.weight[:, 0] <= FIT.outlier

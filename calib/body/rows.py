@@ -20,9 +20,9 @@ from .views import Measurement
 class Rows:
     """What one sensor measured: n rows of m outputs."""
 
-    q: Array  # (n, dof + a), joint values [rad or m], and what else a row tells the sensor
+    q: Array  # (n, dof + a), joint values [rad or m], and further facts of a row for the sensor
     z: Array  # (n, m), what it saw
-    # how it measures, or its name where the structure has several; None: as the structure says
+    # how it measures, or its name where the structure has several; None: the structure's own
     sensor: Measurement | str | None = None
     floor: Array | float = 0.0  # (m,), least noise [unit]
     noise: Array | float | None = None  # (m,), noise to start from
@@ -43,7 +43,7 @@ class Rows:
 
 
 def with_measurements(structure: S, rows: Sequence[Rows]) -> S:
-    """The structure that measures all that rows are of, as the first of them."""
+    """The structure with the measurements of all rows, which predicts the first of them."""
     others = tuple(
         rows_of_sensor.sensor
         for rows_of_sensor in rows
@@ -130,7 +130,7 @@ class Readings:
     def learn_noise(self, share: float) -> None:
         """Find the most probable noise (m,).
 
-        share : of all numbers, that parameters follow; the others tell the noise
+        share : of all numbers, that parameters follow; the others determine the noise
         """
         if self.stated:
             return

@@ -104,7 +104,7 @@ def _agreement(problem: Problem, agreeing: Mask) -> Agreement | None:
     turn, _, _, shift, *_ = fit.noise.error
     is_arm = turn < AGREEMENT.turn and shift < AGREEMENT.shift
     is_sharp = [
-        view.pictures.is_of_poses or corner < AGREEMENT.corner
+        view.is_of_poses or corner < AGREEMENT.corner
         for view, corner in zip(problem.views, fit.noise.corner, strict=True)
     ]
     share = before.mean()

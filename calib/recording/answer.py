@@ -74,7 +74,7 @@ class RigFit:
         cameras = range(len(problem.views))
         return HandEye(
             eye=first.eye,
-            pictures=first.pictures.count,
+            pictures=first.count,
             used=int(self.agreeing[problem.motions_of(first)].sum()),
             hand=hand,
             base=base,
@@ -228,7 +228,7 @@ class RigFit:
     def lens(self, number: int) -> Lens:
         """The lens of a camera."""
         places: Index = self.problem.bundle.layout.lenses[number]
-        size = self.problem.views[number].pictures.size
+        size = self.problem.views[number].size
         rms = float(np.sqrt(2.0) * self.fit.noise.corner[number])
         lens = Lens.of(size, self.fit.unknowns.values[places], rms)
         covariance = self.fit.covariance[np.ix_(places, places)]
@@ -242,7 +242,7 @@ class RigFit:
             "focal": float(lens.focal.mean()),
             "centre": lens.centre.tolist(),
             "focal_95": self.half_width * float(sd.mean()),
-            "known": self.problem.views[number].given is not None,
+            "known": self.problem.views[number].stated_lens is not None,
             "matrix": lens.matrix.tolist(),
             "distortion": lens.distortion.tolist(),
             "size": list(lens.size),
@@ -263,7 +263,7 @@ class RigFit:
         if arm is None:
             return None
         view = self.problem.views[0]
-        log = view.pictures.log(self.lens(0), view.in_hand)
+        log = view.log(self.lens(0), view.in_hand)
         log = log.take(self.agreeing[self.problem.motions_of(view)])
         return replace(
             log,

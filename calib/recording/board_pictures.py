@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -36,6 +37,8 @@ are one."""
 # share by which the focal length of a camera that was not touched may differ
 _REFOCUSED = 0.02
 
+_P = TypeVar("_P", bound="BoardPictures")
+
 Source = FilePath | Sequence[Picture]
 """A folder or pattern of pictures, a LeRobotDataset, or grey pictures (height, width)."""
 
@@ -52,9 +55,8 @@ class BoardPictures:
     size: tuple[int, int]  # width and height [px]
     count: int  # pictures, with those that do not show the board
     notes: tuple[str, ...]
+    rows: Index  # (p,), of joints or poses that each is of
     episodes: Index | None = None  # (p,), the series that each is of
-    # (p,), the row of joints or poses that each is of
-    rows: Index | None = None
     # whether corners are those of boards' poses, which no camera took
     is_of_poses: bool = False
 
@@ -64,7 +66,7 @@ class BoardPictures:
         world = self.board.points()
         return [world[list(shown)] for shown in self.corners]
 
-    def turned(self, others: Mask) -> BoardPictures:
+    def turned(self: _P, others: Mask) -> _P:
         """The pictures with the board of some (p,) numbered from its other end."""
         last = len(self.board.points()) - 1
         corners = list(self.corners)
@@ -243,8 +245,8 @@ def _corners_in(
         size=(grey.shape[1], grey.shape[0]),
         count=count,
         notes=tuple(notes),
-        episodes=None if episodes is None else episodes[shown],
         rows=shown,
+        episodes=None if episodes is None else episodes[shown],
     )
 
 

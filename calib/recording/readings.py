@@ -215,7 +215,7 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     """
     base = structure.with_sensor(view="base")
     neutral = structure.neutral()
-    q = view.pictures.q
+    q = view.q
 
     def flanges(values: Array) -> Array:
         places, turns = base.pose(values, neutral)
@@ -270,7 +270,7 @@ def _others(
     structure: SpatialStructure, view: View
 ) -> Iterator[tuple[Array, Finding]]:
     """Other readings of the joints, the simplest first."""
-    q = view.pictures.q
+    q = view.q
     names = structure.joint_names
     eye = "hand"
     where = "is in the hand"
