@@ -188,12 +188,13 @@ def _promise(evidence: Evidence, update: Update) -> float:
 
 
 def _where(improved: Adaptation, model: Model) -> str:
-    """Where a model is better, in words."""
+    """Where a model is better, in words; of further changes a corner says nothing."""
     unit = model.about.unit
     bound = quantity(float(np.median(model.model_bounds)), unit)
     return (
         f"improved at the rows, {100 * improved.coverage:.0f} % of the learned range: unknown "
-        f"elsewhere, where the position is known to {bound} (median of the bound)"
+        f"elsewhere, where the position is known to {bound} (median of the bound) if nothing "
+        "else changed"
     )
 
 

@@ -254,6 +254,22 @@ def find_play(noise: NoiseFit, approach: Approach | None) -> Play | None:
     )
 
 
+def follows_sides(residual: Array, side: Array) -> bool:
+    """Whether residuals (n, m) differ, by no chance, with the side (n, dof) a joint came from.
+
+    Along each axis the sum of side * residual is normal; of its square, over that of both::
+
+        sum (side r)^2 / sum r^2 ~ chi-square (1)
+    """
+    from scipy.special import chdtrc
+
+    products = np.einsum("nj,nm->njm", side, residual)
+    variance = (products**2).sum(axis=0) + 1e-300
+    statistic = products.sum(axis=0) ** 2 / variance
+    chance = float(chdtrc(1, float(statistic.max())))
+    return chance * float(statistic.size) < FALSE_ALARM
+
+
 def _from_both_sides(side: Array) -> Mask:
     """Whether enough rows come from either side of each joint, (dof,), of sides (n, dof)."""
     above = (side > 0).mean(axis=0)

@@ -21,7 +21,13 @@ from ..body.parameters import Indices
 from ..body.structure import Structure
 from ..common.arrays import Array, Index, Mask
 from .causes import CREEP_WAVES, FRAME, indices_of, single_causes
-from .noise import FALSE_ALARM, NoiseFit, f_chance, score_of
+from .noise import (
+    FALSE_ALARM,
+    NoiseFit,
+    f_chance,
+    follows_sides,
+    score_of,
+)
 from .rows import LogRows
 from .system import CREEP_SHARE, NoisyJoint, Nuisance, Statistics
 
@@ -313,6 +319,7 @@ def bound_test(
     few_wrong = rows.wrong <= max(FEW_WRONG * count, 1)
     may_be_noise = few_wrong and not tests.wavy
     may_be_noise &= _looks_like_noise(residual)
+    may_be_noise &= not follows_sides(residual, rows.side)
     return BoundTest(
         beyond=(np.count_nonzero(is_beyond) + rows.wrong) / count,
         usual=usual,
