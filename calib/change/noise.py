@@ -62,10 +62,9 @@ class NoiseFit:
 
     @property
     def is_larger(self) -> bool:
-        """Whether it is larger than usual, in a frame that is not fitted, and that is no chance."""
+        """Whether it is larger than usual, and that is no chance."""
         chance = self.chance_beside(self.likelihood_of_usual)
-        is_larger = self.size > NOISIER * self.usual and chance < FALSE_ALARM
-        return is_larger and not self.system.reference.is_fitted
+        return self.size > NOISIER * self.usual and chance < FALSE_ALARM
 
     def chance_beside(self, likelihood: float) -> float:
         """Chance (chi-square, 1) of so much more likelihood by one more parameter."""

@@ -276,14 +276,17 @@ def _refuse_degrees(model: Model, log: Samples) -> None:
     # coarse maps answer few rows within the range
     if max(answered, _share_inside(scale, q)) > ROWS.answered:
         return
+    # a joint that moves through most of its range is in its unit: others alone are not
+    moves = np.ptp(q, axis=0) / scale.span
+    is_in_unit = (moves > ROWS.corner) & (moves < 2.0 * ROWS.range)
+    if is_in_unit[list(about.revolute)].any():
+        return
     units, *_ = interpretations(
         q, about.joint_names, about.revolute, any_order=False
     )
     for values, other in units:
         if _share_inside(scale, values) > ROWS.answered_in_other:
-            raise LogError(
-                f"the log fits the model only if {other.words}", hint=other.hint
-            )
+            raise LogError(other.words, hint=other.hint)
 
 
 def _share_inside(scale: Scale, q: Array) -> float:

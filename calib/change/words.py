@@ -182,7 +182,14 @@ def _changes(evidence: Evidence) -> list[Cause]:
         return [Cause("curve", "curve", words)]
     effects = _effects(evidence, best)
     effects.sort(key=lambda effect: -effect.size)
-    least = WORDS.matters * max((e.size for e in effects), default=0.0)
+    # beside a sensor that was put elsewhere all else is small
+    is_elsewhere = best.reference.is_fitted
+    sizes = [
+        effect.size
+        for effect in effects
+        if not (is_elsewhere and effect.cause.cause == "sensor")
+    ]
+    least = WORDS.matters * max(sizes, default=0.0)
     causes = [e.cause for e in effects if e.size >= least]
     if FRAME[0] in best.groups and _frame_is_other(evidence):
         causes.insert(0, _move_of_sensor(evidence, best))

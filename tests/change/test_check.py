@@ -82,6 +82,15 @@ def test_a_log_within_which_something_changed_is_split_there(change, row):
     assert "step" not in names(calib.check(learned(), mixed))
 
 
+def test_one_joint_in_degrees_is_named():
+    """All were said to be: `degrees=True` then turns the others' radians into next to none."""
+    rows = babbled(n=60)
+    for joint, name in enumerate(arm().joint_names):
+        q = np.where(np.arange(2) == joint, np.degrees(rows.q), rows.q)
+        mixed = replace(rows, q=q, lower=q.min(0) - 1.0, upper=q.max(0) + 1.0, simulation=None)
+        refused(calib.LogError, f"{name} = ", calib.check, model(1e-3), mixed)
+
+
 def test_what_is_known_of_a_change_is_believed():
     turned, longer = babbled("sensor.rotate=0.02"), babbled("elbow.length=+5%")
     assert names(calib.check(model(1e-3), turned, cause="joints")) == {"offset:shoulder"}
