@@ -247,7 +247,7 @@ class SpatialStructure(Structure):
         count, outputs, n = chain_slope.shape
         rows = chain_slope.reshape(count, outputs * n)
         slopes = self.chain.coupling.T @ rows
-        return slopes.reshape(-1, outputs, n)
+        return slopes.reshape(self.dof, outputs, n)
 
     def turn_parameters(self, turn: Array) -> Array:
         """Rotation vector (3,) of the sensor's turn (3, 3)."""
