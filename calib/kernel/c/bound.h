@@ -56,8 +56,8 @@ static inline void calib_origins_off(const calib_frame *at, calib_ways sum[3]) {
 #if @gravity@
 
 /* The same as loads bend joints more, by how these move the tip, and as gravity tilts. */
-static inline void calib_loads_off(const calib_frame *drawn, calib_real moved[CALIB_CHAIN][3],
-                                   calib_real bent[CALIB_CHAIN][3], calib_ways sum[3]) {
+static inline void calib_loads_off(const calib_frame *drawn, calib_motions moved,
+                                   calib_motions bent, calib_ways sum[3]) {
   calib_real load[CALIB_LOADS][3], tilt[2][3] = {{0}}, swung[3];
   int i, j, k, n;
   for (i = 0; i < CALIB_CHAIN; ++i)
@@ -81,10 +81,10 @@ static inline void calib_loads_off(const calib_frame *drawn, calib_real moved[CA
 #endif
 
 /* How much joints are off in each direction of beliefs, and the variance of their curves alone. */
-static inline void calib_joints_off(const calib_joints q,
-                                    calib_real wave[CALIB_HARMONICS][2 * CALIB_DOF], calib_ways *off,
+static inline void calib_joints_off(const calib_joints q, calib_multiples wave, calib_ways *off,
                                     calib_real alone[CALIB_BELIEFS][CALIB_DOF]) {
   int b, i;
+  (void)wave;
   for (i = 0; i < CALIB_DOF; ++i) {
     for (b = 0; b < CALIB_BELIEFS; ++b) alone[b][i] = 0;
     calib_copy(CALIB_TOGETHER, calib_by_offset[i], off[i]);
@@ -107,12 +107,12 @@ static inline void calib_joints_off(const calib_joints q,
 }
 
 /* How the sensor sees the tip move in each direction of beliefs, and with each joint. */
-static inline void calib_moves(const calib_joints q,
-                               calib_real wave[CALIB_HARMONICS][2 * CALIB_DOF], calib_ways *off,
+static inline void calib_moves(const calib_joints q, calib_multiples wave, calib_ways *off,
                                calib_ways z[3], calib_real joints[CALIB_DOF][3]) {
   calib_frame at[CALIB_CHAIN + 1];
   calib_real motion[CALIB_DOF][3] = {{0}}, L[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, seen[9], view[12];
-  calib_real value[CALIB_CHAIN], by[CALIB_CHAIN][3];
+  calib_motions by;
+  calib_real value[CALIB_CHAIN];
   const calib_real *p = at[CALIB_CHAIN].p;
   calib_ways there[3] = {{0}};
   int i, k, n;
@@ -121,8 +121,9 @@ static inline void calib_moves(const calib_joints q,
 #endif
 #if @gravity@
   calib_frame drawn[CALIB_CHAIN + 1];
-  calib_real moved[CALIB_CHAIN][3];
+  calib_motions moved;
 #endif
+  (void)wave;
   calib_mixed(&calib_body, q, value, 0);
 #if @curve@
   calib_curves(wave, value, 0);
@@ -168,11 +169,11 @@ static inline void calib_moves(const calib_joints q,
 
 static inline calib_real calib_posterior(const calib_joints q, const calib_vector more) {
   calib_real alone[CALIB_BELIEFS][CALIB_DOF], joints[CALIB_DOF][3], bound = 0;
-  calib_real wave[CALIB_HARMONICS][2 * CALIB_DOF];
+  calib_multiples wave;
   calib_ways off[CALIB_DOF], z[3];
   int b, i, j, k, n, r;
 #if @alone@
-  calib_multiples(q, wave);
+  calib_multiply(q, wave);
 #endif
   calib_joints_off(q, wave, off, alone);
   calib_moves(q, wave, off, z, joints);

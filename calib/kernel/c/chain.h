@@ -47,9 +47,7 @@ static inline void calib_tip_moved(const calib_frame *at, int joint, calib_vecto
 }
 #if @curve@
 
-/* Cosines, then sines, of the multiples of joint values. */
-static inline void calib_multiples(const calib_joints q,
-                                   calib_real wave[CALIB_HARMONICS][2 * CALIB_DOF]) {
+static inline void calib_multiply(const calib_joints q, calib_multiples wave) {
   int i, n;
   calib_waves(CALIB_DOF, q, wave[0], wave[0] + CALIB_DOF);
   for (n = 1; n < CALIB_HARMONICS; ++n)
@@ -61,8 +59,7 @@ static inline void calib_multiples(const calib_joints q,
 }
 
 /* Adds the error curves of all joints to values of the chain, and their derivatives. */
-static inline void calib_curves(calib_real wave[CALIB_HARMONICS][2 * CALIB_DOF], calib_values value,
-                                calib_slopes slope) {
+static inline void calib_curves(calib_multiples wave, calib_values value, calib_slopes slope) {
   enum { LANES = 2 * CALIB_DOF };
   calib_real curve[LANES] = {0}, rate[LANES] = {0};
   int i, k, n;
@@ -114,8 +111,8 @@ static inline void calib_drawn_frames(const calib_joints q, calib_frame *at) {
 
 /* Adds how much each joint bends under the weights, which it moves at the posture that is drawn, and
  * where slope is not null the derivatives. */
-static inline void calib_sag(const calib_frame *at, calib_real moved[CALIB_CHAIN][3],
-                             calib_values value, calib_slopes slope) {
+static inline void calib_sag(const calib_frame *at, calib_motions moved, calib_values value,
+                             calib_slopes slope) {
   calib_real across[CALIB_CHAIN][3] = {{0}}, lever[CALIB_CHAIN][4];
   int i, j, k;
   for (i = 0; i < CALIB_CHAIN; ++i)
@@ -141,21 +138,19 @@ static inline void calib_posture(const calib_arm *arm, const calib_joints q, cal
                                  calib_slopes slope) {
   calib_real value[CALIB_CHAIN];
   calib_mixed(arm, q, value, slope);
-#if @curve@
   if (arm->bends) {
-    calib_real wave[CALIB_HARMONICS][2 * CALIB_DOF];
-    calib_multiples(q, wave);
+#if @curve@
+    calib_multiples wave;
+    calib_multiply(q, wave);
     calib_curves(wave, value, slope);
-  }
 #endif
 #if @gravity@
-  if (arm->bends) {
     calib_frame drawn[CALIB_CHAIN + 1];
-    calib_real moved[CALIB_CHAIN][3];
+    calib_motions moved;
     calib_drawn_frames(q, drawn);
     calib_sag(drawn, moved, value, slope);
-  }
 #endif
+  }
   calib_frames(arm, value, at);
 }
 
