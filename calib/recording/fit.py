@@ -322,8 +322,8 @@ def _next_size(sd: Array, squares: ArrayLike, rate: float) -> Array:
 def _is_settled(before: Noise, after: Noise) -> bool:
     """Whether no size changes much."""
     is_sized = np.isfinite(before.prior)
-    slow = np.log(after.prior[is_sized] / before.prior[is_sized])
-    fast = np.log([*after.corner / before.corner, *after.error / before.error])
-    is_fast_settled = np.abs(fast).max() < CORNER_FIT.settled
-    is_slow_settled = np.abs(slow).max() < CORNER_FIT.nearly
-    return bool(is_fast_settled and is_slow_settled)
+    slow = after.prior[is_sized] / before.prior[is_sized]
+    fast = np.append(after.corner / before.corner, after.error / before.error)
+    is_nearly_settled = np.abs(np.log(slow)).max() < CORNER_FIT.nearly
+    is_settled = np.abs(np.log(fast)).max() < CORNER_FIT.settled
+    return bool(is_settled and is_nearly_settled)

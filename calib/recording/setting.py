@@ -19,7 +19,7 @@ from .board import CharucoPattern
 from .lens import UNSTATED
 from .pictures import Picture, Shot, opencv
 from .reference import MarkLayout, Marks, PlaneReference, find_reference
-from .tags import Tag, TagFinder
+from .tags import Tag, TagFinder, single_tags
 
 LOOKS = 12
 """Looks at the reference over a video, and pictures that are kept, about."""
@@ -106,12 +106,11 @@ class Setting:
             return self.board.find(grey)
         if self.tags_at is None:
             return {}
-        counts = Counter(tag.number for tag in tags)
-        marks = {}
-        for tag in tags:
-            if tag.number in self.tags_at.points and counts[tag.number] == 1:
-                marks[tag.number] = tag.centre
-        return marks
+        return {
+            tag.number: tag.centre
+            for tag in single_tags(tags)
+            if tag.number in self.tags_at.points
+        }
 
 
 @dataclass(frozen=True, eq=False)
