@@ -62,6 +62,10 @@ class RigFit:
         bundle = problem.bundle
         first = problem.views[0]
         hand, base = self.places(0)
+        # of turn and shift of the hand's frame, then of the base's
+        numbers = [*self.frame_numbers(0)]
+        slope = shifts_along_parents(self.fit.unknowns.frames[numbers])
+        covariance = slope @ self.frame_covariance(numbers) @ slope.T
 
         # errors of motions, by fits without them
         pixels = held_out_pixels(problem, self.fit, self.agreeing)
@@ -93,7 +97,7 @@ class RigFit:
             names=problem.names,
             flange=bundle.motions.poses(arm),
             misses=misses,
-            covariance=self.covariance_of_places(),
+            covariance=covariance,
             body=self.body(0),
         )
 
@@ -116,13 +120,6 @@ class RigFit:
             "measured": measured,
             "interval": [measured - half, measured + half],
         }
-
-    def covariance_of_places(self) -> Array:
-        """Covariance (12, 12) of turn and shift of the hand's frame, then of the base's."""
-        numbers = [*self.frame_numbers(0)]
-        slope = shifts_along_parents(self.fit.unknowns.frames[numbers])
-        covariance: Array = slope @ self.frame_covariance(numbers) @ slope.T
-        return covariance
 
     def frame_covariance(self, numbers: list[int]) -> Array:
         """Covariance (6 k, 6 k) of steps of some frames (k,)."""

@@ -236,9 +236,15 @@ def align_clocks(
     short_fits = _by_error(
         pair.fit(Waves(), start, CLOCK.short) for start in starts
     )
-    candidates = _best_of_peaks(short_fits)[: CLOCK.long_fits]
+    # the best fit of each peak
+    candidates = [
+        fit
+        for k, fit in enumerate(short_fits)
+        if not any(fit.is_peak_of(better) for better in short_fits[:k])
+    ]
     most = CLOCK.chain_fits * spread
-    long_fits = _long_fits(pair, candidates, revolute, most)
+    some = candidates[: CLOCK.long_fits]
+    long_fits = _long_fits(pair, some, revolute, most)
     best, *others = long_fits or short_fits
 
     rivals = [fit.error for fit in others if not fit.is_peak_of(best)]
@@ -247,30 +253,16 @@ def align_clocks(
     is_clear = best.error < CLOCK.clearly * rival
     is_slow = abs(best.rate) <= CLOCK.fastest
     if not (is_close and is_clear and is_slow and best.doubt < SURE):
-        raise _unsure(best, rival, spread, unit)
+        raise ClockError(
+            f"no offset between the clocks is sure: the best, {best.offset:.3f} s to "
+            f"{1e3 * best.doubt:.2g} ms with rates that differ by {100 * best.rate:.2g} %, "
+            f"leaves {best.error:.3g} of {spread:.3g} {unit}, another leaves {rival:.3g}; "
+            f"expected {1e3 * SURE:.2g} ms, {100 * CLOCK.fastest:.1f} %, a quarter, and "
+            f"{CLOCK.clearly:g} of the other's: are these the joints of this recording, is the "
+            "frame rate the true one, does the motion repeat itself? record half a minute of "
+            "varied motion, or give `time_offset`"
+        )
     return best
-
-
-def _unsure(best: Clocks, rival: float, spread: float, unit: str) -> ClockError:
-    """The error that the best clocks are not sure, beside the error of a rival [unit]."""
-    return ClockError(
-        f"no offset between the clocks is sure: the best, {best.offset:.3f} s to "
-        f"{1e3 * best.doubt:.2g} ms with rates that differ by {100 * best.rate:.2g} %, "
-        f"leaves {best.error:.3g} of {spread:.3g} {unit}, another leaves {rival:.3g}; "
-        f"expected {1e3 * SURE:.2g} ms, {100 * CLOCK.fastest:.1f} %, a quarter, and "
-        f"{CLOCK.clearly:g} of the other's: are these the joints of this recording, is the frame "
-        "rate the true one, does the motion repeat itself? record half a minute of varied motion, "
-        "or give `time_offset`"
-    )
-
-
-def _best_of_peaks(fits: Sequence[Clocks]) -> list[Clocks]:
-    """The best fit of each peak, of fits in the order of their errors."""
-    return [
-        fit
-        for k, fit in enumerate(fits)
-        if not any(fit.is_peak_of(better) for better in fits[:k])
-    ]
 
 
 def _long_fits(

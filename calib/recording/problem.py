@@ -271,8 +271,14 @@ def _prior(
         if view.stated_lens is None:
             mean[lens[4:]] = 0.0
         scales += _lens_scales(view, lens)
+    lowest, highest = PRIORS.printed
     for start, shape in zip(boards, layout.shapes, strict=True):
-        scales += _board_scales(start, shape)
+        size = abs(start.size)  # that may be another than stated
+        scales += [
+            Scale(shape[:-3], *PRIORS.bent),
+            Scale(shape[-3:-1], *PRIORS.stretched),
+            Scale(shape[-1:], max(size, lowest), lowest, max(size, highest)),
+        ]
     if isinstance(motions, JointMotions):
         scales += motions.scales(layout.arm)
     return CornerPrior(mean, scales)
@@ -335,17 +341,6 @@ def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
         camera=camera,
         motion=motion,
     )
-
-
-def _board_scales(start: RigStart, shape: Index) -> list[Scale]:
-    """Priors of a board, whose size may be another than stated."""
-    lowest, highest = PRIORS.printed
-    size = abs(start.size)
-    return [
-        Scale(shape[:-3], *PRIORS.bent),
-        Scale(shape[-3:-1], *PRIORS.stretched),
-        Scale(shape[-1:], max(size, lowest), lowest, max(size, highest)),
-    ]
 
 
 def _lens_scales(view: View, places: Index) -> Iterator[Scale]:

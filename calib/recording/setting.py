@@ -206,7 +206,11 @@ def find_sightings(
             f"({listing(twice, 3)}): cover one, or print another id for the tip"
         )
     if not sharp:
-        raise _no_tag(setting, sample, f"{count} {what}")
+        raise LogError(
+            f"tag {setting.tag} is in none of {count} {what}: {len(sample)} of them show "
+            f"{_tags_of(sample, setting.dictionary)} of {setting.dictionary}; check the id, the "
+            "dictionary, that it is sharp and has a white border"
+        )
     return Sightings(
         setting,
         what,
@@ -237,17 +241,6 @@ def _reason_of(tips: Sequence[Tag], number: int) -> str:
     if len(tips) > 1:
         return f"tag {number} is there twice"
     return "" if tips[0].sharp else "blurred"
-
-
-def _no_tag(
-    setting: Setting, sample: Sequence[Picture], pictures: str
-) -> LogError:
-    """The error that no picture shows the tip's tag, and what a sample of them shows."""
-    return LogError(
-        f"tag {setting.tag} is in none of {pictures}: {len(sample)} of them show "
-        f"{_tags_of(sample, setting.dictionary)} of {setting.dictionary}; check the id, the "
-        "dictionary, that it is sharp and has a white border"
-    )
 
 
 def _tags_of(pictures: Sequence[Picture], dictionary: str) -> str:
