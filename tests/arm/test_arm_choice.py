@@ -124,11 +124,14 @@ def test_a_range_narrows_a_joint_within_its_limits_and_mends_those_that_are_miss
     np.testing.assert_array_equal([arm.lower, arm.upper], [[-1, 0], [1, 1]])
 
 
-@pytest.mark.parametrize("limits", [("-6.3", "6.3"), ("0", "1", ENDLESS), ("-1e16", "INF")])
+@pytest.mark.parametrize(
+    "limits", [("-6.3", "6.3"), ("0", "1", ENDLESS), ("-1e16", "INF"), ("-90", "90")]
+)
 def test_more_than_one_turn_becomes_one_turn_said_aloud(limits):
     arm = arm_from_urdf(chain_urdf(turning("0 0 1", "0.3 0 0", *limits), turning()))
     assert (arm.lower[0], arm.upper[0]) == (-np.pi, np.pi)
-    assert any("'j1'" in note and "turn" in note for note in arm.notes)
+    (note,) = [note for note in arm.notes if "'j1'" in note and "turn" in note]
+    assert ("if they are in degrees" in note) is ("90" in limits)
     # another turn than the one around 0 may be asked for
     other = arm.with_range({"j1": (3.0, 3.0 + np.pi)})
     assert other.upper[0] - other.lower[0] == pytest.approx(np.pi)
