@@ -332,6 +332,12 @@ def notes_of_turns(chosen: Mapping[str, Range]) -> list[str]:
     ]
     if not cut:
         return []
-    return [
+    note = (
         f"{listing(cut)} can turn more than once: one turn of each is learned"
-    ]
+    )
+    largest = max(high for _, high in chosen.values())
+    if 2.0 * TURN < largest <= 360.0:
+        note += (
+            f"; limits of {largest:g} rad: if they are in degrees, correct them"
+        )
+    return [note]

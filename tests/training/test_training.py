@@ -178,10 +178,13 @@ def test_impossible_options_are_refused_in_one_line(options, message):
     refused(OptionError, message, calib.train, samples, **{"size": 5, **options})
 
 
-def test_too_few_rows_are_refused_and_ten_are_enough():
+def test_too_few_rows_and_maps_that_did_not_unfold_are_refused_and_ten_are_enough():
     words = "poses: 9, in 9 rows: too few to learn from, give at least 10"
     refused(LogError, words, calib.train, log(9), size=4)
     assert calib.train(log(10), size=4).about.samples == 10
+    samples = calib.babble(calib.load_arm("two_link"), 100, seed=0)
+    with pytest.raises(OptionError, match=r"map.*`size`"):
+        calib.train(samples, size=4, map="som", epochs=3, sigma=(1e9, 1e9))
 
 
 def test_a_joint_that_never_moved_is_refused_or_ignored():
@@ -204,12 +207,6 @@ def test_a_joint_that_never_moved_is_refused_or_ignored():
     # derivatives of the sensor are differences: rounding of 5e-13 by what no row tells, 9 sds
     alone = [model.model_error(q) for q in beside]
     np.testing.assert_allclose(alone, bound, rtol=1e-9, atol=1e-11)
-
-
-def test_maps_that_did_not_unfold_are_refused_in_one_line():
-    samples = calib.babble(calib.load_arm("two_link"), 100, seed=0)
-    with pytest.raises(OptionError, match=r"map.*`size`"):
-        calib.train(samples, size=4, map="som", epochs=3, sigma=(1e9, 1e9))
 
 
 MISFITS = {  # of a log in space: joints, positions, orientations, what the refusal says
