@@ -128,6 +128,12 @@ class HandEye:
         hand = np.linalg.norm(self.hand["position"])
         return bool(hand > np.linalg.norm(self.base["position"]))
 
+    def parent_and_place(self, camera: CameraPlace) -> tuple[str, Place]:
+        """The frame that carries a camera, and its place there."""
+        base, tip = self.frames
+        eye = camera["eye"]
+        return tip if eye == "hand" else base, camera[eye]
+
     @property
     def repeats(self) -> str:
         """The arm's repeatability for people."""
@@ -169,9 +175,8 @@ class HandEye:
         ]
         for camera in self.cameras[1:]:
             name = camera["name"]
-            eye = camera["eye"]
-            parent = tip if eye == "hand" else base
-            lines.append(_line(f"{name} in the frame of {parent}", camera[eye]))
+            parent, place = self.parent_and_place(camera)
+            lines.append(_line(f"{name} in the frame of {parent}", place))
             if "from_first" in camera:
                 words = f"{name} in the first camera's frame"
                 lines.append(_line(words, camera["from_first"]))
@@ -262,15 +267,12 @@ def transform_files(rig: HandEye, path: FilePath) -> dict[Path, str]:
     if len(rig.cameras) > 1:
         del places["camera_frame"]
         for camera in rig.cameras:
-            eye = camera["eye"]
-            parent = tip if eye == "hand" else base
-            places[f"{camera['name']}_frame"] = (parent, camera[eye])
+            places[f"{camera['name']}_frame"] = rig.parent_and_place(camera)
     transforms = []
     lines: list[str] = []
     for child, (parent, place) in places.items():
-        transforms.append(
-            stamped(parent, child, place["position"], place["quaternion"])
-        )
+        numbers = (place["position"], place["quaternion"])
+        transforms.append(stamped(parent, child, *numbers))
         lines += _lines(parent, child, place)
     return {
         Path(path): json.dumps(transforms, indent=2) + "\n",

@@ -176,6 +176,10 @@ MATRICES = {
     "poses.json": lambda path, poses: path.write_text(json.dumps(poses.tolist())),
     "printed.txt": lambda path, poses: path.write_text("\n".join(map(str, poses))),
     "columns.csv": lambda path, poses: np.savetxt(path, poses.mT.reshape(-1, 16), delimiter=","),
+    "apart.npz": lambda path, poses: np.savez(path, R=poses[:, :3, :3], t=poses[:, :3, 3:]),
+    "apart.json": lambda path, poses: path.write_text(
+        json.dumps([{"rotation": p[:3, :3].tolist(), "translation": [*p[:3, 3]]} for p in poses])
+    ),
     "beside.csv": lambda path, poses: np.savetxt(path, np.hstack(poses), delimiter=","),
     "folder": _save_folder,
     "folder/pose*": lambda path, poses: _save_folder(path.parent, poses),
@@ -196,6 +200,7 @@ TEXTS = {
     "extra.csv": "# note\n,photo,pos_x,pos_y,pos_z,quat_x,quat_y,quat_z,quat_w,j1\n"
     "7,a/0.png,{},9\n8,a/1.png,{},9",
     "times.txt": "# timestamp tx ty tz qx qy qz qw\n9.5, {}\n\n9.7, {}",
+    "turns_first.txt": "0 0 0.6 0.8 0.1 0.2 0.3\n0.6 0 0.8 0 0.2 0.1 0.3",
     "named.txt": "a/0.png {}\na/1.png {}",
     "lists.yml": "%YAML:1.0\nsize: [640, 480]\npose2: [{}]\npose10: [{}]",
     "records.json": '{"of": [7, 8], "shots": {"10": {"xyz": [0.2, 0.1, 0.3], '
