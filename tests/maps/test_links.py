@@ -131,9 +131,7 @@ def test_the_winner_answers_with_its_strongest_partner_and_activity_with_a_weigh
         ([0.55, 1.0], 0.9, 0.875 * 0.25 + 0.9 * 0.75),
     ],
 )
-def test_the_branch_near_to_the_wish_answers_and_branches_are_never_averaged(
-    wishes, winner, activity
-):
+def test_the_branch_near_to_the_wish_answers_and_none_is_averaged(wishes, winner, activity):
     # motor nodes 4, 5 and 35, 36 of 41 reach one position, the middle one another
     links = np.zeros((41, 2))
     links[[4, 5, 35, 36], 0] = 1.0, 0.5, 0.25, 0.75

@@ -95,7 +95,7 @@ def test_links_are_those_of_eq_5_and_11_step_by_step(beta):
     np.testing.assert_allclose(net.links, c, rtol=2e-3)
 
 
-def test_gains_by_hand_zeta_border_error_and_rho_of_eq_7_and_8():
+def test_gains_by_hand_zeta_border_error_the_default_and_rho_of_eq_7_and_8():
     nodes = np.array([[0.0, 0.0], [1.0, 1.0]])
     assert zeta(nodes, np.array([[0.3, 0.0], [1.0, 0.9]])) == pytest.approx((0.09 + 0.01) / 2)
     g = border(visit(1 / 3)).reshape(3, 3)  # of a small lattice the strength is 1.5
@@ -109,6 +109,13 @@ def test_gains_by_hand_zeta_border_error_and_rho_of_eq_7_and_8():
     total = ((v.weights[:, None] - v.weights) ** 2).sum(axis=(1, 2))
     sparse = np.exp(-total / total.mean())
     np.testing.assert_allclose(rho(v), 1 + (0.7 * sparse.mean() / sparse) ** 4)
+    plain = visit(1.0)
+    wrong = np.array([0.0, 0, 0, 0, 4.0, 0, 0, 0, 5.0])
+    told = visit(1.0, residual=wrong)
+    np.testing.assert_allclose(residual(plain), border(plain) ** (2 / 3))
+    share = np.clip(wrong / wrong.mean(), 0.05, 50)
+    np.testing.assert_allclose(residual(told), border(plain) ** (2 / 3) * share)
+    np.testing.assert_allclose(residual(replace(told, progress=0.0)), 1.0)
 
 
 @pytest.mark.parametrize("side", [8, 16])
@@ -148,16 +155,6 @@ def test_every_gain_is_1_at_the_start_of_the_training(name):
     rng = np.random.default_rng(0)
     start = visit(0.0, weights=rng.random((9, 2)), distances=rng.random(9))
     np.testing.assert_allclose(GAINS[name](start), 1.0, atol=1e-12)
-
-
-def test_the_default_is_the_border_times_where_a_smooth_model_is_wrong():
-    plain = visit(1.0)
-    wrong = np.array([0.0, 0, 0, 0, 4.0, 0, 0, 0, 5.0])
-    told = visit(1.0, residual=wrong)
-    np.testing.assert_allclose(residual(plain), border(plain) ** (2 / 3))
-    share = np.clip(wrong / wrong.mean(), 0.05, 50)
-    np.testing.assert_allclose(residual(told), border(plain) ** (2 / 3) * share)
-    np.testing.assert_allclose(residual(replace(told, progress=0.0)), 1.0)
 
 
 X = points(600)

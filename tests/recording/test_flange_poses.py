@@ -254,7 +254,17 @@ def test_planned_poses_show_the_board_and_tell_what_is_promised(in_hand, tmp_pat
     assert after < 1.2 * np.max(done.document["position_95"][-1])
 
 
-def test_poses_of_the_board_alone_are_enough_and_taken_with_their_scatter():
+def test_mirrors_and_turns_about_one_axis_are_refused_and_poses_of_the_board_alone_are_enough():
+    world = World(1)
+    mirrored = [corners * (-1, 1) + (SIZE[0], 0) for corners in world.corners[0]]
+    world.corners[0] = [c.reshape(6, 9, 2)[:, ::-1].reshape(-1, 2) for c in mirrored]
+    refused(LogError, "mirrored", world.solve)
+    refused(LogError, "turns about one axis alone", World(3, axes=(0.0, 0.0, 1.0)).solve)
+    world = World(3)
+    seen = world.boards
+    seen[:, :3, :3] = seen[0, :3, :3]
+    flange = np.linalg.inv(world.camera @ seen @ np.linalg.inv(world.placed))
+    refused(LogError, "does not turn", calib.handeye, poses=flange, boards=seen, eye="hand")
     world = World(1)
     seen, rng = world.boards, np.random.default_rng(0)
     rig = calib.handeye(poses=world.flange, boards=seen, eye="hand")
@@ -268,19 +278,6 @@ def test_poses_of_the_board_alone_are_enough_and_taken_with_their_scatter():
     notes = " ".join(rig.notes)
     assert re.search(r"shifts of the boards are [1-3](\.\d)? % too long", notes)
     assert "a small or blurred tag" in notes
-
-
-def test_mirrored_pictures_and_turns_about_one_axis_are_refused():
-    world = World(1)
-    mirrored = [corners * (-1, 1) + (SIZE[0], 0) for corners in world.corners[0]]
-    world.corners[0] = [c.reshape(6, 9, 2)[:, ::-1].reshape(-1, 2) for c in mirrored]
-    refused(LogError, "mirrored", world.solve)
-    refused(LogError, "turns about one axis alone", World(3, axes=(0.0, 0.0, 1.0)).solve)
-    world = World(3)
-    seen = world.boards
-    seen[:, :3, :3] = seen[0, :3, :3]
-    flange = np.linalg.inv(world.camera @ seen @ np.linalg.inv(world.placed))
-    refused(LogError, "does not turn", calib.handeye, poses=flange, boards=seen, eye="hand")
 
 
 def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):

@@ -87,9 +87,7 @@ def test_two_sensors_see_a_planar_arm_from_both_sides():
         assert np.linalg.norm(missed, axis=1).max() < 1e-4
 
 
-def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused_and_the_sensor_named(
-    logs, two
-):
+def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused_by_name(logs, two):
     log = logs[0][0]
     refused(LogError, "a name of its own", calib.train, [log, log])
     other = calib.babble(calib.load_arm("two_link"), 50)

@@ -122,11 +122,19 @@ def test_every_network_and_rule_trains_maps_that_read_out_well(name, rule):
     assert np.linalg.norm(model.forward(q, "activity") - two_link(q), axis=1).mean() < most
 
 
-def test_a_simulated_hobby_arm_is_learned_wherever_random_chains_end():
+def test_a_hobby_arm_is_learned_wherever_random_chains_end_and_a_slide_that_nobody_named_told():
     """From random chains alone the search ended at the mean of all positions, 32 mm off."""
     about = trained("so101", 20_000, 4).about
     assert about.errors["local"]["forward"]["distance"]["max"] < 1e-12
     assert about.bound_holds
+    arms = (calib.load_arm(robot) for robot in ("polar", "two_link"))
+    polar, turning = (calib.babble(arm, 300, noise=0.1 * MM) for arm in arms)
+    nameless = calib.Samples(polar.q, polar.x, polar.joint_names)
+    named = replace(nameless, revolute=polar.revolute)
+    no_slide = calib.Samples(turning.q, turning.x, turning.joint_names)
+    for rows in (nameless, named, no_slide):
+        notes = " ".join(calib.train(rows, size=10).about.notes)
+        assert ("if a joint slides, name it in `prismatic`" in notes) is (rows is nameless)
 
 
 @pytest.mark.parametrize("name", ["six_axis", "two_link"])
@@ -268,14 +276,3 @@ def test_outliers_of_a_simulated_sensor_are_left_out_as_those_of_a_log_are(body)
     assert model.about.bound_holds
     errors = model.about.errors[model.default_readout]
     assert errors["forward"]["distance"]["mean"] < (2e-4 if body == "auto" else 0.02)
-
-
-def test_a_slide_that_nobody_named_is_told():
-    arms = (calib.load_arm(robot) for robot in ("polar", "two_link"))
-    polar, turning = (calib.babble(arm, 300, noise=0.1 * MM) for arm in arms)
-    nameless = calib.Samples(polar.q, polar.x, polar.joint_names)
-    named = replace(nameless, revolute=polar.revolute)
-    no_slide = calib.Samples(turning.q, turning.x, turning.joint_names)
-    for rows in (nameless, named, no_slide):
-        notes = " ".join(calib.train(rows, size=10).about.notes)
-        assert ("if a joint slides, name it in `prismatic`" in notes) is (rows is nameless)
