@@ -22,7 +22,10 @@ from .errors import INTERRUPTED, TRACEBACK, report_error
 from .output import SPEECH, Outcome, note, silence
 from .parsing import BadOption
 
-INPUTS = ("robot", "data", "input_", "joints_file", "poses_file")
+INPUTS = (
+    *("robot", "data", "input_", "joints_file", "poses_file", "tags_at"),
+    *("calibration", "lerobot"),
+)
 """Parameters whose files no output may replace; a model may replace a model."""
 
 FLAGS = ("--json", "--verbose", "-v", "--quiet", "-q")
