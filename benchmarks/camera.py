@@ -79,7 +79,7 @@ def shoot(folder: Path, desk: Desk, count: int, seed: int) -> None:
     q = postures(desk, count, rng)
     for k, row in enumerate(q):
         cv2.imwrite(str(folder / "pictures" / f"img_{k}.png"), desk.picture(row, rng))
-    for k, shot in enumerate(board_shots(desk, LYING, 10, rng)[0]):
+    for k, shot in enumerate(board_shots(desk, LYING, 10, rng)):
         cv2.imwrite(str(folder / "shots" / f"{k}.png"), shot)
     np.savetxt(folder / "joints.csv", q, delimiter=",", header=",".join(NAMES), comments="")
 

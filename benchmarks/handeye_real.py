@@ -76,7 +76,7 @@ def some(shots: BoardPictures, rows: np.ndarray) -> BoardPictures:
         names=tuple(shots.names[k] for k in rows),
         corners=tuple(shots.corners[k] for k in rows),
         q=shots.q[rows],
-        rows=None if shots.rows is None else shots.rows[rows],
+        rows=shots.rows[rows],
     )
 
 

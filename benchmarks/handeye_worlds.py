@@ -14,21 +14,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from tables import typed
 
-import calib
 from calib.recording.pose_files import FlangeTable
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from flange_worlds import CONVENTIONS, World, misses
+from boards import CONVENTIONS, World, misses
 
 NAMED = {**CONVENTIONS, "matrix": lambda turns: turns.as_matrix().reshape(-1, 9)}
 UNITS = {"m": 1.0, "mm": 1000.0}
-
-
-def places(world: World, rig: calib.HandEye) -> np.ndarray:
-    """Errors over their intervals of hand and base (12,)."""
-    pair = (world.camera, world.placed) if world.in_hand else (world.placed, world.camera)
-    return np.concatenate([misses(rig.hand, pair[0]), misses(rig.base, pair[1])])
 
 
 def coverage(worlds: int) -> None:
@@ -39,7 +32,7 @@ def coverage(worlds: int) -> None:
         began = process_time()
         rig = world.solve()
         seconds.append(process_time() - began)
-        inside.append(places(world, rig) < 1.0)
+        inside.append(world.misses(rig) < 1.0)
         lens.append(abs(rig.lens["focal"] - 901.5) < rig.lens["focal_95"])
         low, high = rig.square["interval"]
         square.append(low < rig.square["said"] < high)
@@ -62,7 +55,7 @@ def squares(worlds: int) -> None:
         low, high = rig.square["interval"]
         told += any("squares measure" in note for note in rig.notes)
         inside += low < 0.98 * rig.square["said"] < high
-        covered.append(places(world, rig) < 1.0)
+        covered.append(world.misses(rig) < 1.0)
     print(f"squares: told in {told} of {worlds}, right size within its interval in {inside}; "
           f"places {100 * np.mean(covered):.0f} %")  # fmt: skip
 

@@ -19,7 +19,7 @@ from importlib import import_module
 
 __version__ = "0.1.0"
 
-# the stub, which editors and type checkers read, says in which module each name stands
+# the stub, which editors and type checkers read, tells the module of each name
 _STUB = pathlib.Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
 _MODULES = {
     name: module

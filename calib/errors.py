@@ -1,6 +1,6 @@
 """The errors of calib: one family, each message one line with structured fields.
 
-A message says what was given and what was expected, the hint what to do.  They name Python
+A message states what was given and what was expected, the hint what to do.  They name Python
 parameters in backquotes, such as `degrees=True`, which the command line turns into options.
 """
 

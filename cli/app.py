@@ -22,8 +22,11 @@ from .errors import INTERRUPTED, TRACEBACK, report_error
 from .output import SPEECH, Outcome, note, silence
 from .parsing import BadOption
 
-INPUTS = ("robot", "data", "joints_file", "poses_file")
-"""Parameters whose files no output may replace: a model may replace a model, a table a table."""
+INPUTS = (
+    *("robot", "data", "input_", "joints_file", "poses_file", "tags_at"),
+    *("calibration", "lerobot"),
+)
+"""Parameters whose files no output may replace; a model may replace a model."""
 
 FLAGS = ("--json", "--verbose", "-v", "--quiet", "-q")
 """What every command takes, wherever it stands in the line."""
@@ -171,10 +174,14 @@ def _printing(command: Callable[..., Outcome]) -> Callable[..., None]:
 def _keep_inputs(options: Mapping[str, object]) -> None:
     """Refuse an output that is the file which the command reads, such as the user's log."""
     output = options.get("output")
+    if output is None or not Path(str(output)).exists():
+        return
+    place = Path(str(output)).resolve()
     for name in INPUTS:
         typed = options.get(name)
         paths = typed if isinstance(typed, list) else [typed]
-        if output and output in paths and Path(str(output)).exists():
+        # by another name, too: ./log.csv is log.csv
+        if place in [Path(str(path)).resolve() for path in paths]:
             raise BadOption(
                 f"--output {output!r} would replace what is read: expected another file"
             )

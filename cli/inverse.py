@@ -138,7 +138,7 @@ def _target(
         expected = f"expected {len(axes)}, one each for {', '.join(axes)}"
         if len(typed) == 3 and query.model.about.unit == "px":
             expected += "; --in base takes x, y, z of the robot's root frame"
-        raise BadOption(f"{len(typed)} coordinates: {expected}")
+        raise BadOption(f"coordinates: {len(typed)}, {expected}")
     factor = query.positions.to_typed if height is None else 1.0
     return np.array(typed) / factor
 

@@ -254,7 +254,7 @@ Input = Annotated[
 ]
 Output = Annotated[
     str | None,
-    value("--output FILE", "CSV or Parquet (default standard output)."),
+    value("--output -o FILE", "CSV or Parquet (default standard output)."),
 ]
 WhatChanged = Annotated[
     choices.CauseWord | None, option("--cause", "What changed, if known.")

@@ -105,12 +105,11 @@ class TextTable:
         if self.left > 1 and max(map(len, lines)) > _WIDTH:
             lines = _grouped(header, rows, self.left)
         if max(map(len, lines)) > _WIDTH:
-            cells = [
-                [*cell]
-                for row in rows
-                for cell in zip(header, row, strict=True)
-            ]
-            lines = _align(cells, 2)
+            cells: list[Sequence[str]] = []
+            for row in rows:
+                # an empty line between rows
+                cells += [("", ""), *zip(header, row, strict=True)]
+            lines = _align(cells[1:], 2)
         title = [printable(self.title)] if self.title else []
         foot = textwrap.wrap(printable(self.foot), _WIDTH)
         return "\n".join([*title, *lines, *foot])
@@ -178,7 +177,7 @@ class Outcome:
             if not streamed:
                 print(text)
             elif not SPEECH.quiet:
-                note(str(line))
+                note(str(line).removeprefix("-: "))
 
 
 @dataclass

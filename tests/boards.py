@@ -1,8 +1,10 @@
-"""Arms that see a board, or hold one before a camera, whose truth is known."""
+"""Cameras that see a board, in the hand of an arm or before it, whose truth is known."""
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import calib
 from calib.arm.rotations import exponential, logarithm
@@ -16,10 +18,36 @@ BOARD = np.array([[0.024 * i, 0.024 * j, 0.0] for j in range(1, 5) for i in rang
 
 SPEC = "7x5:24mm:18mm:5x5_100"
 SIZE = (1280, 720)
+LENS = np.array([900.0, 903.0, 645.0, 352.0, -0.1, 0.05, 5e-4, -4e-4, 0.0])
+MATRIX = np.array([[900.0, 0.0, 645.0], [0.0, 903.0, 352.0], [0.0, 0.0, 1.0]])
+
+
+def motion(turn, shift):
+    """A rigid motion (4, 4)."""
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = turn.as_matrix(), shift
+    return out
+
+
+def pictures_of(board, corners, q=None, joints=()):
+    """Corners (p, n, 2) [px] as if they were found in pictures, at joints (p, dof)."""
+    count = len(corners)
+    names = tuple(f"{k:02d}.png" for k in range(count))
+    numbered = tuple(dict(enumerate(each)) for each in corners)
+    q = np.zeros((count, 0)) if q is None else q
+    return BoardPictures(board, joints, names, q, numbered, SIZE, count, (), np.arange(count))
+
+
+class Seen:
+    """What has a camera in the hand, or before its board."""
+
+    @property
+    def eye(self):
+        return "hand" if self.in_hand else "base"
 
 
 @dataclass
-class Rig:
+class Rig(Seen):
     """A six-joint arm off by up to .2 deg and .3 mm; a camera in its hand, or before its board."""
 
     in_hand: bool
@@ -33,14 +61,10 @@ class Rig:
     def __post_init__(self) -> None:
         rng = np.random.default_rng(self.seed)
         self.arm = arm = calib.load_arm("six_axis")
-        lens = (1000.0 + 60 * rng.standard_normal(), 645.0, 352.0, -0.08)
-        self.lens = lens
-        guess = (
-            (lens, (0.0,) * 4) if self.known else ((1100.0, 640.0, 360.0, 0.0), (400, 60, 60, 0.3))
-        )
-        self.structure = s = structure_of(arm, "pose", lens=guess[0], lens_sd=guess[1])
+        self.lens = (1000.0 + 60 * rng.standard_normal(), 645.0, 352.0, -0.08)
+        self.structure = s = structure_of(arm, "pose")
         self.beta = b = s.neutral()
-        b[s.groups["lens"]] = lens
+        b[s.groups["lens"]] = self.lens
         off, end = np.radians(0.2), None if self.last else -1
         own = s.groups["offset"][1:end]
         b[own] = rng.uniform(-off, off, len(own))
@@ -56,23 +80,18 @@ class Rig:
 
     def look(self, q, rng) -> None:
         """Take a picture at each of the poses (p, dof)."""
-        s, b, self.q = self.structure, self.beta, q
-        self.rows = np.repeat(np.arange(len(self.q)), len(BOARD))
-        exact = self.as_seen(b)
+        self.q, self.rows = q, np.repeat(np.arange(len(q)), len(BOARD))
+        exact = self.as_seen(self.beta)
         self.seen = exact + self.noise * rng.standard_normal(exact.shape)
-        self.poses = s.predict(self.q, b) + rng.normal(
-            0, (2e-3,) * 3 + (1e-2,) * 3, (len(self.q), 6)
-        )
 
     def _place(self, rng, q) -> None:
         """Put what stands still where what is in the hand sees it."""
         s, b, middle = self.structure, self.beta, BOARD.mean(axis=0)
         (p,), (hand,) = s.with_sensor(view="base").pose(q, b)
         facing = hand @ exponential(0.1 * rng.standard_normal(3))  # OpenCV's: z runs into the board
+        there = p + hand @ middle - 0.6 * facing[:, 2]
         if self.in_hand:
             there = p + 0.4 * hand[:, 2] - facing @ middle
-        else:
-            there = p + hand @ middle - 0.6 * facing[:, 2]
         b[s.groups["view.rotation"]] = logarithm(facing.T[None])[0]
         b[s.groups["view.shift"]] = -facing.T @ there
         self.base = there, facing
@@ -83,28 +102,18 @@ class Rig:
             q = rng.uniform(lower, upper, (4000, self.arm.dof))
             z = self.structure.predict(q, self.beta)
             turn = exponential(z[:, 3:])
+            s = turn @ middle + z[:, :3]
             if self.in_hand:
                 s = np.einsum("nji,nj->ni", turn, middle - z[:, :3])
-            else:
-                s = turn @ middle + z[:, :3]
             near = (s[:, 2] > 0.3) & (s[:, 2] < (0.6 if self.in_hand else 1.0))
             inside = abs(s[:, :2]) < s[:, 2:] * (0.42, 0.22)
-            ok = near & inside.all(axis=1) & (turn[:, 2, 2] > 0.7)
-            found += list(q[ok])
+            found += list(q[near & inside.all(axis=1) & (turn[:, 2, 2] > 0.7)])
         return np.array(found[: self.pictures])
 
     def hand(self, beta):
         """Position and rotation of the camera or board in the tip's frame."""
-        s, q = self.structure.with_sensor(view="base"), np.zeros((1, self.arm.dof))
-        bare = beta.copy()
-        bare[s.groups["tool"]] = bare[s.groups["tool.rotation"]] = 0.0
-        (p,), (turn,) = s.pose(q, beta)
-        (p0,), (turn0,) = s.pose(q, bare)
-        return turn0.T @ (p - p0), turn0.T @ turn
-
-    @property
-    def eye(self):
-        return "hand" if self.in_hand else "base"
+        groups = self.structure.groups
+        return beta[groups["tool"]], exponential(beta[groups["tool.rotation"]])
 
     @property
     def glass(self):
@@ -115,10 +124,8 @@ class Rig:
     def shots(self, seen=None, q=None, board=SPEC):
         """The corners as if they were found in pictures, at other pixels, joints or squares."""
         seen, q = self.seen if seen is None else seen, self.q if q is None else q
-        found = tuple(dict(enumerate(seen[self.rows == k])) for k in range(len(self.q)))
-        names = tuple(f"{k:02d}.png" for k in range(len(self.q)))
-        joints = self.arm.joint_names
-        return BoardPictures(parse_board(board), joints, names, q, found, SIZE, len(names), ())
+        corners = seen.reshape(len(self.q), -1, 2)
+        return pictures_of(parse_board(board), corners, q, self.arm.joint_names)
 
     def solve(self, eye=None, lens=None, arm=None, **changes):
         """Hand-eye calibration of these pictures; a lens that is not known is fitted."""
@@ -148,3 +155,107 @@ class Rig:
         """How far what is in the hand is off (3,) [m], and the same over its interval."""
         off = np.abs(np.subtract(found.hand["position"], self.hand(self.beta)[0]))
         return off, off / np.array(found.hand["position_95"])
+
+
+@dataclass
+class World(Seen):
+    """A camera and a board at flange poses of a controller, which repeats to .3 mm and .02 deg."""
+
+    seed: int = 0
+    in_hand: bool = True
+    count: int = 16
+    board: str = "10x7:22mm"
+    printed: float = 1.0  # true size over the said one
+    shift: float = 3e-4  # [m], of the arm's poses
+    turn: float = np.radians(0.02)
+    spread: float = 25.0  # of the turns [deg]
+    axes: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    second: bool = False  # whether another camera sees the same
+    focus: float = 0.0  # sd of the focal length from picture to picture, as a share
+    stretch: float = 0.0  # by which the board is longer along x and shorter along y, as a share
+
+    def __post_init__(self):
+        self.rng = rng = np.random.default_rng(self.seed)
+        self.pattern = parse_board(self.board)
+        near, far = rng.normal(0.0, 0.06, 3), rng.normal(0.0, 0.6, 3)
+        one, other = (Rotation.random(random_state=self.seed + k) for k in (0, 1000))
+        self.camera = motion(one, near if self.in_hand else far)
+        self.placed = motion(other, far if self.in_hand else near)
+        self.apart = motion(Rotation.from_rotvec([0.0, 0.1, 0.02]), [0.08, 0.0, 0.0])
+        self.cameras = [self.camera, self.camera @ self.apart][: 1 + self.second]
+        count, self.count = self.count, 0
+        self.flange = np.zeros((0, 4, 4))
+        self.corners = [[] for _ in self.cameras]
+        while self.count < count:
+            vector = np.radians(self.spread) * np.array(self.axes) * rng.uniform(-1.5, 1.5, 3)
+            place = rng.uniform([-0.12, -0.07, 0.3], [0.12, 0.07, 0.6])
+            self.show(Rotation.from_rotvec(vector), place)
+
+    def show(self, turn, place):
+        """See the board so turned, with its middle at a place before the camera."""
+        seen = motion(turn, place - turn.apply(self.pattern.points().mean(axis=0)))
+        moved = self.camera @ seen @ np.linalg.inv(self.placed)
+        self.take_picture(np.linalg.inv(moved) if self.in_hand else moved)
+
+    def take_picture(self, flange):
+        """See the board at a flange pose (4, 4), if it is in view of all cameras."""
+        rng = self.rng
+        moved = np.linalg.inv(flange) if self.in_hand else flange
+        pictures = []
+        for camera in self.cameras:
+            there = np.linalg.inv(camera) @ moved @ self.placed
+            board = self.printed * self.pattern.points() * (1 + self.stretch, 1 - self.stretch, 1)
+            at = board @ there[:3, :3].T + there[:3, 3]
+            lens = MATRIX.copy()
+            focus = np.random.default_rng([self.seed, self.count]).normal()
+            lens[[0, 1], [0, 1]] *= 1.0 + self.focus * focus
+            pixels = cv2.projectPoints(at, np.zeros(3), np.zeros(3), lens, LENS[4:])[0]
+            pictures.append(pixels[:, 0])
+        if (np.array(pictures) < 10).any() or (np.array(pictures) > np.array(SIZE) - 10).any():
+            return
+        said = flange @ motion(Rotation.from_rotvec(rng.normal(0.0, self.turn, 3)), np.zeros(3))
+        said[:3, 3] += rng.normal(0.0, self.shift, 3)
+        self.flange = np.concatenate([self.flange, said[None]])
+        for own, pixels in zip(self.corners, pictures, strict=True):
+            own.append(pixels + rng.normal(0.0, 0.15, pixels.shape))
+        self.count += 1
+
+    @property
+    def boards(self):
+        """The board before the camera in the hand, as the controller says (n, 4, 4) [m]."""
+        return np.linalg.inv(self.camera) @ np.linalg.inv(self.flange) @ self.placed
+
+    def shots(self, number=0, turned=()):
+        """The corners as if they were found in pictures, some from the board's other end."""
+        corners = self.corners[number]
+        ends = [c[::-1] if k in turned else c for k, c in enumerate(corners)]
+        return pictures_of(self.pattern, ends)
+
+    def solve(self, table=None, turned=(), shots=None, **options):
+        table = self.flange if table is None else table
+        shots = self.shots(turned=turned) if shots is None else shots
+        return calib.handeye(pictures=shots, poses=table, eye=self.eye, **options)
+
+    def misses(self, rig):
+        """Errors over their intervals (12,) of what is in the hand and of what stands still."""
+        places = (self.camera, self.placed)[:: 1 if self.in_hand else -1]
+        found = zip((rig.hand, rig.base), places, strict=True)
+        return np.concatenate([misses(place, true) for place, true in found])
+
+
+def misses(place, true):
+    """Errors of a place over its intervals (6,): shift and turn."""
+    shift = np.subtract(place["position"], true[:3, 3]) / place["position_95"]
+    turn = Rotation.from_quat(place["quaternion"]) * Rotation.from_matrix(true[:3, :3]).inv()
+    return np.abs(np.concatenate([shift, turn.as_rotvec() / place["rotation_95"]]))
+
+
+CONVENTIONS = {
+    "xyzw": lambda turns: turns.as_quat(),
+    "wxyz": lambda turns: np.roll(turns.as_quat(), 1, axis=1),
+    "vector": lambda turns: turns.as_rotvec(degrees=True),
+    "rpy": lambda turns: turns.as_euler("xyz"),
+    "kuka": lambda turns: turns.as_euler("ZYX", degrees=True),
+    "ZYZ": lambda turns: turns.as_euler("ZYZ", degrees=True),
+    "transposed": lambda turns: np.swapaxes(turns.as_matrix(), 1, 2).reshape(-1, 9),
+}

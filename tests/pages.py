@@ -4,10 +4,11 @@ import hashlib
 import os
 import re
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import pytest
 from conftest import Outcome, run_in_process
 
 ROOT = Path(__file__).parents[1]
@@ -86,30 +87,19 @@ def commands(block: Block) -> Iterator[Command]:
             shown.append(line)
             continue
         if typed:
-            promised = _EXIT.search(typed)
-            yield Command(
-                shlex.split(typed, comments=True), int(promised[1]) if promised else 0, shown
-            )
+            promised = _EXIT.search(typed) or (0, 0)
+            yield Command(shlex.split(typed, comments=True), int(promised[1]), shown)
         typed, shown = line[2:], []
 
 
-def run_page(
-    page: Path,
-    folder: Path,
-    names: dict[str, object],
-    before: Callable[[Block], None] = lambda _block: None,
-) -> dict[str, object]:
+def run_page(page: Path, folder: Path, names: dict[str, object]) -> None:
     """Run the blocks of a page in order, in one folder and with one set of Python names."""
     for block in blocks(page.read_text(encoding="utf-8")):
-        if block.skipped:
-            continue
-        before(block)
-        if block.language == "python":
+        if block.language == "python" and not block.skipped:
             exec(compile(block.text, page.name, "exec"), names)
-        elif block.language == "console":
+        elif block.language == "console" and not block.skipped:
             for command in commands(block):
                 check(command, folder)
-    return names
 
 
 def check(command: Command, folder: Path) -> None:
@@ -157,10 +147,7 @@ def _figures(line: str, *, timed: bool) -> list[float]:
 
 
 def _close(a: list[float], b: list[float]) -> bool:
-    return len(a) == len(b) and all(
-        abs(x - y) <= max(TOLERANCE * max(abs(x), abs(y)), ROUNDING)
-        for x, y in zip(a, b, strict=True)
-    )
+    return len(a) == len(b) and b == pytest.approx(a, rel=TOLERANCE, abs=ROUNDING)
 
 
 def anchors(text: str) -> set[str]:
@@ -169,8 +156,7 @@ def anchors(text: str) -> set[str]:
     outside = _FENCE.sub("", text)
     for heading in re.findall(r"^#{1,6} (.+)$", outside, re.MULTILINE):
         plain = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).replace("`", "")
-        anchor = re.sub(r"[^\w\- ]", "", plain.strip().lower()).replace(" ", "-")
-        found.add(anchor)
+        found.add(re.sub(r"[^\w\- ]", "", plain.strip().lower()).replace(" ", "-"))
     return found
 
 

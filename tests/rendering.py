@@ -6,7 +6,7 @@ Nothing here is shared with `calib.recording`: projection and printing are writt
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -164,19 +164,15 @@ class Desk:
 
     def postures(self, n: int, rng: np.random.Generator, margin: float = 40.0) -> Array:
         """Draw postures (n, 3) whose tag is within the picture, so far from its border [px]."""
-        seen: list[Array] = []
-        while len(seen) < n:
-            q = rng.uniform([-0.2, 0.0, -1.2], [1.3, 1.4, 1.2])
-            (pixel,) = self.tip_pixels(q)
-            if (pixel > margin).all() and (pixel < np.array(self.camera.size) - margin).all():
-                seen.append(q)
-        return np.array(seen)
+        q = rng.uniform([-0.2, 0.0, -1.2], [1.3, 1.4, 1.2], (100 * n, 3))
+        pixels = self.tip_pixels(q)
+        inside = (pixels > margin) & (pixels < np.array(self.camera.size) - margin)
+        return q[inside.all(axis=1)][:n]
 
     def picture(self, q: ArrayLike, rng: np.random.Generator, *, arm: bool = True) -> Image:
         """Render one posture as a grey picture (height, width)."""
-        scene = self._background
+        scene = self._background.copy()
         if arm:
-            scene = scene.copy()
             self._paint_arm(scene, np.asarray(q, float))
         grey = scene * self._light
         grey = cv2.GaussianBlur(grey, (0, 0), self.blur) if self.blur else grey
@@ -199,9 +195,8 @@ class Desk:
         far = self.camera.position[2] / np.maximum(-rays[..., 2], 1e-3)
         x, y = (np.array(self.camera.position[k]) + far * rays[..., k] for k in (0, 1))
         rng = np.random.default_rng(self.seed)
-        grain = cv2.resize(
-            rng.normal(0, 1, (h // 6, w // 6)), (w, h), interpolation=cv2.INTER_CUBIC
-        )
+        coarse = rng.normal(0, 1, (h // 6, w // 6))
+        grain = cv2.resize(coarse, (w, h), interpolation=cv2.INTER_CUBIC)
         wood = 12 * np.sin(60 * y + 3 * np.sin(7 * x)) + 5 * np.sin(400 * y + 9 * np.sin(11 * x))
         scene = (150 + wood + 6 * grain).astype(np.float32)
         for sticker in self.still:
@@ -245,13 +240,10 @@ class Desk:
             self._capsule(scene, a, b, self.width * (1.0 - 0.12 * k), self.height, 60 + 30 * k)
             self._capsule(scene, a, a, 0.4 * self.width, self.height, 200)
         angle = float(np.sum(q)) + float(np.sum(self.offsets[: len(self.lengths)]))
-        place = (*places[-1], self.height, angle)
-        tip = tag(7, 0.04, place, tilt=self.tip_tilt)
+        tip = tag(7, 0.04, (*places[-1], self.height, angle), tilt=self.tip_tilt)
         self._paint_sticker(scene, tip)
 
-    def _capsule(
-        self, scene: np.ndarray, a: Array, b: Array, width: float, z: float, grey: float
-    ) -> None:
+    def _capsule(self, scene: np.ndarray, a: Array, b: Array, width, z, grey) -> None:
         ahead = np.arctan2(*(b - a)[::-1])
         t = np.linspace(-np.pi / 2, np.pi / 2, 13) + ahead
         ends = [c + 0.5 * width * np.c_[np.cos(s), np.sin(s)] for c, s in ((b, t), (a, t + np.pi))]
@@ -260,28 +252,24 @@ class Desk:
         cv2.fillPoly(scene, [np.round(pixels * 16).astype(np.int32)], grey, cv2.LINE_AA, 4)
 
 
-def board_shots(
-    desk: Desk, made: Sticker, count: int, rng: np.random.Generator
-) -> tuple[list[Image], list[Sticker]]:
+def board_shots(desk: Desk, made: Sticker, count: int, rng: np.random.Generator) -> list[Image]:
     """Return pictures of the board held near the camera, tilted this way and that."""
-    pictures, held = [], []
+    pictures = []
     camera = desk.camera
-    width, height = camera.size
     for _ in range(count):
-        pixel = [width, height] * rng.uniform([0.32, 0.35], [0.68, 0.65])
+        pixel = camera.size * rng.uniform([0.32, 0.35], [0.68, 0.65])
         place = camera.position + rng.uniform(0.35, 0.6) * camera.rays(pixel)
         tilt = (*rng.uniform(-0.55, 0.55, 2), 0.0)
-        at = (*place, rng.uniform(-0.6, 0.6))
-        held.append(Sticker(made.cells, made.cell, at, tilt, made.border))
-        seen = Desk(camera, still=(held[-1],), blur=desk.blur, noise=desk.noise, seed=desk.seed)
+        held = replace(made, place=(*place, rng.uniform(-0.6, 0.6)), tilt=tilt)
+        seen = Desk(camera, still=(held,), blur=desk.blur, noise=desk.noise, seed=desk.seed)
         pictures.append(seen.picture([0.0] * len(desk.lengths), rng, arm=False))
-    return pictures, held
+    return pictures
 
 
-def write_video(path: str, frames: Sequence[Image], rate: float, codec: str = "mp4v") -> None:
+def write_video(path: str, frames: Sequence[Image], rate: float) -> None:
     """Write grey frames as a video with a constant rate [1/s]."""
-    height, width = frames[0].shape
-    writer = cv2.VideoWriter(path, cv2.VideoWriter_fourcc(*codec), rate, (width, height))
+    size = frames[0].shape[::-1]
+    writer = cv2.VideoWriter(path, cv2.VideoWriter_fourcc(*"mp4v"), rate, size)
     for frame in frames:
         writer.write(cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR))
     writer.release()

@@ -31,7 +31,7 @@ _CACHED = 2_048
 """Rows whose intermediate arrays stay in the processor's cache."""
 
 _ROUNDING = 1e-3
-"""So much [rad or m] over one turn or a limit (3.1416, 1.5708) is clipped in silence."""
+"""An excess [rad or m] over one turn or a limit (3.1416, 1.5708) that is clipped in silence."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -59,7 +59,7 @@ class Arm:
     limits : tuple of (float, float) [rad or m]
         What each joint can mechanically reach; `lower` and `upper` lie within.
     travel : tuple of (float, float) [rad or m]
-        What each joint may be asked for: where that is more than a turn, `lower` to `upper` is one
+        The joints' permitted range: where that is more than a turn, `lower` to `upper` is one
         turn of it.
     gravity : (3,) array [m/s2]
         Gravity in the root link's frame.
@@ -113,7 +113,7 @@ class Arm:
         return pose[..., :3], pose[..., 3:]
 
     def __repr__(self) -> str:
-        """Say in a line which arm it is: its name, its joints, its tip."""
+        """Name the arm in a line: its name, its joints, its tip."""
         joints = ", ".join(self.joint_names)
         return f"{type(self).__name__} {self.name}: {joints}; tip {self.tip}"
 
@@ -332,6 +332,12 @@ def notes_of_turns(chosen: Mapping[str, Range]) -> list[str]:
     ]
     if not cut:
         return []
-    return [
+    note = (
         f"{listing(cut)} can turn more than once: one turn of each is learned"
-    ]
+    )
+    largest = max(high for _, high in chosen.values())
+    if 2.0 * TURN < largest <= 360.0:
+        note += (
+            f"; limits of {largest:g} rad: if they are in degrees, correct them"
+        )
+    return [note]

@@ -192,7 +192,7 @@ def _named_joints(
 
 
 def _movable(urdf: Urdf, name: str, parameter: str) -> Joint:
-    """Return the movable joint of a name, or refuse it and say which there are."""
+    """Return the movable joint of a name, or refuse it and list those that exist."""
     joint = urdf.joint(name)
     if joint is None or not joint.movable:
         what = "does not exist" if joint is None else "is fixed"

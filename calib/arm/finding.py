@@ -1,7 +1,7 @@
 """Finding: the joints and the tip of an arm for users who name none, and its planar part.
 
 The arm is the chain that reaches furthest.  It ends before its hand: at a link that branches, where
-a branch is short beside the way from the first joint to that link.
+a branch is short compared with the way from the first joint to that link.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def plane_normal(joints: Sequence[Joint], posture: Posture) -> Array | None:
     normal, within = _common_plane(joints, posture)
     if len(within) < len(joints):
         return None
-    # antiparallel axes are one direction; beside the mean of all each joint's tilt is small
+    # antiparallel axes are one direction; against the mean of all each joint's tilt is small
     axes = [posture.axis(joint) for joint in joints if joint.revolute]
     aligned = [axis * np.sign(axis @ normal) for axis in axes] or [normal]
     return np.asarray(np.mean(aligned, axis=0))
@@ -265,7 +265,7 @@ def _links(joints: Sequence[Joint], tip: str, posture: Posture) -> Array:
 
 
 def _slide_length(joint: Joint) -> float:
-    """Travel of a sliding joint [m], 1 where its limits do not say; 0 of a turning one."""
+    """Travel of a sliding joint [m], 1 without limits; 0 of a turning one."""
     if joint.revolute:
         return 0.0
     lower, upper = joint.travel

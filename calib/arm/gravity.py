@@ -2,7 +2,7 @@
 
 A weight ``m`` at a point ``x`` pulls at a joint that turns about ``a`` through ``o`` with the
 torque ``g . (a x m (x - o))``, and at a joint that slides along ``a`` with the force ``g . m a``.
-What a URDF says of masses is one set of weights; where it says none, unit weights at the joints'
+A URDF's masses are one set of weights; where it has none, unit weights at the joints'
 origins and the tip are a basis of what masses on the links can do.
 """
 
@@ -22,7 +22,7 @@ _STANDARD = 9.80665
 """Standard gravity [m/s2]."""
 
 GRAVITY = (0.0, 0.0, -_STANDARD)
-"""That in the root frame of an arm that stands upright [m/s2]."""
+"""Gravity in the root frame of an arm that is mounted upright [m/s2]."""
 
 
 def standard(direction: Sequence[float]) -> tuple[float, float, float]:
@@ -55,7 +55,7 @@ class Loads:
 
     @staticmethod
     def of_masses(chain: SpatialChain) -> Loads:
-        """One load [kg] for each of m joints: the masses that the URDF says beyond it."""
+        """One load [kg] for each of m joints: the masses that the URDF has beyond it."""
         joints = np.arange(chain.joints)
         beyond = np.triu(np.ones((chain.joints, chain.joints)))
         return Loads(

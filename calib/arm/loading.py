@@ -69,7 +69,7 @@ def load_arm(
     Returns
     -------
     PlanarArm or SpatialArm
-        What was chosen or assumed stands in its `notes`.
+        Its `notes` list what was chosen or assumed.
 
     Raises
     ------

@@ -4,7 +4,7 @@ A body is a link.  Its joints turn it about their own places in turn::
 
     body = parent T(body) prod_j T(pos_j) J_j(q_j - ref_j) T(-pos_j)
 
-so that each joint but the last has a link of its own, and where the last one does not pass through
+so that each joint but the last has its own link, and where the last one does not pass through
 the body's origin a fixed joint leads on to the body.  Sites are links on fixed joints.
 """
 

@@ -21,7 +21,7 @@ Defaults = Mapping[str, Mapping[str, str]]
 """Attributes of elements by their tag."""
 
 _REFUSED = ("include", "attach", "frame", "replicate", "composite", "flexcomp")
-"""Elements that stand for others, or for a part of their places."""
+"""Elements that are expanded to others, or to a part of their places."""
 
 _ORIENTATIONS = {"quat": 4, "axisangle": 4, "xyaxes": 6, "euler": 3}
 _AXES = np.eye(3)
@@ -48,7 +48,7 @@ class ModelText:
     def of(root: ET.Element) -> ModelText:
         """Check a model's root element.
 
-        Raises RobotError if it holds elements that stand for others.
+        Raises RobotError if it holds elements that are expanded to others.
         """
         for node in root.iter():
             _check_supported(node)
@@ -140,7 +140,7 @@ class ModelText:
 
 
 def _check_supported(node: ET.Element) -> None:
-    """Refuse an element that stands for others."""
+    """Refuse an element that is expanded to others."""
     if node.tag in _REFUSED:
         name = node.get("file") or node.get("name") or node.get("model") or ""
         raise RobotError(

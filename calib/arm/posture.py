@@ -94,7 +94,7 @@ def with_masses(
 ) -> SpatialChain:
     """Return a chain with the masses beyond each joint, up to the next, and their centres.
 
-    Links beside the chain (fingers, covers) hang on the last chain joint below them and do not
+    Links off the chain (fingers, covers) hang on the last chain joint below them and do not
     move of their own. It stays without where the robot states no mass for any, or one is unknown.
 
     posture, moving : as in `chain_of`

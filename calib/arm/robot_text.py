@@ -18,7 +18,7 @@ from ..errors import RobotError
 
 @dataclass(frozen=True)
 class Limits:
-    """What a description may say at most; more is a mistake in the file, or an attack."""
+    """Limits on a description; more is a mistake in the file, or an attack."""
 
     size: int = 50_000_000  # [bytes]
     joints: int = 1_000  # links are followed by recursion
@@ -74,7 +74,7 @@ def parse_xml(text: str) -> ET.Element:
 
     Raises RobotError if it is none, or holds what has to be expanded first.
     """
-    # comments and instructions may stand before it, and nothing else
+    # comments and instructions may come before it, and nothing else
     start = 0
     while before := _BEFORE_ROOT.match(text, start):
         start = before.end()

@@ -29,7 +29,7 @@ class Deviations:
 
     shifts: Array  # (m, 3) [m], of the joint origins, along the axes of the frame before
     turns: Array  # (m, 3) [rad], rotation vectors of the joint origins
-    tool: Array  # (3,) [m], of the tip, along the axes of its own frame
+    tool: Array  # (3,) [m], of the tip, along the axes of the last frame
     tool_turn: Array  # (3,) [rad]
 
     @staticmethod

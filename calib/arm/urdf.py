@@ -84,7 +84,7 @@ class Joint:
 
     @property
     def travel(self) -> Range:
-        """Range that it can mechanically reach, infinite where its limits do not say."""
+        """Range that it can mechanically reach, infinite without limits."""
         if self.limits is None or self.fault:
             return -math.inf, math.inf
         return self.limits
@@ -318,7 +318,7 @@ def _masses(robot: ET.Element) -> Iterator[tuple[str, tuple[float, Vector]]]:
 
 
 def _find_root(links: Collection[str], joints: tuple[Joint, ...]) -> str:
-    """Return the one link without a parent, or say why the links are no tree."""
+    """Return the one link without a parent, or raise the reason why the links are no tree."""
     above = {joint.child: joint for joint in joints}
     roots = [link for link in links if link not in above]
     doubled = [j.name for j in joints if above[j.child] is not j]

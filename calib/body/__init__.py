@@ -4,7 +4,7 @@ In the order of a fit, whose steps `body_fit.fit` goes through:
 
 - `settings`: every number that was chosen, with its reason
 - `parameters`, `curves`: named blocks with their priors; error curves of joints
-- `views`, `sensors`: kinds of readings, where a sensor stands
+- `views`, `sensors`: kinds of readings, how a sensor is placed
 - `layout`, `loads`, `structure`: the parameters of a chain and its sensors; loads that bend its
   joints; predictions and derivatives
 - `spatial`, `planar`, `drawing`: structures of both kinds of arms; a planar arm's drawing
@@ -15,6 +15,6 @@ In the order of a fit, whose steps `body_fit.fit` goes through:
 - `covariance`, `body_fit`: roots and radii of Gaussians; from rows to a body with its bound
 - `touch`: the same fit of touches of sockets
 - `belief`: `Body`, which answers: positions, slopes, bounds, parameters with intervals
-- `words`, `sensor_pose`, `row_notes`: the body and its sensor in words; what rows cannot tell
-- `approach`, `information`: backlash; the poses that would tell most
+- `words`, `sensor_pose`, `row_notes`: the body and its sensor in words; what rows cannot determine
+- `approach`, `information`: backlash; the most informative poses
 """

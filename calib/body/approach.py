@@ -1,6 +1,6 @@
 """Backlash: half the play of each joint, learned from the side from which it came.
 
-A joint that comes from below stands lower than its encoder reads, one that comes from above
+A joint that comes from below is lower than its encoder reads, one that comes from above
 higher, so that a position x is off by h times a derivative::
 
     theta = q - h s,    x(theta) = x(q) - (dx/dq) h s
@@ -27,7 +27,7 @@ class Approach:
     play: Annotated[Array, Shape("dof")]
 
     def effective(self, q: Array, direction: Array) -> Array:
-        """Where joints (n, dof) stand that came from a direction, 1, -1 or 0 (unknown)."""
+        """True values (n, dof) of joints that came from a direction, 1, -1 or 0 (unknown)."""
         return q - self.play * direction
 
     def has_direction(self, direction: Array) -> Mask:
@@ -41,7 +41,7 @@ class Approach:
 def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
     """Half the play of each joint (dof,), or None where no joint is sure to have some.
 
-    Beside a joint that is sure of its play others count that are likely to have some.
+    Once one joint surely has play, others count that are only likely to have some.
 
     residual : (n, m) [unit], measured less predicted position, in the order of motion
     slope : (n, m, dof) [unit / rad or m], derivative of the position by the joint values
@@ -66,7 +66,7 @@ def _least_squares(features: Array, residual: Array) -> tuple[Array, Array]:
     """Solution (k,) of ``features @ solution = residual``, and its standard errors (k,).
 
     features, residual : (n, m, k) and (n, m)
-    Where the rows leave it open, the solution is zero and its errors are infinite.
+    Where the rows do not determine it, the solution is zero and its errors are infinite.
     """
     n, _, k = features.shape
     flat = features.reshape(-1, k)

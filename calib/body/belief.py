@@ -173,10 +173,10 @@ class Body(OfStructure):
 
     @property
     def sds_by_rows(self) -> Array:
-        """Sd (d,) of what the rows say of each parameter.
+        """Sd (d,) of each parameter as the rows determine it.
 
-        The last joint's offset and a tool that stands anywhere are one: where the belief of it is
-        the prior's, the rows say nothing, and its sd is that of a turn.
+        The last joint's offset and the turn of an unknown tool are one: where the posterior is
+        the prior, the rows do not determine it, and its sd is that of a turn.
         """
         sd = self.sds
         groups = self.structure.groups
@@ -203,7 +203,7 @@ class Body(OfStructure):
         return tuple(parameters)
 
     def __repr__(self) -> str:
-        """Say what was learned, a line for each joint and view; its arrays are in the fields."""
+        """Summarise what was learned, a line for each joint and view."""
         return "\n".join([f"Body of {self.rows} rows", *self.describe()])
 
     def describe(
@@ -217,7 +217,7 @@ class Body(OfStructure):
         structure = self.structure
         sd = self.sds_by_rows
         lines = [*words_of(structure, self.beta, sd, lower, upper)]
-        if not self.simulated:  # of a simulation both bounds are of the truth
+        if not self.simulated:  # both bounds of a simulation are on the truth
             repeats = "no pose was repeated: all of the residual counts as the model's"
             if self.repeat:
                 repeats = f"readings of one pose repeat to {self.repeat:.2g} {structure.unit}"

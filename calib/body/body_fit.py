@@ -43,15 +43,15 @@ class BodyFit:
     held_out: Array
     # (n,), by which bounds on these are wider than those of the body, which rests on all blocks
     widening: Array
-    notes: tuple[str, ...] = ()  # what the rows cannot tell
+    notes: tuple[str, ...] = ()  # what the rows cannot determine
     # (n,), held-out errors of orientation, where they were measured
     orientation_errors: Array | None = None
     beside: tuple[BodyFit, ...] = ()  # the same body as further sensors see it
 
     def of_positions(self) -> BodyFit:
-        """A fit to poses as one of positions, with the orientations' errors beside it.
+        """A fit to poses as one to positions, which keeps the orientations' errors.
 
-        The parameters that the orientations told stay, the tool's rotation among them.
+        Parameters that orientations determined stay, the tool's rotation among them.
         """
         body = self.body
         second = body.second
@@ -88,7 +88,7 @@ def fit(
         chain.  Of several sensors it is what `rows.with_measurements` or
         `layout.with_all_sensors` makes of it.
     rows : of each sensor; the first one's are what the belief predicts
-    begin : (d,), parameters to begin with; by default they are found from the first sensor's rows
+    begin : (d,), initial parameters; by default those that the first sensor's rows suggest
     seed : chooses the rows of the gate where there are many
     """
     drawn = _fit(structure, rows, begin, seed)
@@ -169,7 +169,7 @@ def _least_noise(structure: Structure, rows: Rows) -> Array:
 
 
 def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
-    """A fit of the gate's rows carried on over all, its scales as they are."""
+    """A fit of the gate's rows continued on all rows, with its scales unchanged."""
     if max(map(len, rows)) <= fit.structure.gate_rows:
         return fit
     sd = np.zeros(len(fit.beta))
@@ -220,7 +220,7 @@ def _second_fits(
     """A fit of what the member has not, for the bound, as each sensor sees it.
 
     The whole chain, lens and elasticity, and larger curves.  None of exact samples, and where the
-    member has them and the rows speak against curves.
+    member has them and the evidence is against curves.
     """
     structure = member.fit.structure
     none = [None] * len(rows)
@@ -247,7 +247,7 @@ def _second_fits(
 
 
 def _wide_prior(member: Member, blocks: set[str]) -> Prior:
-    """The prior of what a member fits, which stays as it is, and of further blocks.
+    """The prior of the member's own blocks, unchanged, and of further blocks.
 
     The curves are larger, and some blocks as the structure guards them.
     """

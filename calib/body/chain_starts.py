@@ -1,4 +1,4 @@
-"""Chains that explain rows of an arm in space of which no drawing says where its joints are.
+"""Chains that explain rows of an arm in space without a drawing of its joints.
 
 Damped Gauss-Newton over all joint origins brings random chains to local optima.  Of rows all over
 the range the best of 24 was the best there is in every case tried, of a short path in most.
@@ -23,8 +23,8 @@ from .spatial import SpatialStructure
 def chains(structure: SpatialStructure, rows: Rows) -> list[Start]:
     """Chains that fit rows, the best first; at their origins the parameters are zero.
 
-    The search begins at the structure's own chain, of a drawing where there is one, and goes on at
-    random ones until the best end leaves no more than the rows' noise or another one agrees.
+    The search begins at the structure's own chain, that of a drawing if there is one, then tries
+    random ones until the best end leaves only the rows' noise, or another one agrees.
     """
     noise = 0.0
     if rows.noise is not None:
@@ -56,9 +56,9 @@ def _beginnings(
 def _ends(
     begins: Iterable[SpatialStructure], rows: Rows, least: float
 ) -> list[Start]:
-    """Where the search ends that begins at some chains, for the best of these.
+    """Ends of searches that begin at some chains; only the best of these are refined.
 
-    Rows of a short path leave a long valley, so that the best ends are carried on.
+    Rows of a short path leave a long valley, so that the best ends get more steps.
 
     least : share of the extents that residuals of a chain have that is exact
     """

@@ -31,7 +31,7 @@ def radius_95(covariance: Array) -> Array:
     squares = covariance**2
     square = squares.sum(axis=(1, 2))
     freedom = trace**2 / np.maximum(square, 1e-300)
-    # at least one: none at all is of a covariance of zeros
+    # at least one: a covariance of zeros has none
     ninths = 9 * np.maximum(freedom, 1.0)
     variance = 2 / ninths
     root = 1 - variance + NORMAL_95 * np.sqrt(variance)

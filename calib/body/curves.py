@@ -26,7 +26,7 @@ Amplitudes = NDArray[np.complex128]
 def curve_shape(*more: float) -> Array:
     """Relative prior variances (96,) of the cosines, then the sines; their mean is 1.
 
-    `more` are the widths [waves a turn] of further Gaussians beside that of `PRIOR.width`.
+    `more` are the widths [waves a turn] of further Gaussians, added to that of `PRIOR.width`.
     """
     widths = np.array([PRIOR.width, *more])
     relative = ORDERS / widths[:, None]

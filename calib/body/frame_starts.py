@@ -1,7 +1,7 @@
-"""Where a sensor stands before an arm in space: linear fits, then damped steps.
+"""Where the sensor of an arm in space is: linear fits, then damped steps.
 
 The arm is as drawn, or as a belief has it; the sensor's frame, the tool and a camera's lens are
-found anew.
+fitted from scratch.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .spatial import SpatialStructure
 
 
 def best_frame(structure: SpatialStructure, rows: Rows, arm: Array) -> Start:
-    """An arm whose sensor and tool are found anew.
+    """An arm whose sensor and tool are fitted from scratch.
 
     arm : (d,), the arm's parameters, which stay
     """
@@ -61,7 +61,7 @@ def frame_of_drawing(structure: SpatialStructure, rows: Rows) -> Array:
 def _refuse_misfit(
     structure: SpatialStructure, rows: Rows, beta: Array
 ) -> None:
-    """Refuse rows that the nominal arm does not explain; the log's reader says why."""
+    """Refuse rows that the nominal arm does not explain; the log's reader adds the reason."""
     predicted = structure.predict(rows.q, beta)
     misfit = structure.residual(rows.z, predicted)
     error = median_length(misfit[:, :3])
@@ -185,7 +185,7 @@ def _cameras(
     middle = points.mean(axis=0)
     centred = points - middle
     mean_pixel = z.mean(axis=0)
-    # points in a plane tell nothing across it
+    # points in a plane determine nothing across it
     affine, *_ = np.linalg.lstsq(centred, z - mean_pixel, rcond=1e-3)
     # the rotation nearest to the affine camera's two rows; its third axis looks ahead
     u, s, vt = np.linalg.svd(affine.T, full_matrices=False)

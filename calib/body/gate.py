@@ -39,7 +39,7 @@ def pass_gate(
     Samples of a simulation have Gaussian noise, a log's is Student.  Nothing richer is tried where
     samples reach their least noise.
 
-    start : the structure, whose members they are, and parameters to begin with
+    start : the structure, whose members they are, and initial parameters
     chain : blocks of the simplest member that is a start for richer ones
     """
     structure = start.structure
@@ -80,7 +80,7 @@ def _member_of(
     start: Start,
     nu: float,
 ) -> Member | None:
-    """A member with some blocks free, None where the rows leave them open."""
+    """A member with some blocks free, None where the rows do not determine them."""
     structure = start.structure
     try:
         prior = structure.prior(free)
@@ -101,7 +101,7 @@ def _wins(richer: Member, simpler: Member) -> bool:
 
     Either its held-out score gains more than one paired standard error over the blocks and the
     evidence agrees, or the evidence gains three nats and the score agrees.  The blocks of few rows
-    are too noisy to tell alone; the evidence alone trusts the noise model too much.  Correlated
+    are too noisy to decide alone; the evidence alone trusts the noise model too much.  Correlated
     residuals count once for their autocorrelation time.
     """
     has_new = np.isfinite(richer.scores)

@@ -1,4 +1,4 @@
-"""Held-out predictions: what a fit says of each block of rows from the others.
+"""Held-out predictions: what a fit predicts for each block of rows from the others.
 
 The fit is linear near its maximum, so that no block needs another fit: without its rows
 information and gradient give the step to where that fit would end.
@@ -17,21 +17,18 @@ from ..common.rows import row_lengths
 from .covariance import radius_95
 from .fit import Fit
 from .normal import Factor
-from .rows import Readings, edges_of
+from .rows import Readings, RowBlock, edges_of
 from .settings import FIT
 
 _PARTITIONS = (2, 5, 10)
 """Numbers of blocks that the bound counts with."""
-
-BlockSlope = tuple[slice, Array]
-"""Rows of a block, and how their predictions move with the fitted parameters (n, m, k)."""
 
 
 @dataclass(frozen=True)
 class HeldOut:
     """How well a fit predicts each contiguous block of a sensor's rows from the others."""
 
-    residual: Array  # (n, m); NaN where the other blocks leave the body open
+    residual: Array  # (n, m); NaN where other blocks leave the body open
     ratio: float  # of errors over their 95 % radius, see `_largest_ratio`
     tau: Array  # (m,), residual sd of the body itself: errors beyond the noise
     # (n,), 95 % radius by the other blocks over that of the fit itself, 1 where it was not computed
@@ -42,7 +39,7 @@ class HeldOut:
 class Prediction:
     """What a fit predicts of rows: errors, and how large it expects them to be."""
 
-    # (n, m); NaN where the rows that it is from leave the body open
+    # (n, m); NaN where the other rows do not determine the body
     residual: Array
     spread: Array  # (n, p, p), covariance of positions' errors; NaN where it was not computed
 
@@ -77,9 +74,9 @@ def leave_blocks_out(fit: Fit, *, sensor: int = 0) -> HeldOut:
     A block of rows is left out together with that of the other sensors.
     """
     readings = fit.readings[sensor]
-    slopes = list(readings.by_blocks(fit.beta, fit.active))
-    in_sample = _prediction(fit, readings, slopes, 1, held_out=False)
-    by_others = [_prediction(fit, readings, slopes, n) for n in _PARTITIONS]
+    blocks = list(readings.by_blocks(fit.beta, fit.active))
+    in_sample = _prediction(fit, readings, blocks, 1, held_out=False)
+    by_others = [_prediction(fit, readings, blocks, n) for n in _PARTITIONS]
     finest = by_others[-1]
     wider = finest.radius / in_sample.radius
     return HeldOut(
@@ -94,15 +91,16 @@ def leave_blocks_out(fit: Fit, *, sensor: int = 0) -> HeldOut:
 def block_scores(fit: Fit) -> Array:
     """Mean negative log density (b,) of the first sensor's rows in each block by the others.
 
-    Up to a constant; NaN where the others leave the body open.
+    Up to a constant; NaN where the others do not determine the body.
     """
     readings = fit.readings[0]
-    slopes = list(readings.by_blocks(fit.beta, fit.active))
-    prediction = _prediction(fit, readings, slopes, FIT.blocks)
+    blocks = list(readings.by_blocks(fit.beta, fit.active))
+    prediction = _prediction(fit, readings, blocks, FIT.blocks)
     density = prediction.negative_log_density()
-    means = np.full(len(slopes), np.nan)
-    for k, (rows, _) in enumerate(slopes):
-        finite = density[rows][np.isfinite(density[rows])]
+    means = np.full(len(blocks), np.nan)
+    for k, block in enumerate(blocks):
+        of_block = density[block.rows]
+        finite = of_block[np.isfinite(of_block)]
         if len(finite):
             means[k] = finite.mean()
     return means
@@ -111,7 +109,7 @@ def block_scores(fit: Fit) -> Array:
 def _prediction(
     fit: Fit,
     readings: Readings,
-    slopes: Sequence[BlockSlope],
+    blocks: Sequence[RowBlock],
     count: int,
     *,
     held_out: bool = True,
@@ -124,17 +122,17 @@ def _prediction(
     residual = np.full_like(readings.residual, np.nan)
     shape = (len(residual), *noise.shape)
     spread = np.full(shape, np.nan)
-    groups = min(count, len(slopes))
-    limits = edges_of(len(slopes), groups)
+    groups = min(count, len(blocks))
+    limits = edges_of(len(blocks), groups)
     for first, last in pairwise(limits.tolist()):
         left_out = slice(first, last) if held_out else slice(0)
         try:
             gram, step = fit.without(left_out)
             precision = fit.posterior_precision(gram)
-        except np.linalg.LinAlgError:  # the others leave parameters open
+        except np.linalg.LinAlgError:  # the others are too few
             continue
-        for rows, slope in slopes[first:last]:
-            residual[rows] = readings.residual[rows] - slope @ step
+        for rows, at_maximum, slope in blocks[first:last]:
+            residual[rows] = at_maximum - slope @ step
             position_slope = slope[::every, positions]
             predicted = _predicted_covariance(precision, position_slope)
             thinned = spread[rows]
@@ -158,7 +156,7 @@ def _largest_ratio(
     """The largest 95 % quantile of error over radius among predictions, the finest the last.
 
     Or, if that is more, the mean of the single blocks' quantiles and one standard deviation
-    beyond it, since the place that is asked next may be one of the worse. `unknown_kappa` where
+    beyond it, since the next query may be at one of the worse places. `unknown_kappa` where
     there are too few rows; outliers of the fit do not count.
     """
     outlier = readings.weight[:, 0] <= FIT.outlier

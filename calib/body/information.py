@@ -1,6 +1,6 @@
-"""Information: which poses would tell most of an arm beside those that were measured.
+"""Information: which further poses would be most informative about an arm.
 
-A pose tells as much as it shrinks the belief: half the logarithm of the predicted covariance of
+A pose is worth as much as it shrinks the belief: half the logarithm of the predicted covariance of
 its reading over that of the noise (D-optimal; maximum entropy sampling, Shewry and Wynn 1987).
 """
 
@@ -38,7 +38,7 @@ def lengths_of(body: Body, q: Array) -> Array:
 
 
 def most_telling(body: Body, q: Array, n: int) -> Index:
-    """Choose poses one by one, each the most informative beside those chosen before.
+    """Choose poses one by one, each the most informative after those chosen before.
 
     body : its posterior holds the measured rows already
     q : (k, dof) [rad or m], poses to choose from
@@ -59,7 +59,7 @@ def most_telling(body: Body, q: Array, n: int) -> Index:
 
 
 def greedy(directions: Array, n: int) -> Index:
-    """Choose rows one by one, each of the largest gain of information beside those before.
+    """Choose rows one by one, each of the largest gain of information after those before.
 
     directions : (k, p, r), derivatives of each row's reading by r independent unknowns of unit sd,
         in units of the noise: products of two rows' directions are their readings' covariance

@@ -31,8 +31,8 @@ Members = tuple[tuple[str, tuple[str, ...]], ...]
 class Layout:
     """A chain and its sensors by their parameters; see `Structure`.
 
-    `place` numbers the measurement that predictions are of, among `sensors` and then `others`.
-    `viewpoint` is that sensor, or the first one where it is no sensor.
+    `place` numbers the measurement that is predicted, among `sensors` and then `others`.
+    `viewpoint` is that sensor, or the first one where `place` is no sensor.
 
     ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters, ``c`` joints of the chain.  Joint
     values are in rad or m as they are logged; positions in the structure's own unit.
@@ -55,9 +55,9 @@ class Layout:
     # whether the geometry is as drawn, and only joints' zeros are not
     zeros_alone: bool
     sensors: tuple[Sensor, ...]  # all that see the arm
-    # what else is measured of it: touches
+    # further measurements of it: touches
     others: tuple[Measurement, ...]
-    # number, among `sensors` and then `others`, of what predictions are of
+    # number, among `sensors` and then `others`, of what is predicted
     place: int
 
     @property
@@ -74,14 +74,14 @@ class Layout:
 
     @property
     def viewpoint(self) -> Sensor:
-        """The sensor that predictions are of, or the first one where they are of no sensor."""
+        """The sensor that is predicted, or the first one where a touch is."""
         if self.place < len(self.sensors):
             return self.sensors[self.place]
         return self.sensors[0]
 
     @property
     def measurement(self) -> Measurement:
-        """What predictions are of: a sensor, or what else is measured."""
+        """What is predicted: a sensor, or another measurement such as touches."""
         return (*self.sensors, *self.others)[self.place]
 
     @property
@@ -126,7 +126,7 @@ class Layout:
 
     @property
     def tool(self) -> Hyper | None:
-        """What is known of the tool; one sensor that measures lengths is enough to tell it."""
+        """What is known of the tool; one sensor that measures lengths is enough to determine it."""
         for other in self.others:
             if other.tool is not None:
                 return other.tool
@@ -151,7 +151,7 @@ class Layout:
         return tuple(groups)
 
     def _group_of(self, sensor: Sensor, block: str) -> str:
-        """Name of a sensor's block: after the sensor's name, but of the viewpoint."""
+        """Name of a sensor's block: prefixed by the sensor's name, except the viewpoint's."""
         if sensor is self.viewpoint:
             return block
         return f"{sensor.name}.{block}"
@@ -265,7 +265,7 @@ class Layout:
 
     @cached_property
     def sensor_blocks(self) -> tuple[str, ...]:
-        """Names of the blocks of what it sees as, and of what else is measured."""
+        """Names of the blocks of its viewpoint and of further measurements."""
         measurements = (self.viewpoint, *self.others)
         return tuple(
             block.name
@@ -360,7 +360,7 @@ class Layout:
 
 
 def with_all_sensors(structures: Mapping[str, L]) -> L:
-    """The first structure with the sensors of all, which are of one chain, by name."""
+    """The first structure with the sensors of all structures, which share one chain."""
     first, *further = structures.values()
     if any(type(structure) is not type(first) for structure in further):
         raise OptionError(

@@ -11,7 +11,7 @@ import numpy as np
 from ..common.arrays import Array
 from .parameters import Indices
 
-_REMEMBERED = 2  # levers of the last rows: a fit asks for them at each step
+_REMEMBERED = 2  # levers of the last rows: a fit needs them at each step
 
 
 class BendingLoads(Hashable, Protocol):

@@ -19,7 +19,7 @@ Indices = NDArray[np.intp]
 class Label(NamedTuple):
     """What one parameter is, for words and JSON."""
 
-    group: str  # the block that it is of
+    group: str  # its block
     joint: str | None  # the joint that it belongs to
     name: str  # its name within the body, unique: ``"elbow_joint.offset"``, ``"view.rotation"``
     unit: str  # ``"rad"``, ``"1"``, the unit of positions

@@ -104,7 +104,7 @@ class PlanarStructure(Structure):
     With those of an arm in space it was 2.6 % worse on a real UR10 (.2013 for .1962 mm) and took
     twice the time, of single queries four times.  Its joint curves have longer waves, and its
     elasticity is free: ``elastic_i = sum_{j>=i} a_ij cos psi_j + b_ij sin psi_j``, psi being sums
-    of s q.  Where the view has a scale and no drawing says a length, the first one is the unit.
+    of s q.  Where the view has a scale and no drawing gives a length, the first one is the unit.
     """
 
     kind = "planar"
@@ -160,7 +160,7 @@ class PlanarStructure(Structure):
 
     @property
     def _link_size(self) -> float:
-        """What a link's length may be where no drawing says."""
+        """Prior size of a link's length without a drawing."""
         first = self.sensors[0]
         if first.view_kind.has_scale:
             return 1.0
@@ -221,7 +221,7 @@ class PlanarStructure(Structure):
         )
 
     def _unknown_joints(self) -> tuple[Block, ...]:
-        """Lengths, offsets and gains of which no drawing tells."""
+        """Lengths, offsets and gains without a drawing."""
         names = self.joint_names
         unit = self._unit_of_lengths
         length = np.where(self.is_revolute, self._link_size, 0.0)
@@ -317,7 +317,7 @@ def planar_structure(
     unit: str = "m",
     simulated: bool = False,
 ) -> PlanarStructure:
-    """The structure that the rows and options ask for, signs and mirror still open."""
+    """The structure for some rows and options; signs and mirror are found later."""
     if view == "auto":
         view = "rigid" if unit in METRES else "homography"
     x, y = z.mean(axis=0).tolist()

@@ -30,7 +30,7 @@ def planar_starts(structure: PlanarStructure, rows: Rows) -> list[Start]:
         starts = [*_starts_of_drawing(structure, drawing, rows)]
     starts.sort(key=lambda start: _miss(start, rows))
     if drawing is not None and not structure.viewpoint.view_kind.has_scale:
-        # lengths tell whether the joints turn as drawn; a camera says nothing of the servos
+        # lengths show whether the joints turn as drawn; a camera does not
         signs = drawing.signs
         as_drawn = [s for s in starts if s.structure.directions == signs]
         miss = _miss(as_drawn[0], rows)
@@ -132,7 +132,7 @@ def _linear_fit(structure: PlanarStructure, rows: Rows) -> Array:
 
 
 def _shared_solution(columns: Complex, tip: Complex) -> Complex:
-    """Least squares (k,) of columns (n, k); what these cannot tell apart they share.
+    """Least squares (k,) of columns (n, k); columns that are alike share theirs.
 
     A joint that hardly moves makes columns alike.
     """

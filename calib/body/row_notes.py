@@ -1,4 +1,4 @@
-"""Notes on rows: what the joint values of a log cannot tell of an arm."""
+"""Notes on rows: what the joint values of a log cannot determine of an arm."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 from ..common.arrays import Array, Mask
 
 _STILL = 1e-6
-"""A joint that moves by less [rad or m] stands still."""
+"""A joint that moves by less [rad or m] is at rest."""
 
 _LITTLE = float(np.radians(1.0))
-"""A motion of joints through less [rad, or spans of a slide] hardly tells anything of them."""
+"""A motion of joints through less [rad, or spans of a slide] hardly constrains them."""
 
 
 def warnings_of(
@@ -21,7 +21,7 @@ def warnings_of(
     revolute: Sequence[bool],
     travel: Array,
 ) -> tuple[str, ...]:
-    """Short sentences on what rows cannot tell of an arm; empty where they can.
+    """Short sentences on what rows cannot determine of an arm; empty if nothing.
 
     q : (n, dof), joint values [rad or m]
     joint_names, revolute : names of the joints; which of them turn

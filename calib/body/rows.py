@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,9 +21,9 @@ from .views import Measurement
 class Rows:
     """What one sensor measured: n rows of m outputs."""
 
-    q: Array  # (n, dof + a), joint values [rad or m], and what else a row tells the sensor
+    q: Array  # (n, dof + a), joint values [rad or m], and further facts of a row for the sensor
     z: Array  # (n, m), what it saw
-    # how it measures, or its name where the structure has several; None: as the structure says
+    # how it measures, or its name where the structure has several; None: the structure's own
     sensor: Measurement | str | None = None
     floor: Array | float = 0.0  # (m,), least noise [unit]
     noise: Array | float | None = None  # (m,), noise to start from
@@ -43,7 +44,7 @@ class Rows:
 
 
 def with_measurements(structure: S, rows: Sequence[Rows]) -> S:
-    """The structure that measures all that rows are of, as the first of them."""
+    """The structure with the measurements of all rows, which predicts the first of them."""
     others = tuple(
         rows_of_sensor.sensor
         for rows_of_sensor in rows
@@ -58,6 +59,14 @@ def edges_of(count: int, blocks: int) -> Indices:
     """Limits (b + 1,) of contiguous blocks of rows."""
     edges = np.linspace(0, count, blocks + 1)
     return edges.round().astype(int)
+
+
+class RowBlock(NamedTuple):
+    """Neighbouring rows, linearised."""
+
+    rows: slice
+    residual: Array  # (n, m)
+    slope: Array  # (n, m, k), derivative of the predictions by the parameters
 
 
 class Readings:
@@ -111,26 +120,32 @@ class Readings:
             predicted = structure.predict(self.q, beta)
             return structure.residual(self.z, predicted)
 
-    def by_blocks(
-        self, beta: Array, active: Indices
-    ) -> Iterator[tuple[slice, Array]]:
-        """Each block's rows, and the derivatives (n, m, k) of their predictions."""
+    def by_blocks(self, beta: Array, active: Indices) -> Iterator[RowBlock]:
+        """Each block of rows, linearised at parameters (d,) by some of these (k,)."""
         limits = pairwise(self.edges.tolist())
         blocks = [slice(first, last) for first, last in limits]
-        structure = self.structure
         if len(self.q) <= FIT.rows_at_once:
-            _, whole = structure.linearise(self.q, beta, active)
+            _, residual, slope = self._linearised(slice(None), beta, active)
             for rows in blocks:
-                yield rows, whole[rows]
+                yield RowBlock(rows, residual[rows], slope[rows])
         else:
             for rows in blocks:
-                _, slope = structure.linearise(self.q[rows], beta, active)
-                yield rows, slope
+                yield self._linearised(rows, beta, active)
+
+    def _linearised(
+        self, rows: slice, beta: Array, active: Indices
+    ) -> RowBlock:
+        """Some rows, linearised."""
+        structure = self.structure
+        predicted, slope = structure.linearise(self.q[rows], beta, active)
+        with np.errstate(all="ignore"):
+            residual = structure.residual(self.z[rows], predicted)
+        return RowBlock(rows, residual, slope)
 
     def learn_noise(self, share: float) -> None:
         """Find the most probable noise (m,).
 
-        share : of all numbers, that parameters follow; the others tell the noise
+        share : of all numbers, that parameters follow; the others determine the noise
         """
         if self.stated:
             return

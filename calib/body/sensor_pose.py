@@ -1,7 +1,7 @@
-"""Sensor: where a fitted camera or tracker stands in the arm's base frame, and how sure that is.
+"""Sensor: where a fitted camera or tracker is in the arm's base frame, with intervals.
 
-No reading of a sensor that stands anywhere tells the base's turn about the first joint's axis nor
-its shift along it, a camera's not even the arm's size: of this gauge the prior alone speaks, so
+Readings of a sensor at an unknown place determine neither the base's turn about the first axis nor
+its shift along it, a camera's not even the arm's size: this gauge rests on the prior alone, so
 that intervals are also given without it.
 """
 
@@ -69,7 +69,7 @@ def _pose_of_hand(
 def _pose_at_encoder(
     structure: SpatialStructure, beta: Array
 ) -> tuple[Array, Array]:
-    """The same, with what a deviation of the last joint of its own does to it."""
+    """The same, with the effect of the last joint's own deviations."""
     last = _last_of_chain(structure)
     zero = np.zeros((1, structure.dof))
     (tip,), (frame,) = structure.pose(zero, structure.neutral())
@@ -103,7 +103,7 @@ class SensorPose:
     rotation: Array
     # (6,) [m, rad], along and about the base's axes
     sd: Array
-    # the same but for what no reading tells, see `without_gauge`
+    # the same without what no reading determines, see `without_gauge`
     sd_up_to_gauge: Array
     first: str | None = None  # the joint whose offset is zero by convention
 
@@ -152,7 +152,7 @@ class SensorPose:
         }
 
     def words(self, what: str) -> list[str]:
-        """Lines on where it stands; `what` it is."""
+        """Lines on where it is; `what` names it."""
         coordinates: list[str] = []
         for value, sd in zip(self.position, self.sd[:3], strict=True):
             coordinates.append(with_interval(1e3 * value, 1e3 * Z95 * sd))
@@ -170,9 +170,9 @@ class SensorPose:
 
 
 def hand_pose(body: OfStructure) -> SensorPose:
-    """Where what is in the hand stands in the tip's frame, by a belief of its poses.
+    """Where the thing in the hand is in the tip's frame, by a belief of its poses.
 
-    The last joint counts as its encoder says: what is in the hand turned about that joint's axis,
+    The last joint counts as its encoder reads: a thing in the hand turned about that joint's axis,
     and the joint's offset the other way, give the same pictures; so does a shift along it.  The
     intervals up to gauge leave that out; the others are those of a joint with its own offset.
     """
@@ -195,9 +195,9 @@ def hand_pose(body: OfStructure) -> SensorPose:
 def without_gauge(
     structure: SpatialStructure, belief: Gaussian, size: bool
 ) -> Array:
-    """Root (k, r) of a belief's covariance without motions of the tip that no reading tells.
+    """Root (k, r) of a belief's covariance without motions of the tip that no reading determines.
 
-    Of all parameters that readings cannot tell apart, those nearest to the belief's stand for them:
+    Among parameters that readings cannot distinguish, those nearest to the belief are taken:
     a change of datum (Baarda 1981, S-transformation). Without `size` an error of all lengths by
     one factor is left out too.
     """

@@ -1,4 +1,4 @@
-"""Sensors: what is said of each before its rows, its parameters, and how these place it.
+"""Sensors: what is known of each beforehand, its parameters, and how these place it.
 
 Several sensors of one arm share one vector of parameters and one belief.  A structure sees as one
 of them: that one's blocks are named as those of a single sensor (``view.rotation``), those of the
@@ -30,7 +30,7 @@ from .views import (
 )
 
 PLACE = ("view.rotation", "view.shift", "view.scale", "lens")
-"""Blocks of where a sensor in space stands, and of its lens."""
+"""Blocks of the place of a sensor in space, and of its lens."""
 
 PLANE = (
     "view.rotation",
@@ -130,7 +130,7 @@ class InSpace(Sensor):
         return Hyper("tool", PRIOR.tag, PRIOR.wider)
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
-        """What the sensor has of its own; a camera stands metres away."""
+        """The sensor's own parameters; a camera is metres away."""
         unit = self.unit
         size = self.extent
         if self.camera:
@@ -151,7 +151,7 @@ class InSpace(Sensor):
         )
 
     def place(self, beta: Mapping[str, Array]) -> Projection:
-        """The sensor: where it stands, its scale and its lens."""
+        """The sensor with its place, its scale and its lens."""
         scale = float(np.exp(beta["view.scale"][0]))
         if not self.camera:
             scale *= self.metre
@@ -183,7 +183,7 @@ class InPlane(Sensor):
     centre: tuple[float, float] = (0.0, 0.0)
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
-        """What the sensor has of its own."""
+        """The sensor's own parameters."""
         rotation = 0.0
         shift = np.zeros(2)
         if self.view == "base":

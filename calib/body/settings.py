@@ -1,6 +1,6 @@
 """Settings of the body: every number that was chosen, with its unit, its reason, what chose it.
 
-How many rows, steps and probes a search takes stands beside it: more of them change no answer.
+Numbers of rows, steps and probes of a search are kept next to it: more change no answer.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ FREE = 1e3
 
 SHIFT = 1e-3
 TURN = float(np.radians(0.1))
-"""Joint origins are where a drawing says to 1 mm and 0.1 deg [m, rad], or some times that."""
+"""Joint origins are within 1 mm and 0.1 deg of a drawing [m, rad], or some times that."""
 
 FINER = (0.2, 20.0)
-"""`PriorSettings.wider` where corners or touches tell it: of an arm whose origins were off by
-.3 mm, a board told what is in the hand to .46 mm, with 1 mm at least to 2.3."""
+"""`PriorSettings.wider` where corners or touches determine it: of an arm whose origins were off by
+.3 mm, a board placed the thing in the hand to .46 mm, with 1 mm at least to 2.3."""
 
 STUDENT = 6.0
 """Degrees of freedom of a log's noise: a few rows may be grossly wrong."""
@@ -26,7 +26,7 @@ STUDENT = 6.0
 LOG_FLOOR = 1e-5
 POSE_FLOOR = 1e-4
 """Least noise of a log of positions and of poses [extents, rad]: laser trackers read a reflector
-to 10 um in a metre, while cameras and probes that tell turns, too, are ten times coarser.  With
+to 10 um in a metre, while cameras and probes that measure turns, too, are ten times coarser.  With
 1e-4 bounds were five times too wide for a tracker of 10 um."""
 
 SIMULATED_FLOOR = 1e-7
@@ -40,7 +40,7 @@ SHARED = 1.25
 workspace.  With it 95 % of the places are covered in 19 of 20 logs, else on average over logs."""
 
 PRIOR_SHARE = 0.95
-"""Share of the prior's sd that the last joint's offset keeps where rows tell nothing of it: with a
+"""Share of the prior's sd that the last joint's offset keeps where rows do not determine it: with a
 tool that was turned by 12 deg it was given as 0 within .2 deg where .757 deg was true."""
 
 
@@ -52,20 +52,20 @@ class PriorSettings:
     wider: tuple[float, float] = (1.0, 20.0)
     # the same of offsets: 10 deg where servos were put on
     servos: tuple[float, float] = (1.0, 100.0)
-    # the same of joint origins by touches: not far off where nothing tells how large the arm is,
+    # the same of joint origins by touches: not far off where nothing determines the arm's size,
     # further where a sensor or a distance does
     touches: tuple[float, float] = (FINER[0], 1.0)
     sized_touches: tuple[float, float] = (FINER[0], 5.0)
     # sd of a joint's gain, of a drawing; twice that without one
     gain: float = 1e-3
     # joints bend by this much [rad] under the largest torque of gravity, or of a unit weight; in
-    # the plane, where cosines and sines of the cumulative angles stand for torques, by a tenth
+    # the plane, where cosines and sines of the cumulative angles replace torques, by a tenth
     # (twice that without a drawing)
     elastic: float = 1e-3
     elastic_in_plane: float = 1e-4
-    # sd of each of two angles of gravity's direction [rad]: a base may not stand level
+    # sd of each of two angles of gravity's direction [rad]: a base may not be level
     tilt: float = float(np.radians(3.0))
-    # a joint's share in the motion of its neighbour's motor, where a wrist's gears hang together
+    # a joint's share in the motion of its neighbour's motor, where a wrist's gears are coupled
     coupling: float = 1e-3
     # rms of a joint's error curve [rad]: harmonic drives and industrial arms have 0.15 to 0.4
     # mrad; the evidence finds those of others
@@ -79,7 +79,7 @@ class PriorSettings:
     # beyond: a real UR10 has 8 to 30 waves a turn of 0.15 to 0.37 mrad
     width: float = 20.0
     curve_floor: float = 3e-3
-    # a camera's tag is held where the drawing says to so many metres
+    # [m], within which a camera's tag is where the drawing has it
     tag: float = 2e-3
     # sensors of one arm see markers that are apart by some of these metres: the evidence finds
     # whether it is one tag that two cameras see (.02 mm), or a tag and a reflector (.2 m)
@@ -96,12 +96,12 @@ class PriorSettings:
 class StartSettings:
     """Where a fit begins."""
 
-    # [nats], that no evidence tells apart
+    # [nats], too little to distinguish starts
     tied_nats: float = 1e-2
     rows: int = 400  # that the runs use at most
     # damped steps of all runs, and of the best
     run_steps: tuple[int, int] = (6, 40)
-    runs: int = 8  # that are carried on
+    runs: int = 8  # that get more steps
     turned_ways: int = 16  # combinations of signs and mirrors that are refined
     guessed_rows: int = 60  # that guesses of a frame use
     guess_steps: int = 10  # damped, of a guess
@@ -109,23 +109,23 @@ class StartSettings:
     # of the reach: tools to each side that the frame is guessed with
     tool: float = 0.1
     # median distance, as a share of what rows spread, of another arm; of pixels no camera
-    # explains; and median turn [rad] of orientations that are of another arm
+    # explains; and median turn [rad] of another arm's orientations
     share_of_other_arm: float = 0.2
     share_of_no_camera: float = 0.03
     other_turns: float = 0.3
     # orientations in the robot's root frame are those of the drawing's tip where they differ by
-    # less [rad]: only then do they tell the last joint's offset
+    # less [rad]: only then do they determine the last joint's offset
     target: float = float(np.radians(10.0))
-    # rows that tell a chain of which only the joints are known, and that its search uses
+    # fewest rows for a chain of which only the joints are known, and those that its search uses
     least_rows: int = 10
     chain_rows: int = 150
-    chains: int = 24  # to begin at in a round
+    chains: int = 24  # that a round begins at
     rounds: int = 3  # until the best two agree
-    # how many of the best ends are carried on, by how many steps: after 40 a UR5's short path was
+    # how many of the best ends get more steps, and how many: after 40 a UR5's short path was
     # explained 25 to 900 nats worse than by the true chain, now to 2
     further_steps: tuple[tuple[int, int], ...] = ((8, 100), (4, 300))
     agreeing_ends: int = 4  # of them that end alike are enough
-    # [nats] by which they are alike, and the best two of those that were carried on
+    # [nats] by which they are alike, and the best two of those with more steps
     nats_of_agreeing_ends: float = 0.5
     nats_of_best_two: float = 2.0
     # shares of the extents: residuals of a chain that is exact, and of one that explains the
@@ -151,7 +151,7 @@ class FitSettings:
     # nats against joint curves from which the bound needs no second fit with large ones
     no_curves: float = 8.0
     # rows below which held-out errors of an arm in space scale the second fit's spread, and how
-    # much of it stays: few rows tell how large curves are altogether, if not where
+    # much of it stays: few rows show how large curves are, if not where
     shared_rows: int = 1000
     least_share: float = 0.5
     # rows from which the second fit frees lens and elasticity that the member left out (fewer
@@ -164,7 +164,7 @@ class FitSettings:
     # rows that a 95 % quantile needs at least, and the bound's inflation where there are fewer
     least_rows_of_a_quantile: int = 20
     unknown_kappa: float = 1.5
-    # rows that tell for how long residuals hang together, and for how many they do at most
+    # fewest rows for an autocorrelation time of residuals, and its largest value [rows]
     fewest_of_time: int = 40
     longest_time: int = 60
     # rows times parameters beyond which only some rows get a predicted spread

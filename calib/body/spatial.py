@@ -34,7 +34,7 @@ class SpatialStructure(Structure):
     kind = "spatial"
     gate_rows = 1200  # each has three outputs and hundreds of parameters
     wide = (200.0, 1e-3)
-    # fewer rows tell how large its curves are altogether, if not where
+    # fewer rows show how large its curves are, if not where
     few_rows = FIT.shared_rows
     # the nominal chain [m]: of a URDF, or what `chain_starts` found without one
     chain: SpatialChain
@@ -62,7 +62,7 @@ class SpatialStructure(Structure):
 
     @property
     def viewpoint(self) -> InSpace:
-        """The sensor that it sees as, or beside which it measures something else."""
+        """The sensor that is predicted, or the first one where a touch is."""
         return super().viewpoint  # type: ignore[return-value]
 
     @property
@@ -91,7 +91,7 @@ class SpatialStructure(Structure):
 
     @property
     def linear(self) -> Indices:
-        """What shifts the tip: where the sensor stands, the tool, joint origins; not in pixels."""
+        """Parameters that shift the reading: sensor's place, tool, origins; none in pixels."""
         if self.camera:
             return super().linear
         shift = self.groups["view.shift"]
@@ -101,7 +101,7 @@ class SpatialStructure(Structure):
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the tip, the joint origins and the joints."""
-        # of the tool what one orientation does not tell is held
+        # parts of the tool that one orientation does not determine are held
         turn = TURN if self.sensors[0].view == "base pose" else 3.0
         tools = (self.tool,) if self.tool and self.informed else ()
         names = self.joint_names
@@ -126,7 +126,7 @@ class SpatialStructure(Structure):
         return self.is_revolute[1:] & self.is_revolute[:-1]
 
     def _placement(self) -> Block:
-        """Where the joints' origins are; anywhere, if no drawing says."""
+        """Where the joints' origins are; anywhere, without a drawing."""
         count = len(self.chain_names)
         sd = np.zeros(6 * count)
         scales: tuple[Hyper, ...] = ()
@@ -184,15 +184,15 @@ class SpatialStructure(Structure):
 
     @property
     def has_masses(self) -> bool:
-        """Whether the drawing says masses."""
+        """Whether the drawing states masses."""
         return len(self.chain.masses) > 0
 
     @cached_property
     def loads(self) -> Mapping[str, Loads]:
         """Loads of each block of elasticity, as shares of the largest under a unit gravity.
 
-        Those of the drawing's masses, if it says some, and of unit weights at the links' ends: of
-        a payload, or instead of masses.  A chain that no drawing says has none.
+        Those of the drawing's masses, if it states some, and of unit weights at the links' ends: of
+        a payload, or instead of masses.  A chain without a drawing has none.
         """
         if not self.informed:
             return {}

@@ -1,7 +1,7 @@
 """Starts of a fit: the best of a structure's guesses, by short robust runs of damped steps.
 
-Guesses differ in the signs of a planar arm's joints, in where the sensor of an arm in space stands,
-and, where no drawing says, in the whole chain.
+Guesses differ in the signs of a planar arm's joints, in where the sensor of an arm in space is,
+and, without a drawing, in the whole chain.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def best_start(
     order = np.random.default_rng(0).permutation(len(rows))
     subset = rows.take(np.sort(order[: START.rows]))
     starts = _candidates(structure, subset)
-    if len(starts) == 1:  # nothing to choose from: the gate goes on from here
+    if len(starts) == 1:  # nothing to choose from: the gate starts here
         return starts[0]
     for steps in START.run_steps:
         refined: list[Start] = []
@@ -51,9 +51,9 @@ def best_start(
 
 
 def _candidates(structure: Structure, rows: Rows) -> list[Start]:
-    """Structures (signs, mirror, chain) and parameters to begin with, the best first.
+    """Structures (signs, mirror, chain) and initial parameters, the best first.
 
-    The noise of `rows` is that of a simulation, where it says so.
+    Rows of a simulation may state their noise.
     """
     if isinstance(structure, PlanarStructure):
         return planar_starts(structure, rows)
@@ -96,7 +96,7 @@ def _start_of_drawing(structure: SpatialStructure, rows: Rows) -> Start:
 
 
 def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
-    """A start with the further sensors placed where its arm, and their rows, say."""
+    """A start with the further sensors placed by their rows, given its arm."""
     structure = start.structure
     beta = start.beta
     for rows_of_sensor in rows[1:]:
@@ -113,7 +113,7 @@ def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
 
 
 def _with_sensor(structure: SpatialStructure, rows: Rows, arm: Array) -> Array:
-    """Parameters (d,) of an arm with the sensor and its marker where rows say."""
+    """Parameters (d,) of an arm with the sensor and its marker placed by rows."""
     groups = structure.groups
     fitted = best_frame(structure, rows, arm).beta
     beta = arm.copy()

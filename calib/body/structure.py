@@ -56,7 +56,7 @@ class Constants(NamedTuple):
     coupling: Array | None
     # (e,) of each block of elasticity that bends joints
     elastic: Mapping[str, Array]
-    gravity: Array  # (g,), what a load is of its levers
+    gravity: Array  # (g,), factors of a load on its levers
     links: Any  # of the chain
     sensor: Projection
     blocks: Mapping[str, Array]  # all parameters
@@ -66,7 +66,7 @@ class Structure(Layout):
     """A chain and what a sensor measures of it.
 
     ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters, ``c`` joints of the chain, ``e``
-    loads under a gravity of ``g`` numbers, ``a`` numbers that a row tells beside its joints.  Joint
+    loads under a gravity of ``g`` numbers, ``a`` further facts of a row.  Joint
     values are in rad or m as they are logged; positions in the structure's own unit.
     """
 
@@ -108,7 +108,7 @@ class Structure(Layout):
         return {}
 
     def gravity_at(self, beta: Array) -> Array:  # noqa: ARG002
-        """What (g,) loads are of their levers, at parameters (d,)."""
+        """Factors (g,) of loads on their levers, at parameters (d,)."""
         return np.ones(1)
 
     # Predictions.
@@ -159,7 +159,7 @@ class Structure(Layout):
     def motion_and_sight(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
         """Where the chain is at rows (n, dof + a), and what the sensor sees of it.
 
-        The columns after the joints are what a row tells the measurement.
+        Columns after the joints are facts of the row for its measurement.
         """
         constants = constants_at(self, beta)
         values = self.joint_values(q, beta)
@@ -172,7 +172,7 @@ class Structure(Layout):
         )
 
     def sensor(self, beta: Array) -> Projection:
-        """The sensor: where it stands, its scale and its lens."""
+        """The sensor with its place, its scale and its lens."""
         return constants_at(self, beta).sensor
 
     def predict(self, q: Array, beta: Array) -> Array:
@@ -400,6 +400,6 @@ def _constants(structure: Structure, parameters: bytes) -> Constants:
 
 
 class OfStructure(Gaussian):
-    """A belief with the structure that its parameters are of."""
+    """A belief with the structure of its parameters."""
 
     structure: Structure

@@ -1,8 +1,8 @@
 """Touches: the tip was in one socket again and again, from many postures.
 
 Where a socket is, nobody measured: each is a flat parameter of the fit, and is left out of the
-belief once the fit is done, which eliminates it exactly.  Sockets alone tell neither where the
-arm's base stands nor how it is turned about its first axis: both stay as drawn.
+belief once the fit is done, which eliminates it exactly.  Sockets alone determine neither where the
+arm's base is nor how it is turned about its first axis: both stay as drawn.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ DRAWN_SIZE = 2e-3
 
 @dataclass(frozen=True, eq=False)
 class Touch(Measurement):
-    """The tip less the socket that it is in [m]; a row also tells the socket's number."""
+    """The tip less the socket that it is in [m]; a row also has the socket's number."""
 
     count: int  # sockets
     within: tuple[float, float] = FINER  # doubt of joint origins
@@ -137,7 +137,7 @@ def fit_touches(
     x: Array,
     seed: int,
 ) -> tuple[BodyFit, Array]:
-    """Fit an arm to touches, and tell where the sockets are (p, 3) [m] in the sensor's frame.
+    """Fit an arm to touches; return the sockets' places (p, 3) [m] in the sensor's frame, too.
 
     structure : the arm with its drawing as prior: in its base frame (view ``"base"``), or before
         the sensor that measured some rows (``"rigid"``)
@@ -166,7 +166,7 @@ def fit_touches(
         size = (_POSTURES, len(lower))
         postures = rng.uniform(lower, upper, size)
         body = without_whole_motion(body, postures)
-    # of a block that has most touches of a socket the others do not tell where that is
+    # where a block has most touches of a socket, the others do not determine its place
     no_widening = np.ones(len(q))
     held_out = _held_out(joint_fit, point)
     fitted = replace(
@@ -215,7 +215,7 @@ def _beginning(
 def _about_means(residual: Array, point: Indices) -> Array:
     """Held-out residuals, about their mean where a block has most touches of a socket.
 
-    What the other blocks say of the arm does not tell where such a socket is.
+    What the other blocks show of the arm does not place such a socket.
     """
     out = residual.copy()
     counts = np.bincount(point)
@@ -249,8 +249,8 @@ def in_structure(body: Body, structure: SpatialStructure) -> Body:
 def without_whole_motion(body: Body, q: Array) -> Body:
     """The belief without what moves the arm as a whole, on average over `q` (n, dof).
 
-    No touch tells a motion of the whole arm: it stays as drawn, and intervals and bounds leave it
-    out.  The first joint's origin moves the arm as a whole, so that it takes the opposite part.
+    No touch constrains a motion of the whole arm: it stays as drawn, and intervals and bounds omit
+    it.  The first joint's origin moves the arm as a whole, so that it takes the opposite part.
     """
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone

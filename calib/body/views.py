@@ -1,4 +1,4 @@
-"""Measurements: what a sensor tells of a chain's tip, and how that depends on both.
+"""Measurements: what a sensor reads of a chain's tip, and the derivatives by both.
 
 A view of a tip p is a matrix on p and one, and where that has a depth a lens: of a pinhole camera
 as of a homography, whose picture is the plane.  Arrays have rows last.
@@ -40,7 +40,7 @@ class ViewKind:
 
     @property
     def has_scale(self) -> bool:
-        """Whether it has a scale of its own."""
+        """Whether it has its own scale."""
         return "view.scale" in self.groups
 
 
@@ -105,7 +105,7 @@ def _product(slope: Array, motions: Array) -> Array:
 
 
 class ArmSize(NamedTuple):
-    """What the prior of a sensor rests on: how large the arm is, and where its drawing stands."""
+    """What the prior of a sensor rests on: the arm's size, and the place of its drawing."""
 
     reach: float  # [unit]
     unit: str  # of its lengths
@@ -120,10 +120,10 @@ class Measurement:
     outputs: int = 2  # numbers of a row, see `ViewKind`
     # times the drawing's doubt that joint origins may be off
     within: tuple[float, float] = PRIOR.wider
-    # whether it tells nothing of where the arm's base stands
+    # whether it leaves the place of the arm's base undetermined
     floating: bool = False
-    noise: float | None = None  # sd of its outputs; None: the rows tell it
-    # blocks that every member of the gate fits beside the view's own
+    noise: float | None = None  # sd of its outputs; None: it is fitted
+    # blocks that every member of the gate fits, besides the view's own
     free: tuple[str, ...] = ()
     # what is known of the tool where there is a drawing
     tool: Hyper | None = None
@@ -139,7 +139,7 @@ class Measurement:
 
         blocks : all parameters, by block
         motion : where the chain is
-        row_facts : (n, g), what else a row tells: which point was touched, which corner was seen
+        row_facts : (n, g), further facts of a row: which point was touched, which corner was seen
         """
         raise NotImplementedError
 
@@ -164,7 +164,7 @@ class Projection:
         return self.matrix[:, -1]
 
     def placing(self, position: Array) -> Mapping[str, TipMotion]:
-        """Motions of a tip (3, n) [m] that look like each parameter of where it stands in space."""
+        """Motions of a tip (3, n) [m] that look like each parameter of its place in space."""
         axes = np.broadcast_to(self.rotation[..., None], (3, *position.shape))
         return {
             "view.rotation": (cross(axes, position), axes),

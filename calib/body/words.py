@@ -14,10 +14,10 @@ from .parameters import Indices
 from .structure import Structure
 
 POSTURES = 500
-"""Postures of which the largest bend is told."""
+"""Postures among which the largest bend is reported."""
 
 LEAST_BEND = 5e-6
-"""Largest bend [rad] of a joint that is not told."""
+"""A smaller bend [rad] of a joint is not reported."""
 
 
 def words_of(
@@ -27,7 +27,7 @@ def words_of(
     lower: Array | float,
     upper: Array | float,
 ) -> tuple[str, ...]:
-    """Lines that say the parameters; intervals are 95 %.
+    """Lines with the parameters and their 95 % intervals.
 
     sd : (d,), zero where nothing was fitted
     lower, upper : (dof,) [rad or m], range in which loads bend the joints
@@ -43,7 +43,7 @@ def words_of(
 
 
 def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
-    """What each joint has of its own, `half` (d,) half widths of intervals."""
+    """Each joint's own parameters; `half` (d,) half widths of intervals."""
     deviation = beta - structure.neutral()
     kinds: dict[tuple[str, str, str], list[int]] = defaultdict(list)
     for index in np.flatnonzero(half).tolist():
@@ -109,7 +109,7 @@ def _interval(value: float, half: float, unit: str, sign: str = "") -> str:
 
 
 def _of_sensor(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
-    """What is at the tip, and the lens; `SensorPose` says where a sensor in space stands."""
+    """What is at the tip, and the lens; `SensorPose` places a sensor in space."""
     for group, place in (
         ("tool", "the tip"),
         ("marker", "the first sensor's marker"),

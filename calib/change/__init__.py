@@ -12,6 +12,7 @@ In the order of `judge`, each file after those that it needs::
     explain       the search for the sets of greatest evidence
     evidence      tests, bound, explanations and orientations weighed together
     update        the belief that follows, judged by rows that are held out
+    steps         a change that sets in within the log
     words         causes and notes in sentences
     verdict       what users see of all this
     judge         all of these in turn; `check`

@@ -215,11 +215,12 @@ def _facts(
         "p95": float(np.quantile(distance, 0.95)),
         "covered": float(np.mean(distance <= bound)),
     }
+    of_old_bound = verdict.bound.words(changed=verdict.score > 1.0)
     return rows.model.about.by_readings(
         samples=improved.samples,
         unit=verdict.unit,
         errors=_errors(model, rows, held_out_residual),
-        notes=improved.notes,
+        notes=tuple(note for note in improved.notes if note != of_old_bound),
         tested=len(distance),
         left_out=improved.left_out,
         within=within,

@@ -44,7 +44,7 @@ class EvidenceSettings:
     # share of the positions' spread: a log that is further off from every hypothesis is explained
     # by none
     unexplained: float = 0.1
-    # score of a mirror, another sense or another unit, which are no matter of chance
+    # score of a mirror, another sense or unit, or a change within the log: no matter of chance
     discrete: float = 2.0
     # sizes of a change that no cause names, over what the rows are missed by
     unnamed: tuple[float, ...] = (1.0, 2.0, 4.0)
@@ -158,6 +158,8 @@ class Evidence:
     bound: BoundTest
     unnamed: float  # evidence of a smooth change that no cause names [nats]
     explanations: tuple[Explanation, ...] = ()  # the best first
+    # number of the row from which on something changed within the log
+    step: int | None = None
 
     @property
     def unit(self) -> str:
@@ -239,12 +241,14 @@ class Evidence:
             score = max(score, 1.0 + self.misfit)
         if self.is_better and self.bound.fails and self.tests.noisy is None:
             score = max(score, 1.0 + self.bound.beyond)
+        if self.step is not None:
+            score = max(score, EVIDENCE.discrete)
         return score
 
     @property
     def is_attributed(self) -> bool:
-        """Whether something changed, and a change explains the rows clearly better than none."""
-        return self.is_better and self.score > 1.0
+        """Whether one change explains the rows clearly better than none, all along the log."""
+        return self.is_better and self.score > 1.0 and self.step is None
 
     @cached_property
     def tool(self) -> ToolTurn:

@@ -30,13 +30,20 @@ from ..common.parallel import one_blas_thread
 from ..errors import LogError, ModelError, require
 from ..model.model import Model
 from ..samples.samples import Samples
-from .causes import as_built, as_drawn
+from .causes import Cause, as_built, as_drawn
 from .evidence import Evidence, evidence_of_unnamed, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
 from .noise import Play, find_play, noise_of
-from .rows import LogRows, Observations, rows_of, sound_observations
+from .rows import (
+    LogRows,
+    Observations,
+    observations_of,
+    rows_of,
+    sound_rows,
+)
 from .significance import bound_test, group_tests
+from .steps import find_step
 from .system import System, frame_variance, system_of
 from .update import Update, update
 from .verdict import Episode, Verdict, notes_of, verdict_on_maps
@@ -90,14 +97,20 @@ def judge(
         cause = free
     with guarded_algebra():
         model = model.by(log.sensor)
+        measured = log
         if "board" in model.about.options:
             from ..recording.board_pictures import with_lens_of
 
-            log = with_lens_of(model, log)
-        rows = rows_of(model, log)
+            measured = with_lens_of(model, log)
+        rows = rows_of(model, measured)
         if model.body is None:
             return verdict_on_maps(rows)
-        return _verdict_on_body(rows, cause or rows.cause, learn)
+        verdict = _verdict_on_body(rows, cause or rows.cause, learn)
+        evidence = verdict.evidence
+        if evidence is None or evidence.step is None:
+            return verdict
+        step = _step_in_words(evidence.step, model, log, cause)
+        return replace(verdict, causes=(step,))
 
 
 def _verdict_on_body(
@@ -110,7 +123,10 @@ def _verdict_on_body(
         prior = as_drawn(logged.body)
     positions = logged.x - logged.map_offset
     reference = reference_of(prior, logged.q, positions, logged.unit)
-    rows, observations = sound_observations(logged, reference)
+    logged_observations = observations_of(logged, reference)
+    sound = sound_rows(reference, logged_observations)
+    rows = logged.sound(sound)
+    observations = logged_observations.take(sound)
 
     # 2. s: the noise where everything may have changed, less a joint's play, which is taken up,
     # and joints' waves, which may be causes
@@ -120,6 +136,7 @@ def _verdict_on_body(
     play = find_play(noise, rows.model.approach)
     if play is not None:
         observations = play.taken_up(observations)
+        logged_observations = play.taken_up(logged_observations)
         noise = noise_of(system_of(frame, observations))
     noise = with_waves(noise)
     reference = replace(reference, waves=noise.system.reference.waves)
@@ -149,6 +166,11 @@ def _verdict_on_body(
         calm=not evidence.fired,
     )
     evidence = replace(evidence, explanations=explanations)
+    # touches have no order of their own
+    if rows.cause is None and (evidence.fired or tests.noisier):
+        step = find_step(evidence.best, logged_observations, logged.u)
+        if step is not None:
+            evidence = replace(evidence, step=int(logged.log.rows[step]))
     evidence = with_orientations(evidence, systems, correlation_time)
 
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
@@ -191,6 +213,30 @@ def _verdict_of(
         update=better,
         evidence=evidence,
     )
+
+
+def _step_in_words(
+    row: int, model: Model, log: Samples, cause: str | None
+) -> Cause:
+    """The cause of a log that changed within, by the verdicts on both of its parts.
+
+    row : number of the later part's first row
+    """
+    first = int(np.argmax(log.rows == row))
+    states = []
+    for part in (slice(first), slice(first, None)):
+        try:
+            state = judge(model, log.take(part), cause=cause, learn=False)
+        except LogError as error:
+            states.append(str(error))
+        else:
+            states.append(state.main_cause if state.drifted else state.words)
+    before, after = states
+    words = (
+        f"the arm or the sensor changed within the log, near row {row}: split it there; "
+        f"before: {before}; after: {after}"
+    )
+    return Cause("step", "", words)
 
 
 @contextmanager

@@ -306,8 +306,8 @@ OBSERVING = ObservationSettings()
 
 
 @dataclass(frozen=True)
-class Observations:
-    """Rows of a log that do not contradict all others."""
+class Observations(RowArrays):
+    """Rows of a log beside a body."""
 
     q: Array  # (n, dof), joints [rad or m]
     z: Array  # (n, m), outputs, without what maps add to the body [unit]
@@ -318,14 +318,13 @@ class Observations:
 
     def some(self, most: int) -> Observations:
         """Return at most so many rows, evenly spread."""
-        rows = spread_rows(len(self.q), most)
-        return Observations(
-            self.q[rows], self.z[rows], self.side[rows], self.shared
-        )
+        return self.take(spread_rows(len(self.q), most))
 
 
-def sound_rows(reference: Reference, q: Array, z: Array) -> Mask:
-    """Return which rows (n, dof), (n, m) are near a robust fit of all that may have changed."""
+def sound_rows(reference: Reference, observations: Observations) -> Mask:
+    """Return which rows (n,) are near a robust fit of all that may have changed."""
+    q = observations.q
+    z = observations.z
     structure = reference.structure
     body = reference.body
     start = reference.beta
@@ -346,17 +345,12 @@ def sound_rows(reference: Reference, q: Array, z: Array) -> Mask:
     return np.asarray(square <= OUTLIER**2 * outputs * noise)
 
 
-def sound_observations(
-    rows: LogRows, reference: Reference
-) -> tuple[LogRows, Observations]:
-    """Return the rows that do not contradict all others, and what a body has to say of them."""
+def observations_of(rows: LogRows, reference: Reference) -> Observations:
+    """Return what a body has to say of all rows."""
     added = rows.map_offset
     if reference.has_discrete_cause:
         body = reference.body
         added = offset_after(rows.body, body, reference.beta, rows.q, added)
-    z = rows.x - added
-    sound = sound_rows(reference, rows.q, z)
-    rows = rows.sound(sound)
     # that of the model's own log and of this one
     shared = math.sqrt(2.0) * rows.shared
-    return rows, Observations(rows.q, z[sound], rows.side, shared)
+    return Observations(rows.q, rows.x - added, rows.side, shared)

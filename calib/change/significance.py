@@ -372,7 +372,7 @@ def variance_of_places(rows: LogRows, residual: Array) -> float:
     """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
     from scipy.special import ndtri
 
-    first, second = _neighbours_apart_in_time(rows)
+    first, second = neighbours_apart_in_time(rows.u)
     if not len(first):
         return 0.0
     product = (residual[first] * residual[second]).sum(axis=1)
@@ -381,15 +381,15 @@ def variance_of_places(rows: LogRows, residual: Array) -> float:
     return float(product.mean()) / residual.shape[1] if sure else 0.0
 
 
-def _neighbours_apart_in_time(rows: LogRows) -> tuple[Index, Index]:
-    """Pairs (p,), (p,) of rows of like joints between which noise does not last."""
+def neighbours_apart_in_time(u: Array) -> tuple[Index, Index]:
+    """Pairs (p,), (p,) of rows of like joints (n, dof) between which noise does not last."""
     from scipy.spatial import cKDTree
 
     # of so many rows at least one is no neighbour in time
-    count = min(2 * LASTING + 2, len(rows))
-    _, neighbours = cKDTree(rows.u).query(rows.u, count)
+    count = min(2 * LASTING + 2, len(u))
+    _, neighbours = cKDTree(u).query(u, count)
     near = np.asarray(neighbours)
-    index = np.arange(len(rows))
+    index = np.arange(len(u))
     is_apart = np.abs(near - index[:, None]) > LASTING
     row = np.flatnonzero(is_apart.any(axis=1))
     nearest = is_apart[row].argmax(axis=1)

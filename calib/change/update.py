@@ -85,7 +85,7 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
         is_nearer = trained.after.mean() < best.after.mean()
         if is_nearer and (trained.improved or not best.improved):
             best = trained
-    if evidence.tool.score > 1.0:
+    if evidence.tool.score > 1.0 and evidence.step is None:
         best = _with_tool(evidence, best)
     return best
 
@@ -158,7 +158,7 @@ def _with_tool(evidence: Evidence, belief: Update) -> Update:
 
 def _is_better(evidence: Evidence, belief: Update) -> bool:
     """Whether held-out rows gain by more than chance, and by the share that is needed."""
-    if evidence.is_one_place:
+    if evidence.is_one_place or evidence.step is not None:
         return False
     changed = evidence.score > 1.0
     gain = belief.before - belief.after

@@ -55,6 +55,8 @@ def causes_of(
 
     Where nothing changed, more noise, a play and a turned tool are the only causes there may be.
     """
+    if evidence.step is not None:  # which both parts of the log tell
+        return (), ()
     drifted = evidence.score > 1.0
     if drifted and not evidence.is_explained:
         return (Cause("unknown", "", evidence.why_not()),), ()

@@ -27,13 +27,13 @@ MAP_READOUTS = ("linear", "activity", "winner")  # of maps and links alone
 RuleWord = Literal["batch", "online"]
 # body where there is one
 ReadoutWord = Literal["local", "body", "linear", "activity", "winner"]
-# whether a kinematic model stands under the maps
+# whether there is a kinematic model under the maps
 BodyWord = Literal["auto", "none"]
 # what a sensor measures; auto goes by the unit, pinhole is for arms in space
 ViewWord = Literal[
     "auto", "base", "rigid", "similarity", "affine", "homography", "pinhole"
 ]
-# whose coordinates a query is asked and answered in
+# whose coordinates a query and its answer are in
 FrameWord = Literal["sensor", "base"]
 CauseWord = Literal["sensor", "joints"]  # what a user may know of a change
 # where the camera is; the board is at the other place

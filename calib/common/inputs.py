@@ -35,7 +35,7 @@ def number_rows(
     Raises CalibError if a column is missing, or the values are masked, dates or no numbers.
     """
     columns = column_names(values)
-    # they may stand in any order: NumPy would take them as they stand
+    # they may come in any order: NumPy would keep it
     if columns:
         for name in names:
             if name not in columns:
@@ -137,7 +137,7 @@ def _numbers(values: object, what: str, error: type[CalibError]) -> Array:
 
 
 def numbers(name: str, values: object, count: int) -> list[float]:
-    """Return a list of so many finite numbers, or raise ValueError; true and false are none."""
+    """Return a list of `count` finite numbers, or raise ValueError; true and false are none."""
     items = values if isinstance(values, list) else []
     sound = all(
         isinstance(item, int | float)

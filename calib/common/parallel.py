@@ -32,7 +32,7 @@ def side_by_side(
     try:
         result = here()
     except Exception:
-        thread.join()  # nothing goes on behind an error, under limits that others have lifted
+        thread.join()  # no thread runs on after an error
         raise
     return task.result(), result
 
@@ -45,13 +45,13 @@ _limits: list[ExitStack] = []  # the one limit of this process, while it holds
 def one_blas_thread() -> Iterator[None]:
     """Multiply matrices in one thread, so that bytes do not depend on how many there are.
 
-    Who starts threads opens a block before: beside an import in another thread the look-up of the
+    Open the block before starting threads: during an import in another thread the look-up of the
     libraries can wait for ever.  Within another block it does nothing.
     """
     with _lock:  # imports as well: another thread's would be in the way
         first = not _limits
         if first:
-            import scipy.linalg  # noqa: F401 - brings a BLAS of its own, to be found as well
+            import scipy.linalg  # noqa: F401 - brings its own BLAS, to be found as well
             from threadpoolctl import threadpool_limits
 
             limit = ExitStack()

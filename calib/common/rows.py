@@ -29,7 +29,7 @@ def spread_rows(count: int, most: int) -> Index:
 
 
 def thinned(count: int, most: int) -> slice:
-    """Return every so many-th of `count` rows, so that at most `most` are left."""
+    """Return a slice of evenly spaced rows among `count`, at most `most` of them."""
     return slice(None, None, -(-count // most))
 
 

@@ -17,7 +17,7 @@ ROUNDED_AWAY = 1e-9
 """Errors below this [m], or below this share of a sensor's extent, are rounding."""
 
 SMALLEST = 1e-6
-"""Below it, a nanometre in mm or a millionth of a degree, an error is said to be no larger."""
+"""Smallest error in words: a nanometre in mm, or a millionth of a degree."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ _PLACE = re.compile(r"@([a-z]+(?:\.[a-z]+)?)@")
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Return a number with so many digits and never an exponent; below a millionth it is 0.
+    """Return a number with some digits and never an exponent; below a millionth it is 0.
 
     >>> number(1041.7), number(0.12345), number(0.0000573, 2)
     ('1040', '0.123', '0.000057')
@@ -58,12 +58,12 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
-def one_line(text: str) -> str:
+def one_line(text: str, longest: int = LONGEST.line) -> str:
     """Return a message as one printable line, its middle left out where that is long."""
     line = printable(text)
-    if len(line) <= LONGEST.line:
+    if len(line) <= longest:
         return line
-    return f"{line[: LONGEST.line // 2]} ... {line[-LONGEST.line // 3 :]}"
+    return f"{line[: longest // 2]} ... {line[-longest // 3 :]}"
 
 
 def clipped(name: str) -> str:
@@ -95,7 +95,7 @@ def by_name(names: Iterable[str], values: Iterable[_T]) -> dict[str, _T]:
 
 
 def suggestion(name: str, names: Iterable[str]) -> str:
-    """Say what may have been meant by a name, and which names there are."""
+    """Suggest the name that may have been meant, and list those that exist."""
     items = list(names)
     close = get_close_matches(name, items, n=1)
     meant = f"did you mean {clipped(close[0])}? " if close else ""

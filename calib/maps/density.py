@@ -110,7 +110,7 @@ def error(visit: Visit) -> Array:
 
 
 def rho(visit: Visit) -> Array:
-    """Equations 7 and 8 as a factor beside eq. 3, with O the whole lattice: their stable reading.
+    """Equations 7 and 8 as a factor of eq. 3, with O the whole lattice: their stable reading.
 
     g = 1 + (t mean(rho) / (rho T))^4, rho = exp(-sum |w_bmu - w_i|^2 / its mean).  It differs
     from what is printed: exp(-t / (sigma^2 T)) stays the Gaussian of eq. 3, so that a pull falls

@@ -50,7 +50,7 @@ def present_dsom(
         distance = float(from_nodes[winner])
         distances.append(distance)
         if distance == 0.0:
-            continue  # the source: h is zero where the winner stands on the sample
+            continue  # the source: h is zero where the winner is at the sample
         widths = _widths(lattice, distance, dim)
         window, h = lattice.around(winner, *widths)
         in_window = from_nodes.reshape(lattice.shape)[window]

@@ -41,7 +41,7 @@ def shape_of(size: Size, name: str = "size") -> tuple[int, ...]:
             parameter=name,
             value=size,
         ) from None
-    # one number stands for a square
+    # one number means a square
     if len(shape) == 1 and np.ndim(size) == 0:
         shape = 2 * shape
     return Lattice(shape).shape
@@ -51,7 +51,7 @@ def shape_of(size: Size, name: str = "size") -> tuple[int, ...]:
 class Lattice:
     """A rectangular grid of nodes with unit spacing, of any dimension."""
 
-    # nodes along each axis; node ``i`` stands at ``np.unravel_index(i, shape)``
+    # nodes along each axis; node ``i`` is at ``np.unravel_index(i, shape)``
     shape: tuple[int, ...]
 
     def __post_init__(self) -> None:
@@ -146,7 +146,7 @@ class Lattice:
     def resample(self, weights: Array, finer: Lattice) -> Array:
         """Multilinear interpolation of `weights` (size, d) onto another lattice.
 
-        The nodes keep the middle of their cells: node i of n stands at (i + 1/2) / n of
+        The nodes keep the middle of their cells: node i of n is at (i + 1/2) / n of
         the axis, and beyond the outermost nodes the lattice is continued linearly.
         """
         grid = weights.reshape(*self.shape, -1)
@@ -167,7 +167,7 @@ class Lattice:
 
 @dataclass(frozen=True, eq=False)
 class Graph:
-    """Nodes joined by edges, without places of their own, as a neural gas leaves them."""
+    """Nodes joined by edges, without places in a lattice, as a neural gas leaves them."""
 
     size: int  # number of nodes
     # (m, 2), the edges, each once, the smaller node first, in ascending order

@@ -1,6 +1,6 @@
 """Linear models of maps and links: what the readout ``linear`` regresses.
 
-At the border active nodes stand on one side of a query, and the mean of their partners is the value
+At the border active nodes are on one side of a query, and the mean of their partners is the value
 at their middle; a regression on the nodes' mean activity positions continues to the query.
 """
 
@@ -23,7 +23,7 @@ def regress(
 ) -> tuple[Array, Array, Array]:
     """Weighted ridge regressions of values on places, one for each row.
 
-    place, value, weight : (n, k, d), (n, k, o), (n, k), where nodes stand, what they say, how
+    place, value, weight : (n, k, d), (n, k, o), (n, k), nodes' places, their values, and how
         active they are; a row of zeros gives zeros
     Returns (n, d), (n, o), (n, d, o), means of the places and of the values, slope between them.
     """
@@ -47,7 +47,7 @@ def regress(
 class LinearModels(ReadOnly):
     """The forward direction of maps and links as a smooth function of the joints.
 
-    It answers what :class:`~calib.maps.predictor.Smooth` asks, so that bounds and the search for
+    It has the interface of :class:`~calib.maps.predictor.Smooth`, so that bounds and the search for
     branches run on it: there is no kinematic model behind it.
     """
 

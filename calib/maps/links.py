@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Wiring:
-    """How links are learned (eq. 5) and read (eq. 6), where the paper leaves it open."""
+    """How links are learned (eq. 5) and read (eq. 6), where the paper does not define it."""
 
     # whether the bandwidth of eq. 6 is in units of each node's own spacing, so that a dense region
     # is read as finely as its nodes lie; else in units of the map's mean spacing

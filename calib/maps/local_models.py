@@ -17,7 +17,7 @@ from .settings import LOCAL, ModelShape
 class LocalModels(ReadOnly):
     """One polynomial per motor node."""
 
-    # largest total degree, -1 for none: the smooth part stands alone
+    # largest total degree, -1 for none: the smooth part alone
     degree: int
     samples: int  # number of samples that each model was fitted to
     # distance to the first sample that was left out, in the unit box

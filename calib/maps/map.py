@@ -1,4 +1,4 @@
-"""A trained map: nodes that stand in a space, joined to their lattice neighbours."""
+"""A trained map: nodes placed in a space, joined to their lattice neighbours."""
 
 from __future__ import annotations
 
@@ -197,7 +197,7 @@ def nearest_nodes(tree: cKDTree, u: Array, k: int = 1) -> tuple[Array, Index]:
 
 
 def _few(distances: int) -> bool:
-    """Whether so many distances are computed sooner than SciPy is imported."""
+    """Whether these distances are computed sooner than SciPy is imported."""
     return distances <= _FEW and "scipy.spatial" not in sys.modules
 
 

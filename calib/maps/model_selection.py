@@ -266,7 +266,7 @@ def misfit(
     here = ascending[:, :members].mean(axis=1)
     quantiles = np.quantile(here, (0.5, 0.16))
     noise, low = quantiles.tolist()
-    # a mean of o k squares of noise is noise (1 +- sqrt(2 / (o k))); repeated rows tell less than
+    # a mean of o k squares of noise is noise (1 +- sqrt(2 / (o k))); repeated rows count less than
     # their number: the calm half shows how much
     relative = np.sqrt(2.0 / (held_out.shape[1] * k))
     chance = SELECTION.chance * relative * noise

@@ -32,7 +32,7 @@ def learn_bounds(
     bound = np.maximum(mean, floor)
     blend = Blend(motor, u)
     groups = _groups(motor, u)
-    # both groups' nodes speak for samples between them: again, until both fit
+    # both groups' nodes bound samples between them: again, until both fit
     for _ in range(BOUNDS.passes):
         for members, rows in groups:
             stated = blend.mean(bound[blend.index])[rows]

@@ -27,7 +27,7 @@ class Smooth(Protocol):
 
 @dataclass(frozen=True)
 class BodyInBox:
-    """A body that is asked in the unit box of the joints, see :class:`Smooth`."""
+    """A body as a function of the joints in their unit box, see :class:`Smooth`."""
 
     body: Body
     scale: Scale  # range of the joints
@@ -47,7 +47,7 @@ class Predictor:
     """The readout ``local`` in the forward direction, see :class:`Smooth`."""
 
     motor: Map  # its nodes carry the local models
-    smooth: Smooth  # the smooth part: the body, or what stands for it
+    smooth: Smooth  # the smooth part: the body, or what replaces it
     models: LocalModels  # what the smooth part leaves over, around each node
 
     @property

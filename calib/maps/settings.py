@@ -128,7 +128,7 @@ class SelectionSettings:
         ModelShape(degree=5, samples=60),
     )
     rounding: float = 1e-9  # share of the extent that is no residual
-    rows_around: int = 9  # whose median residual tells whether a row is calm
+    rows_around: int = 9  # whose median residual shows whether a row is calm
     # times the noise's mean square, below which that median is calm
     calm: float = 2.0
     # weight of a calm row: what mends a defect must not spoil what is right
@@ -154,11 +154,11 @@ class BoundSettings:
     """The 95 % bound on errors (`node_bounds.py`)."""
 
     coverage: float = 0.95
-    around: int = 50  # held-out errors that tell the scale around a node
+    around: int = 50  # held-out errors that set the scale around a node
     # a pass shrinks a group by no more, so that errors of zero leave a bound
     least: float = 1e-3
     passes: int = 4  # over the two groups of nodes
-    enough: int = 40  # rows that tell a group's factor
+    enough: int = 40  # fewest rows for a group's factor
     border: float = 1.5  # nodes within so many spacings of a limit form a group
 
 

@@ -35,7 +35,7 @@ class SOM:
     Attributes
     ----------
     size : int, str or tuple of int
-        Nodes along each lattice axis: 10 stands for 10x10, as does "10x10"; a growing neural gas
+        Nodes along each lattice axis: 10 means 10x10, as does "10x10"; a growing neural gas
         takes their number.
     map : str or gain function
         "som", "vdsom" (as the paper means it) or another reading of it ("vdsom:rho"), "dsom",
@@ -96,7 +96,7 @@ class SOM:
         Parameters
         ----------
         x : (n, d) array
-            Samples, in any unit; a LogError says what is wrong with them.
+            Samples, in any unit; a LogError reports what is wrong with them.
         scale : Scale, optional
             Unit box of the space; the box of the data where not given.
         progress : callable, optional

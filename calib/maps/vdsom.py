@@ -54,12 +54,12 @@ class Layer:
 
     @property
     def weights(self) -> Array:
-        """Weights w as they stand, (nodes, d), in the unit box."""
+        """Current weights w (nodes, d), in the unit box."""
         return np.array(self._w.T, order="C")
 
     @property
     def map(self) -> Map:
-        """The map as it stands."""
+        """The map with its current weights."""
         no_history = np.zeros((0, 4))
         return Map(self.weights, self.lattice, self.scale, no_history)
 
@@ -133,7 +133,7 @@ class Layer:
         x: Array,
         squared_widths: Array,
     ) -> tuple[Index, Array]:
-        """The active nodes at a sample (d,), and how much they are beside the most active one."""
+        """The active nodes at a sample (d,), and their activity relative to the most active one."""
         gap = self._w - x[:, None]
         if self.scale.periodic.any():
             gap = self.scale.difference(self._w.T, x).T
@@ -240,7 +240,7 @@ class VDSOM:
 
     @property
     def links(self) -> NDArray[np.float32]:
-        """c_ij as they stand, (motor nodes, sensory nodes)."""
+        """Current strengths c_ij (motor nodes, sensory nodes)."""
         return self._c.T
 
     def predict(self, u: Array) -> Array:
@@ -267,7 +267,7 @@ def _no_links(motor_nodes: int, sensory_nodes: int) -> NDArray[np.float32]:
 def zeta(weights: Array, x: Array) -> float:
     """Distortion of nodes (k, d): mean squared distance of samples (n, d) to their winners (eq. 9).
 
-    As printed it also sums over all nodes, which says how wide the samples are, not how well they
+    As printed it also sums over all nodes, which measures how wide samples are, not how well they
     are represented.
     """
     distances, _ = nearest_nodes(search_tree(weights), x)

@@ -71,7 +71,7 @@ class About(ReadOnly):
     # [px], width and height of a camera's pictures in space
     picture: tuple[int, int] | None = None
     frame: str = ""  # the sensor's, as its log names it
-    # [rad or m], what each joint may be asked for where a drawing says it: turns of a periodic one
+    # [rad or m], permitted ranges of joints in a drawing: all turns of a periodic one
     limits: Annotated[Array, Shape("dof", "ends")] | None = None
     sensor: str = ""  # its name, where the arm was seen by several
 
@@ -107,7 +107,7 @@ def holds(within: Mapping[str, float], rows: int) -> bool:
     """Whether rows agree with a 95 % bound that covers the share `within["covered"]` of them.
 
     They do not where three times as many as 5 %, and two rows more, are beyond it: a few are by
-    chance.  Without a share nothing speaks against the bound.  Where most rows have no answer,
+    chance.  Without a share nothing contradicts the bound.  Where most rows have no answer,
     as their bound exceeds a tenth of the reach, it is no bound that helps.
     """
     answered = within.get("answered", 1.0)
@@ -203,7 +203,7 @@ def error_statistics(
 ) -> Iterator[tuple[str, str, str, _ErrorRow]]:
     """Yield direction, name and unit of each error with its statistics in that unit, by readout.
 
-    The best readout comes first; NaN stands for what could not be measured.
+    The best readout comes first; NaN means that it could not be measured.
     """
     readouts = [readout for readout in READOUTS if readout in errors]
     joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))

@@ -18,16 +18,16 @@ _PRIOR = 4.0  # samples that the mean of all nodes counts for at each node
 
 @dataclass(frozen=True, eq=False)
 class RowPlaces(ReadOnly):
-    """Places of the rows of a log: without a body its bound holds there, and grows beside them.
+    """Places of the rows of a log: without a body its bound holds there, and grows between them.
 
-    A place tells as far as its n + 1 neighbours are away, for n joints: along a path they are near.
-    It tells no further than is usual: where rows are few, the bound is that of others.
+    A place counts as far as its n + 1 neighbours are, for n joints: along a path they are near.
+    It counts no further than is usual: where rows are few, the bound is that of others.
     """
 
     places: Annotated[
         Array, Shape("seen", "dof", storage="f4")
     ]  # in the unit box
-    # how far each tells, in the unit box
+    # how far each counts, in the unit box
     reach: Annotated[Array, Shape("seen", storage="f4")]
 
     @staticmethod
@@ -40,7 +40,7 @@ class RowPlaces(ReadOnly):
         return RowPlaces(_in_file(places), _in_file(reach))
 
     def beside(self, scale: Scale, u: Array) -> Array:
-        """How far points `u` (n, dof) are beyond what the places tell, (n,)."""
+        """How far points `u` (n, dof) are beyond the places' neighbourhoods, (n,)."""
         distance, place = nearest_points(self.places, scale, u)
         return np.maximum(distance[:, 0] - self.reach[place[:, 0]], 0.0)
 
@@ -120,7 +120,7 @@ def learn_baseline(
 
 
 def _zeta(network: Map, points: Array, expected: Array) -> Signal:
-    """Distortion (eq. 9) of points (n, p) in the unit box, beside the winners' own (nodes,)."""
+    """Distortion (eq. 9) of points (n, p) in the unit box, against the winners' own (nodes,)."""
     distance, winner = network.nearest(points)
     zeta = np.mean(distance[:, 0] ** 2)
     return Signal(float(zeta), float(expected[winner[:, 0]].mean()))

@@ -31,12 +31,12 @@ class Compilable(Parts):
     def warm_up(self, *, strict: bool = False) -> str:
         """Make queries fast: compile the model's own C, where a C compiler is found.
 
-        Returns a sentence that says what queries are answered by from now on: by compiled C, or by
+        Returns a sentence on what answers queries from now on: compiled C, or
         the batch in NumPy, and why.  Answers are the same.  Nothing but large batches is compiled
         without this, and nothing with the environment variable ``CALIB_NO_CC=1``.
 
         strict : for control loops: a single query that the compiled C cannot answer is NaN within
-            a millisecond, and `unanswered` says why, instead of a search by NumPy.  Raises
+            a millisecond, and `unanswered` has the reason, instead of a search by NumPy.  Raises
             OptionError where nothing can be compiled.
         """
         kernel, sentence = kernel_of(self)
@@ -59,7 +59,7 @@ class Compilable(Parts):
         return None if self.kernel is None else self.kernel.reason
 
     def __setstate__(self, state: Mapping[str, object]) -> None:
-        """Unpickle; a strict model warms up again, others have to be told to."""
+        """Unpickle; a strict model warms up again, others when asked to."""
         for name, value in state.items():
             object.__setattr__(self, name, value)
         if self.strict:
@@ -107,7 +107,7 @@ class Compilable(Parts):
     def _at(
         self, query: Reading, q: ArrayLike, approach: ArrayLike | None = None
     ) -> Array:
-        """What is asked at joint values (n, dof) or (dof,), by what answers fastest."""
+        """A quantity at joint values (n, dof) or (dof,), by the fastest way."""
         directed = approach is not None
         unsure = () if self.everywhere else (Flag.NONE,)
         if not directed:

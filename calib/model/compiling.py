@@ -18,7 +18,7 @@ from .prediction import Prediction
 COMPILE_TIME = 7e5  # [us], processor time of the compiler
 
 ROWS_TO_COMPARE = 20
-"""Joint values at which compiled C has to say what NumPy says, to a share of the extent."""
+"""Joint values at which compiled C has to agree with NumPy, to a share of the extent."""
 ALIKE = 1e-8
 
 
@@ -33,7 +33,7 @@ class Query:
 
 @dataclass(frozen=True)
 class Reading(Query):
-    """What is asked at joint values."""
+    """A quantity at joint values."""
 
     of: Callable[[Prediction], Array]  # the same in NumPy
 
@@ -79,7 +79,7 @@ def _check_answers(model: Parts, kernel: Library) -> None:
 def kernel_for(model: Parts, query: Query, rows: int) -> Library | None:
     """The compiled C for rows of a query, made where that pays; None where NumPy answers.
 
-    Why it cannot be made is said once, as a warning.
+    If it cannot be made, one warning gives the reason.
     """
     cost = rows * len(model.about.lower) ** 2 * query.cost
     compiles = model.body is not None and "uncompiled" not in model.cache

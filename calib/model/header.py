@@ -50,7 +50,7 @@ class Header:
 
     model: Parts
     arm: KernelArm
-    # the nominal arm, and what of it `calib_correct` asks for
+    # the nominal arm, and those of its residuals that `calib_correct` uses
     nominal: tuple[KernelArm, Goal] | None
     limit: Array  # (dof,) [rad or m], largest correction that is trusted
     # whether the body alone is written, without tables of bounds and starts
@@ -96,7 +96,7 @@ class Header:
 
     @cached_property
     def _sections(self) -> list[Section]:
-        """The sections of the source; a small one ends after what the body alone says."""
+        """The sections of the source; a small one ends after those of the body."""
         model = self.model
         arm = self.arm
         parts = [sections.joint_ranges(model), sections.body_arm(arm)]

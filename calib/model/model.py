@@ -45,7 +45,7 @@ FUNCTIONS = (
     "recognise",
     "report",
 )
-"""What is done with a model, rather than asked of it, is a function of the package."""
+"""Functions of the package that take a model, for users who look for a method."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,13 +55,13 @@ class Model(Compilable):
     Queries take single vectors as well as batches, with one row each.
     """
 
-    # the same arm as its further sensors see it, each with maps, local models and bounds of its own
+    # the same arm as its further sensors see it, each with its own maps, local models and bounds
     others: tuple[Model, ...] = ()
 
     if not TYPE_CHECKING:  # which would take every attribute for one
 
         def __getattr__(self, name: str) -> NoReturn:
-            """Name the function where a method is asked for that is none."""
+            """Name the package's function of that name in the error."""
             hint = ""
             if name in FUNCTIONS:
                 hint = f": call `calib.{name}(model, ...)`"
@@ -222,7 +222,7 @@ class Model(Compilable):
     def outside(self, q: ArrayLike, *, degrees: bool = False) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not.
 
-        degrees : whether the words tell joints that turn in degrees
+        degrees : whether the words give angles in degrees
         """
         rows, _ = number_rows(q, self.about.joint_names, "joint values")
         if len(rows) != 1:
@@ -266,13 +266,13 @@ class Model(Compilable):
     ) -> Array:
         """Joint values (n, dof) for positions and orientations of an arm in space.
 
-        NaN out of reach; :func:`calib.model.poses.solve_poses` tells more, and all branches.
+        NaN out of reach; :func:`calib.model.poses.solve_poses` returns reasons and all branches.
 
         position : (n, 3) or (3,) array [m, or the sensor's unit in its frame]
         quaternion : (n, 4) or (4,) array qx, qy, qz, qw; free where not given
         near : (n, dof) or (dof,) array [rad or m]; the nearest to these joints answers
         frame : {"sensor", "base"}
-        free : {"x", "y", "z"}, an axis of the tip about which its turn is left open
+        free : {"x", "y", "z"}, an axis of the tip about which it may turn freely
         """
         from .poses import solve_poses
 

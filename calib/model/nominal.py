@@ -71,7 +71,7 @@ def moves_in_space(model: Parts) -> bool:
 
 
 def visited_joints(model: Parts, most: int) -> Array:
-    """Joints (n, dof) of motor nodes that rows visited, at most so many, within the ranges."""
+    """Joints (n, dof) of some motor nodes that rows visited, within the ranges."""
     nodes = np.flatnonzero(model.visited)
     nodes = nodes[spread_rows(len(nodes), most)]
     return np.clip(
@@ -99,7 +99,7 @@ def nominal_arm(model: Parts) -> PlanarArm | SpatialArm:
 
 
 class Goal(IntEnum):
-    """What `calib_correct` asks of the arm before its sensor: so many residuals."""
+    """Number of residuals that `calib_correct` uses of the arm in its sensor's frame."""
 
     POSITION = 0  # of what the sensor sees
     PLACE = 3
@@ -109,7 +109,7 @@ class Goal(IntEnum):
 def nominal_for_kernel(
     model: Parts, arm: KernelArm
 ) -> tuple[KernelArm, Goal] | None:
-    """Return the nominal arm and what a correction asks for; None where C cannot correct."""
+    """Return the nominal arm and its residuals for a correction; None where C cannot correct."""
     fitted = arm.structure
     simulated = model.about.source == "simulation" and not model.history
     goal = Goal.POSITION

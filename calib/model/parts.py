@@ -46,7 +46,7 @@ ROUNDED = 1e-5
 _P = TypeVar("_P", bound="Parts")
 
 BoundName = Literal["bounds", "model_bounds"]
-"""On what `about.bound_of` says, or on the true position in the sensor's frame."""
+"""Bounds on what `about.bound_of` names, or on the true position in the sensor's frame."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,7 +58,7 @@ class Parts:
     association: Association
     # of the motor nodes, for what the body leaves over
     local: LocalModels
-    # [unit], 95 % bounds around each motor node, on what `about.bound_of` says and on the true
+    # [unit], 95 % bounds around each motor node, on what `about.bound_of` names and on the true
     # position in the sensor's frame
     bounds: Annotated[Array, Shape("nodes")]
     model_bounds: Annotated[Array, Shape("nodes")]
@@ -80,7 +80,7 @@ class Parts:
     approach: Approach | None = None
     # by the camera that measured the arm, to draw the map over
     photo: Photo | None = None
-    # the same arm as its further sensors see it, each with maps, local models and bounds of its own
+    # the same arm as its further sensors see it, each with its own maps, local models and bounds
     others: tuple[Parts, ...] = ()
 
     # compiled by `warm_up`, or for a large batch
@@ -98,7 +98,7 @@ class Parts:
         return {k: v for k, v in vars(self).items() if k not in unpickled}
 
     def __repr__(self) -> str:
-        """Say in a line what it is a model of and what it has learned."""
+        """Name in a line the arm of the model and what it has learned."""
         about = self.about
         title = (
             f"Model of {about.robot or 'a log'}: {', '.join(about.joint_names)}"
@@ -218,7 +218,7 @@ class Parts:
     def beyond_range(self, q: Array, *, degrees: bool = False) -> str | None:
         """Which of joint values (dof,) is outside of its learned range, None if none is.
 
-        degrees : whether joints that turn are told in degrees
+        degrees : whether angles are in degrees
         """
         about = self.about
         for k in np.flatnonzero(~self.in_range(q[None])[0]).tolist():
@@ -246,11 +246,11 @@ class Parts:
     ) -> Array:
         """95 % bound (n,) [unit] at points `u` of the unit box (n, dof).
 
-        It is the sum of three: what is believed of the arm, how far joint values are beside the
-        rows of a log without a body, and what play leaves open.
+        It is the sum of three: the posterior of the arm, how far joint values are from the
+        rows of a log without a body, and what unknown play adds.
 
-        side_known : (n,), whether `u` is where the joints stand; where None it is where they read,
-            and they may stand anywhere within their play
+        side_known : (n,), whether `u` are the joints' true values; None: they are the encoders',
+            and the true ones may be anywhere within the play
         """
         noise = which == "bounds" and self.about.bound_of == "sensor reading"
         scale = self.motor.scale
@@ -275,7 +275,7 @@ class Parts:
         scale = self.motor.scale
         wide = bound > self.most_bound
         if self.body is not None and wide.any():
-            # beside a joint that hardly moved the posterior widens within less than a node's
+            # where a joint hardly moved the posterior widens within less than a node's
             # spacing: a blended bound would refuse the measured rows themselves
             belief = self.body.bound(scale.from_unit(u[wide]), noise=noise)
             bound[wide] = np.minimum(bound[wide], belief)
@@ -291,7 +291,7 @@ class Parts:
 
     @property
     def default_readout(self) -> str:
-        """``local``, the body and its local models; ``linear`` where maps and links stand alone."""
+        """``local``, the body and its local models; ``linear`` for maps and links alone."""
         if isinstance(self.predictor.smooth, LinearModels):
             return "linear"
         return "local"

@@ -2,7 +2,7 @@
 
 clock         rows are of one moment: whoever reads a log has brought its clocks together
               (`calib.training.fitted_log.in_time`)
-approach      where the joints stand that came from a side: `Prediction.joints`
+approach      true values of joints that came from a known side: `Prediction.joints`
 body          the chain, then the sensor's view, then its lens: `calib.body.belief.Body.predict`
 local models  what the body leaves over around the motor map's nodes, added to the reading:
               `calib.maps.predictor.Predictor.value`
@@ -25,7 +25,7 @@ from .space import Space
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What a model says of a motion; each array is worked out when it is first asked for.
+    """A model's predictions for a motion; each array is computed on its first use.
 
     Rows without an answer are NaN: joint values that are not finite or out of the learned range,
     and places where the bound exceeds a tenth of the reach.
@@ -41,7 +41,7 @@ class Prediction:
 
     @cached_property
     def joints(self) -> Array:
-        """Where the joints stand, (n, dof) [rad or m]: the encoders' values with play taken up."""
+        """The joints' true values (n, dof) [rad or m]: the encoders' with play taken up."""
         approach = self.model.approach
         side = self.motion.side
         if approach is None or side is None:
@@ -55,7 +55,7 @@ class Prediction:
 
     @property
     def bound(self) -> Array:
-        """95 % bound (n,) [unit] on the distance to what `about.bound_of` says.
+        """95 % bound (n,) [unit] on the distance to what `about.bound_of` names.
 
         That is the sensor's reading, or the true position of a simulated arm.
         """
@@ -105,7 +105,7 @@ class Prediction:
 
     @cached_property
     def _unit(self) -> Array:
-        """Where the joints of the answered rows stand in the unit box, (k, dof)."""
+        """The true joints of the answered rows in the unit box, (k, dof)."""
         return self.model.motor.scale.to_unit(self.joints[self.has_answer])
 
     def bound_of(self, which: BoundName) -> Array:
@@ -123,7 +123,7 @@ class Prediction:
         return bound
 
     def _nan_rows(self, *shape: int) -> Array:
-        """NaN (n, *shape), what stands in rows without an answer."""
+        """NaN (n, *shape), the values of rows without an answer."""
         return np.full((len(self.motion), *shape), np.nan)
 
 

@@ -119,7 +119,7 @@ def _sag(sag: Sag) -> Tables:
 
 
 def placed_arm(model: Parts, arm: KernelArm) -> list[Section]:
-    """The arm that poses are asked of, in its base frame; none where that is not known."""
+    """The arm in its base frame, for poses; none where that frame is not known."""
     if arm.outputs != 3:
         return []
     try:

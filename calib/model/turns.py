@@ -1,4 +1,4 @@
-"""Turns: joints that can turn more than once, and the turn on which an answer stands.
+"""Turns: joints that can turn more than once, and the turn of an answer.
 
 The box in which joints are learned is one turn wide at most: the arm is the same a turn on.
 """
@@ -56,8 +56,8 @@ def on_turn(model: Parts, q: Array, near: Array) -> Array:
 def unwound(model: Parts, q: Array, start: Array) -> tuple[Array, Index]:
     """Joints (n, dof) of a path on the turns that follow each other, and rows that turn round.
 
-    A joint goes on over the seam of its turn where its limits allow; where they do not, it has to
-    turn round, which is a jump.  `start` (dof,) says on which turn the path begins.
+    A joint continues over the seam of its turn where its limits allow; where they do not, it has to
+    turn round, which is a jump.  `start` (dof,) sets the turn on which the path begins.
     """
     rows = q.copy()
     jumps: list[int] = []

@@ -1,4 +1,4 @@
-"""Fields: any dataclass as plain data and arrays, and back, as its own annotations say.
+"""Fields: any dataclass as plain data and arrays, and back, according to its annotations.
 
 Arrays are annotated with their axes, see `calib.common.arrays.Shape`: they become tensors that are
 named by their place, such as ``about.lower``.  Everything else becomes JSON.  What is read may come
@@ -42,12 +42,12 @@ Sizes = dict[str, int]
 KINDS: Mapping[type, tuple[type, ...]] = {
     Structure: (PlanarStructure, SpatialStructure)
 }
-"""Classes that stand for a base class; a key `kind` tells which."""
+"""The subclasses of base classes; a key `kind` names the subclass in a file."""
 
 
 @dataclass(frozen=True)
 class Hint:
-    """What an annotation says."""
+    """An annotation, resolved."""
 
     kinds: tuple[type, ...]  # types that a value may have
     optional: bool
@@ -64,7 +64,7 @@ class Hint:
 
 
 def hint_of(annotation: object) -> Hint:
-    """Return what an annotation says."""
+    """Return an annotation, resolved."""
     kinds: tuple[type, ...] = (annotation,)  # type: ignore[assignment]
     if get_origin(annotation) in (UnionType, Union):
         kinds = get_args(annotation)
@@ -105,7 +105,7 @@ def read(kind: type[T], data: object, tensors: Tensors) -> T:
 
 @dataclass(frozen=True)
 class Codec:
-    """Values as plain data beside tensors."""
+    """Values as plain data, and tensors apart from them."""
 
     tensors: Tensors = field(default_factory=dict)
 
@@ -228,7 +228,7 @@ def _file_array(value: Tensor, shape: Shape) -> Tensor:
 
 
 def _valid_array(array: Tensor, hint: Hint, path: str, sizes: Sizes) -> object:
-    """Return an array of the type and shape that its annotation says, with finite numbers."""
+    """Return an array of the type and shape of its annotation, with finite numbers."""
     shape = hint.shape or Shape()
     # NDArray[float64] is ndarray[..., dtype[float64]]
     wanted = np.dtype(get_args(get_args(hint.kinds[0])[1])[0])

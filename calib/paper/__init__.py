@@ -1,1 +1,1 @@
-"""The paper's experiments: its tables, figures and adaptation, beside our figures."""
+"""The paper's experiments: its tables, figures and adaptation, with our figures for comparison."""

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..samples.samples import Samples
 
 _CHANGES = {"lengthened": "+20%", "shortened": "-20%"}
-"""A tool that is mounted and one that is removed: the paper does not say how long."""
+"""A tool that is mounted and one that is removed: the paper does not state how long."""
 
 _STREAM = 91  # of the samples that come after the change
 _RULE = "activity, eq. 11 alone"  # the links as the rule has made them, step by step
@@ -33,7 +33,7 @@ class FollowedChange:
     """One change and what came of it."""
 
     before: Model  # as it was trained
-    after: Model  # as it is at the end of the stream
+    after: Model  # at the end of the stream
     steps: tuple[Step, ...]  # distortion, error and schedules along the stream
     q: Array  # (n, dof), joints of exact test points of the changed arm
     x: Array  # (n, 2) [m]
@@ -62,7 +62,7 @@ def _followed_change(
             rule = adapter.model("rule")
     q, old = setting.validation(samples, seed, 40_000)
     _, x = setting.validation(stream, seed, 40_000)
-    # the model and what it is asked for: before the change, after it, and once it has followed
+    # a model and joints of its change: before it, after it, and once the model has followed
     states = {
         "trained": (before, old),
         "changed": (before, x),

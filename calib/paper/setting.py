@@ -31,7 +31,7 @@ class Setting:
 
     side: int = 70  # nodes along each side of the lattices
     sides: tuple[int, ...] = (30, 50, 70)  # those of Table 2
-    # babbled samples; the paper does not say how many it used
+    # babbled samples; the paper does not state how many it used
     samples: int = 100_000
     # each gives other samples, another start and other test points
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)

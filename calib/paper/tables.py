@@ -1,4 +1,4 @@
-"""Table 1 and Table 2 of the paper, ours beside the paper's."""
+"""Table 1 and Table 2 of the paper, ours next to the paper's."""
 
 import csv
 import io
@@ -181,7 +181,7 @@ def table2(setting: Setting) -> Result:
 
 
 def _comparison(name: str, title: str, lines: Mapping[str, _Line]) -> Table:
-    """Mean and largest errors, spread over the seeds and share of the range, beside the paper's."""
+    """Mean and largest errors, their spread and share of the range, next to the paper's."""
     header = ["network", "readout", "error", "mean", "+-", "max", "+-"]
     header += ["% of range", "max %", "paper mean", "paper max"]
     rows: list[Cells] = []

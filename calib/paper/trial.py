@@ -86,7 +86,7 @@ class NetworkTrial:
     side: int  # nodes along each side of both lattices
 
     def row(self, setting: Setting) -> Row:
-        """Errors of all seeds, on 10,000 exact test points of their own."""
+        """Errors of all seeds, on 10,000 exact test points for each seed."""
         errors = [
             self.errors(setting.babble(seed), seed) for seed in setting.seeds
         ]

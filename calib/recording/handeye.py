@@ -221,7 +221,8 @@ def pictures_of_boards(boards: Array) -> tuple[BoardPictures, Lens]:
     corners = tuple(dict(enumerate(picture)) for picture in pixels)
     q = np.zeros((count, 0))
     size = lens.size
+    rows = np.arange(count)
     pictures = BoardPictures(
-        pattern, (), names, q, corners, size, count, (), is_of_poses=True
+        pattern, (), names, q, corners, size, count, (), rows, is_of_poses=True
     )
     return pictures, lens

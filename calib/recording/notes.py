@@ -69,7 +69,7 @@ def notes_of(
     """All that has to be known."""
     notes: list[str] = []
     for view in problem.views:
-        notes += view.pictures.notes
+        notes += view.notes
     choice = problem.choice
     if choice is not None:
         convention = choice.convention
@@ -84,7 +84,7 @@ def notes_of(
         )
     notes += _contradicting(rig, agreeing)
     notes += _open(rig, agreeing)
-    if problem.views[0].pictures.is_of_poses:
+    if problem.views[0].is_of_poses:
         notes += _posed_boards(fit, rig)
     else:
         notes += _size(rig)
@@ -184,10 +184,10 @@ def _lenses(problem: Problem, fit: CornerFit) -> Iterator[str]:
                 "picture to picture: switch the camera's autofocus off and take the pictures "
                 "again; the intervals are wider for it"
             )
-        if view.given is None:
+        if view.stated_lens is None:
             continue
         focal = fit.unknowns.values[lenses[number, :2]].mean()
-        given = float(view.given.focal.mean())
+        given = float(view.stated_lens.focal.mean())
         off = focal / given - 1.0
         if abs(off) > NOTE_LIMITS.focal:
             yield (

@@ -74,7 +74,7 @@ class Problem:
         """What the motions' pictures are called."""
         names: dict[int, str] = {}
         for view in reversed(self.views):
-            names |= zip(view.rows.tolist(), view.pictures.names, strict=True)
+            names |= zip(view.rows.tolist(), view.names, strict=True)
         return tuple(names[row] for row in self.rows.tolist())
 
     def motions_of(self, view: View) -> Index:
@@ -86,7 +86,7 @@ class Problem:
         names: dict[str, None] = {}
         for view in self.views:
             chosen = np.flatnonzero(motions[self.motions_of(view)])
-            names |= dict.fromkeys(view.pictures.names[k] for k in chosen)
+            names |= dict.fromkeys(view.names[k] for k in chosen)
         return tuple(names)
 
     def solve(
@@ -107,19 +107,17 @@ def problem_of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
 
     Raises LogError where the pictures are of other joints, or say that the joints are not these.
     """
+    rows = _rows(views)
+    q = np.zeros((len(rows), arm.dof))
     for view in views:
-        names = view.pictures.joint_names
+        names = view.joint_names
         if names != arm.joint_names:
             raise LogError(
                 f"the pictures of {view.name} are of the joints {listing(names)}, expected "
                 f"{listing(arm.joint_names)}, those of {arm.name} up to {arm.tip}"
             )
-
-    # joints at each row that has a picture
-    rows = _rows(views)
-    q = np.zeros((len(rows), arm.dof))
-    for view in views:
-        q[np.searchsorted(rows, view.rows)] = view.pictures.q
+        # joints at each row that has a picture
+        q[np.searchsorted(rows, view.rows)] = view.q
     views, first = _by_pose(views, rows, q)
     rows = rows[first]
     motions = JointMotions(q[first], structure_of(arm, "pose"))
@@ -214,8 +212,7 @@ def _by_pose(
     for view in views:
         place = np.searchsorted(rows, view.rows)
         first_place = first[pose[place]]
-        pictures = replace(view.pictures, rows=rows[first_place])
-        merged.append(replace(view, pictures=pictures))
+        merged.append(replace(view, rows=rows[first_place]))
     return merged, np.sort(first)
 
 
@@ -231,10 +228,10 @@ def turning(poses: Array) -> tuple[Array, Array]:
 def _problem(views: Sequence[View], rows: Index, motions: Motions) -> Problem:
     """The problem, which begins at a closed form of each camera."""
     starts = _starts(views, rows, motions)
-    numbered: list[View] = []
-    for view, start in zip(views, starts, strict=True):
-        pictures = view.pictures.turned(start.turned)
-        numbered.append(replace(view, pictures=pictures))
+    numbered = [
+        view.turned(start.turned)
+        for view, start in zip(views, starts, strict=True)
+    ]
     bundle = _bundle(numbered, rows, motions)
     layout = bundle.layout
     # of each board the first camera that sees it
@@ -244,8 +241,7 @@ def _problem(views: Sequence[View], rows: Index, motions: Motions) -> Problem:
 
     prior = _prior(numbered, boards, motions, layout)
     values = np.zeros(layout.size)
-    for view, lens in zip(numbered, layout.lenses, strict=True):
-        values[lens] = view.lens.parameters
+    values[layout.lenses] = [view.first_lens.parameters for view in views]
     for start, shape in zip(boards, layout.shapes, strict=True):
         values[shape[-1]] = start.size
     frames = [start.camera for start in starts]
@@ -271,12 +267,18 @@ def _prior(
     mean = np.zeros(layout.size)
     scales: list[Scale] = []
     for view, lens in zip(views, layout.lenses, strict=True):
-        mean[lens] = view.lens.parameters
-        if view.given is None:
+        mean[lens] = view.first_lens.parameters
+        if view.stated_lens is None:
             mean[lens[4:]] = 0.0
         scales += _lens_scales(view, lens)
+    lowest, highest = PRIORS.printed
     for start, shape in zip(boards, layout.shapes, strict=True):
-        scales += _board_scales(start, shape)
+        size = abs(start.size)  # that may be another than stated
+        scales += [
+            Scale(shape[:-3], *PRIORS.bent),
+            Scale(shape[-3:-1], *PRIORS.stretched),
+            Scale(shape[-1:], max(size, lowest), lowest, max(size, highest)),
+        ]
     if isinstance(motions, JointMotions):
         scales += motions.scales(layout.arm)
     return CornerPrior(mean, scales)
@@ -323,7 +325,7 @@ def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
         bent = shape_slopes(outline, outline)
         motion = np.searchsorted(rows, view.rows)
         for k in np.argsort(motion, kind="stable"):
-            corners = view.pictures.corners[k]
+            corners = view.corners[k]
             shown = list(corners)
             points.append(outline[shown])
             bends.append(bent[shown])
@@ -341,22 +343,11 @@ def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
     )
 
 
-def _board_scales(start: RigStart, shape: Index) -> list[Scale]:
-    """Priors of a board, whose size may be another than stated."""
-    lowest, highest = PRIORS.printed
-    size = abs(start.size)
-    return [
-        Scale(shape[:-3], *PRIORS.bent),
-        Scale(shape[-3:-1], *PRIORS.stretched),
-        Scale(shape[-1:], max(size, lowest), lowest, max(size, highest)),
-    ]
-
-
 def _lens_scales(view: View, places: Index) -> Iterator[Scale]:
     """Priors of a lens; the pictures alone tell focal length and centre of one that is fitted."""
-    focal = float(view.lens.focal.mean())
+    focal = float(view.first_lens.focal.mean())
     # tangent of the angle at which the corners of the picture appear
-    edge = float(np.hypot(*view.pictures.size)) / 2 / focal
+    edge = float(np.hypot(*view.size)) / 2 / focal
     groups = (
         (slice(0, 2), 0.3 * focal),
         (slice(2, 4), 0.1 * edge * focal),
@@ -368,8 +359,8 @@ def _lens_scales(view: View, places: Index) -> Iterator[Scale]:
     for numbers, highest in groups:
         lowest = 1e-6 * highest
         start = 0.3 * highest
-        if view.given is not None:
-            variances = np.diag(view.given.covariance)[numbers]
+        if view.stated_lens is not None:
+            variances = np.diag(view.stated_lens.covariance)[numbers]
             lowest = max(float(np.sqrt(variances.max())), lowest)
             start = max(lowest, 1e-2 * highest)
         elif numbers.stop <= 4:

@@ -11,6 +11,7 @@ import numpy as np
 from ..change.verdict import Verdict
 from ..common.arrays import Array
 from ..common.rows import finite_rows, row_lengths, solve_least_squares
+from ..common.wording import ROUNDED_AWAY
 from ..model.model import Model
 from ..samples.samples import Samples
 from ..training.residuals import fresh_points
@@ -29,6 +30,7 @@ from .deviations import (
     frame_parameters,
 )
 from .settings import SETTINGS
+from .workspace import extent
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +135,14 @@ class Study:
             bars.append(Bar.of(f"as calibrated{noise}", self.rows.learned))
         bars.append(Bar.of(f"on {self.rows.source}", self.rows.held_out))
         return bars
+
+    @cached_property
+    def exact(self) -> bool:
+        """Whether the errors of its rows are rounding alone."""
+        least = ROUNDED_AWAY * extent(self.model)
+        return self.rows is not None and bool(
+            (self.rows.distance < least).all()
+        )
 
     @property
     def views(self) -> tuple[tuple[int, int], ...]:

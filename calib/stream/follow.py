@@ -33,7 +33,7 @@ BLOCK = 100
 class FollowSettings:
     """How a stream is followed."""
 
-    # samples from one that tells the error to the next
+    # samples from one report of the error to the next
     glance: int = 5
     # neighbourhood radius once settled [nodes]
     sigma_end: float = 0.5
@@ -76,7 +76,7 @@ class Step:
 def matching_sigma(network: Map, error: float) -> float:
     """Neighbourhood radius [nodes] at which training had a quantization error (eq. 10).
 
-    network : a map, whose history tells how the error fell with sigma; the radii of its coarse
+    network : a map, whose history records how the error fell with sigma; the radii of its coarse
         lattices count as the same share of the full one
     error : root mean square distance to the winner after the change, in the unit box
     Returns float, the radius of the whole map where the error is larger than at the start.
@@ -104,8 +104,8 @@ class OnlineAdapter:
     """A model that follows a stream of samples.
 
     It watches until the sensory distortion (eq. 9) or the links' residual leaves what
-    training knew, or most samples are beyond the bound that a log told: maps of many joints
-    are too coarse to tell.  Then sigma is reset to the radius at which training had the same
+    training knew, or most samples are beyond the bound of a log: maps of many joints
+    are too coarse for that.  Then sigma is reset to the radius at which training had the same
     distortion (eq. 10), eta and beta rise (eq. 12), and all three decay while the maps
     (eq. 1 to 3) and the links (eq. 11) follow the samples.  Once they are settled it keeps
     their last rates.
@@ -274,7 +274,7 @@ class OnlineAdapter:
         """Sensory distortion and error that an unchanged arm exceeds by chance next to never."""
         variance = self._baseline.spread[1] / FOLLOW.window
         chance = 1.0 + FOLLOW.no_chance * math.sqrt(variance)
-        # distances scale with the lattice: a larger arm's nodes stand further apart
+        # distances scale with the lattice: a larger arm's nodes are further apart
         size = (sensory.spacing / self._model.sensory.spacing) ** 2
         at_rest = FOLLOW.at_rest if self._since >= 0 else 1.0
         zeta, error = self._expected.tolist()
@@ -307,7 +307,7 @@ class OnlineAdapter:
         )
 
     def model(self, links: Literal["rest", "rule"] = "rest") -> Model:
-        """The model as it stands, with local models of the latest samples.
+        """The current model, with local models of the latest samples.
 
         links : {"rest", "rule"}, "rest": those at which eq. 11 comes to rest for the samples since
             the change: what is no longer reached is no longer promised.  "rule": those that eq. 11

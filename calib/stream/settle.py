@@ -29,9 +29,9 @@ class SettleSettings:
 
     # samples that links are learned from where the stream is short
     imagined: int = 20_000
-    # most rows that a body is refitted to: more would tell it hardly more
+    # most rows that a body is refitted to: more hardly change it
     rows: int = 3000
-    # rows below which a stream has no links of its own
+    # rows below which a stream gets no new links
     few_rows: int = 1000
 
 

@@ -1,4 +1,4 @@
-"""Bodies: what is fitted to the samples of each sensor before the maps learn what it leaves over.
+"""Bodies: the fit of each sensor's samples, whose residuals the maps learn.
 
 A rigid arm explains positions smoothly over the whole workspace; local models learn the rest.  A
 fit begins from a template: the chain of the arm, how its sensor looks at it, and whether the
@@ -36,7 +36,7 @@ from .settings import LEARNING
 _POSED = {"rigid": "pose", "base": "base pose"}
 
 Template = tuple[Structure, Rows]
-"""What a body begins from, and what it is fitted to."""
+"""The structure that a fit begins with, and the rows that it is fitted to."""
 
 
 def fit_bodies(
@@ -72,7 +72,7 @@ def mean_error(fit: BodyFit) -> float:
 
 
 def _with_notes(fit: BodyFit, samples: Samples) -> BodyFit:
-    """A fit to samples, of positions alone, with notes on what these cannot tell."""
+    """A fit to samples, of positions alone, with notes on what these cannot determine."""
     names = samples.joint_names
     travel = samples.upper - samples.lower
     warnings = warnings_of(samples.q, names, samples.revolute, travel)
@@ -149,7 +149,7 @@ def _in_plane(samples: Samples, view: str) -> Template:
     simulated = samples.simulation is not None
     drawing: PlanarDrawing | None = None
     if samples.arm is not None and not simulated:
-        # a joint out of the plane has no prior: the rows have to tell
+        # a joint out of the plane has no prior: the rows alone count
         with suppress(OptionError):
             drawing = PlanarDrawing.of(samples.arm)
     if view == "base" and drawing is None:

@@ -97,12 +97,12 @@ def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
     body = model.body
     if body is None:
         learned = learn_bounds(motor, u, errors)
-        # they hold beside the rows, see `calib.model.parts`
+        # they hold at the rows, see `calib.model.parts`
         return learned, learned
     reading, position = bounds_of_nodes(motor, body)
     if model.predictor.models.degree < 0:
         return reading, position
-    # where held-out rows are further off than the body says, as in a local defect
+    # where held-out rows are further off than the body predicts, as in a local defect
     learned = learn_bounds(motor, u, errors)
     noise = RADIUS_95 * float(np.sqrt(np.mean(body.noise[:2] ** 2)))
     defect = np.sqrt(np.maximum(learned**2 - noise**2, 0.0))

@@ -1,4 +1,4 @@
-"""A log as it is learned from: sound rows in time, without their play, and the body of them."""
+"""A log made ready for learning: sound rows in time, without play, and their body."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class FittedLog(SoundLog):
 
     @staticmethod
     def of(samples: Samples, options: TrainingOptions) -> FittedLog:
-        """The log as it is."""
+        """The log with all its rows."""
         rows_given = len(samples) + samples.left_out
         play = np.zeros(samples.dof)
         fit = fit_body(at_poses(samples), options)
@@ -132,7 +132,7 @@ def fit_sound_rows(samples: Samples, options: TrainingOptions) -> FittedLog:
     if Trajectory.of(samples) is None:
         fitted = fitted.without_play()
     fitted = fitted.without_wrong_rows().in_time().without_play()
-    # rows that contradict the others beside the better fit
+    # rows that contradict the others under the better fit
     return fitted.without_wrong_rows()
 
 
@@ -159,7 +159,7 @@ def _play_of(log: FittedLog) -> Array | None:
 
 
 def samples_without_play(samples: Samples, play: Array) -> Samples:
-    """Return the samples with the joints where they stood, rather than what they read."""
+    """Return the samples with the joints' true values, rather than what their encoders read."""
     assert samples.side is not None  # noqa: S101 - as samples are made
     return replace(samples, q=samples.q - play * samples.side)
 

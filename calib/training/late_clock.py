@@ -70,7 +70,7 @@ def _delay(
         delay, beta = step
         share = share or delay.share
         late += delay.value
-        # while the parameters beside it still move, its deviation is too large
+        # while the other parameters still move, its deviation is too large
         rms_before = rms
         rms = float(np.sqrt((residual**2).mean()))
         is_settled = abs(delay.value) < LATE_CLOCK.settled * delay.sd
@@ -88,7 +88,7 @@ def _step(
     velocity: Array,
     play: Array,
 ) -> tuple[Delay, Array] | None:
-    """How much later positions are than joints (n, dof), and parameters (d,) that change beside it.
+    """Delay of positions after joints (n, dof), and the parameters (d,) fitted with it.
 
     residual, velocity, play : (n, m), (n, m), (n, m, dof), see `estimate_delay`
     """

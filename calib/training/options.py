@@ -1,4 +1,4 @@
-"""Options: what a training is asked for, and the lattices that samples get."""
+"""Options of a training, and the lattices that suit its samples."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class TrainingOptions:
         ``auto`` fits a kinematic body under the maps; ``none`` learns from maps and links
         alone, as the paper does.
     view : {"auto", "base", "rigid", "similarity", "affine", "homography", "pinhole"}
-        What the sensor measures: ``base`` says that positions are in the robot's root frame,
+        What the sensor measures: ``base`` means positions in the robot's root frame,
         ``auto`` is rigid for lengths, a homography for pixels, a pinhole for an arm in space.
     free : {"all", "offsets"}
         What of a drawing may be off: with ``offsets`` its geometry is true, the joints' zeros and
@@ -116,7 +116,7 @@ class TrainingOptions:
 def options_for(
     samples: Samples, options: TrainingOptions
 ) -> tuple[TrainingOptions, list[str]]:
-    """The options with lattices and map for these samples, and what the user is told."""
+    """The options with lattices and map for these samples, and notes for the user."""
     notes: list[str] = []
     size = options.size
     sizes = (size, options.motor_size, options.sensory_size)
@@ -160,6 +160,6 @@ def options_for(
 
 
 def _of_dimension(dim: int, nodes: tuple[int, ...]) -> tuple[int, ...]:
-    """A lattice of so many axes with as many nodes as another one."""
+    """A lattice of another number of axes with as many nodes as this one."""
     side = round(math.prod(nodes) ** (1 / dim))
     return (max(2, side),) * dim

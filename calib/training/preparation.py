@@ -1,4 +1,4 @@
-"""Preparation: a log as it is learned from, with the body that its rows tell."""
+"""Preparation: sound rows of each log, and the body that is fitted to them."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def _with_common_body(log: FittedLog, together: BodyFit) -> FittedLog:
 
 
 def _without_body(samples: Samples, options: TrainingOptions) -> SoundLog:
-    """The log for maps and links alone; a body tells which of its rows are wrong."""
+    """The log for maps and links alone; a body finds its wrong rows."""
     simulation = samples.simulation
     rows_given = len(samples) + samples.left_out
     log = SoundLog(samples, rows_given, np.zeros(samples.dof), ())
@@ -130,7 +130,7 @@ def _prepare_one_sensor(
 def _disagreement(log: FittedLog, together: BodyFit) -> list[str]:
     """Return a note where one body of all sensors misses this one's rows by far more than its own.
 
-    log : with the body of its own
+    log : with its own body
     """
     alone = mean_error(log.fit)
     error = mean_error(together)

@@ -83,7 +83,7 @@ def evaluate_residuals(
 ) -> Residuals:
     """Residuals of all readouts in both directions, of the answer nearest to the true joints.
 
-    truth : the true kinematics; without it (a log) the learned map tells how far the answered
+    truth : the true kinematics; without it (a log) the learned map predicts how far the answered
         joints lead from the recorded ones
     """
     answered = model.covers(motion.q)
@@ -95,7 +95,7 @@ def evaluate_residuals(
     scale = model.motor.scale
     u = scale.to_unit(motion.q)
     near = model.solver.newton.clip(u)
-    # the answers' bounds, of which `Model.solve` takes most of the time, are not asked for
+    # without the answers' bounds, which take most of the time of `Model.solve`
     predicted, answers = side_by_side(
         lambda: {name: prediction.read(name) for name in model.readouts},
         lambda: unit_joints(model, x, near, model.readouts),
@@ -248,7 +248,7 @@ def p95_and_coverage(model: Model, residuals: Residuals) -> dict[str, float]:
     """The 95th percentile of the errors [unit], and the share that the model's own bound covers.
 
     Both are of the rows that the model answers; "answered" is their share where it is not all.
-    Of fewer than ten rows no share is told.
+    Fewer than ten rows give no share.
     """
     errors = residuals.distances(model.default_readout)
     bound = residuals.widening * predict(model, residuals.motion).bound

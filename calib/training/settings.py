@@ -30,7 +30,7 @@ class Learning:
 
 @dataclass(frozen=True)
 class Testing:
-    """Rows that errors are measured on: more would tell no more."""
+    """Numbers of rows that errors are measured on: more change no figure."""
 
     fresh: int = 10_000  # exact points of a simulation
     # of maps without a body that have more than three joints: 10,000 searches for joints on six
@@ -43,10 +43,10 @@ class Testing:
     folds: int = 20
     # rows that an undisturbed arm's distortions are learned from
     baseline: int = 20_000
-    # rows that were not learned, from which on errors are told
+    # fewest unlearned rows for which errors are reported
     fewest: int = 10
-    placed: int = 10  # rows that tell where a frame is
-    # of the median error: a frame that moved explains so much
+    placed: int = 10  # fewest rows that place a frame
+    # share of the median error that a moved frame explains
     nearer: float = 0.5
     # exact samples that the bounds of a simulation are learned from
     drawn: int = 12_000
@@ -70,7 +70,7 @@ class WrongRows:
     scatters: float = 10.0
     # share of the rows that can be wrong; beyond it the fit is
     most_rows: float = 0.25
-    # rows that tell how far neighbours usually are
+    # rows that show how far neighbours usually are
     sampled: int = 1500
 
 
@@ -81,14 +81,14 @@ class Backlash:
     fewest: int = 20  # rows
     most: int = 5_000
     rounds: int = 3
-    trend: int = 7  # degree of what a joint's value tells of its direction
+    trend: int = 7  # degree of a joint's direction as a function of its value
 
 
 @dataclass(frozen=True)
 class LateClock:
     """The search for a delay."""
 
-    steps: int = 16  # of a delay and the parameters beside it, from one fit
+    steps: int = 16  # of a delay and the parameters fitted with it
     rows: int = 4_000  # neighbouring rows that a delay rests on
     settled: float = 0.05  # sds that the last step moves at most
     falls: float = 0.95  # share of the residual before from which it does not fall any more
@@ -101,14 +101,14 @@ class Touching:
     most: float = 0.25  # share of rows that may be wrong
     # fits, each without the rows that strayed from the one before
     attempts: int = 3
-    few: int = 12  # touches that tell an arm in space at least
+    few: int = 12  # fewest touches that determine an arm in space
     few_of_one: int = 4  # of them in one socket
-    # [rad or m], joints that moved less in each socket tell nothing
+    # [rad or m], joints that moved less in each socket are undetermined
     alike: float = 0.05
     clearly: float = 3.0  # sds by which two sizes of an arm have to differ
     # relative; no drawing is further from its arm's size
     most_doubt: float = 0.05
-    # [m or rad] of what no touch tells, and what a belief holds for exact
+    # [m or rad], sd of what no touch determines, and of what is exact
     gauge: float = 1e-6
     nats: float = 5.0  # of evidence for a change
     # what may have changed since, by how much: a servo put on anew, a bent tip, origins [rad or m]
@@ -118,9 +118,9 @@ class Touching:
 
 
 DISAGREEMENT = 5.0
-"""Times its own error by which a body of several sensors misses one that is of another arm.
+"""Ratio to a sensor's own error beyond which the common body shows it is of another arm.
 
-Of 40 rows 1.0 where they are of one, 25 and more with a joint 3 deg off or a link 5 % longer."""
+With 40 rows: 1.0 for one arm, 25 and more with a joint 3 deg off or a link 5 % longer."""
 
 LEARNING = Learning()
 TESTING = Testing()

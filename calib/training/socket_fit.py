@@ -46,7 +46,7 @@ class SocketFit:
 
 @dataclass(frozen=True)
 class SizeCheck:
-    """The arm's size by stated distances, beside the size that its drawing has."""
+    """The arm's size by stated distances, compared with that of its drawing."""
 
     ratio: float  # size by the distances, over that of the drawing
     sd: float  # of the ratio
@@ -89,7 +89,7 @@ def fit_sockets(
 
     Returns the samples with their sockets' places as positions: in the arm's base frame, or in the
         sensor's where one measured some rows.
-    Raises LogError if the touches tell nothing of the arm, or no arm explains them.
+    Raises LogError if the touches do not determine the arm, or no arm explains them.
     """
     arm = samples.arm
     if not isinstance(arm, SpatialArm):
@@ -193,9 +193,9 @@ def _fit_sound_touches(
 
 
 def _size_by_distances(touch: Touches, drawn: SocketFit) -> SizeCheck | None:
-    """Return what stated distances say of the size of an arm that has its drawing's.
+    """Return the size by stated distances of an arm that was fitted with its drawing's.
 
-    Returns None where no distance is of sockets that were touched.
+    Returns None where no distance is between sockets that were touched.
     """
     points = np.array([fact.points for fact in touch.distances])
     stated = np.array([fact.value for fact in touch.distances], dtype=float)
@@ -214,7 +214,7 @@ def _size_by_distances(touch: Touches, drawn: SocketFit) -> SizeCheck | None:
 
 
 def _refuse_alike(samples: Samples, touch: Touches) -> None:
-    """Refuse touches that are too few or too much alike to tell anything of the arm."""
+    """Refuse touches that are too few or too much alike to determine the arm."""
     sockets, counts = np.unique(
         touch.number[touch.is_touch], return_counts=True
     )

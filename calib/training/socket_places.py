@@ -64,7 +64,7 @@ def as_positions(
 ) -> tuple[Samples, list[str]]:
     """A log of touches with its sockets as positions of a model, and notes.
 
-    Sockets are where the model has them; where touches speak clearly for a change of the arm, where
+    Sockets are where the model has them; where touches clearly show a change of the arm, where
     the changed arm has them.
     Raises LogError if the model is not of an arm in space.
     """
@@ -102,7 +102,7 @@ def _places_after_change(
 
     body, structure : the belief before
     q, x : (n, dof) and (n, 3), joint values in the body's order, and readings of the sensor
-    Returns None where the touches do not clearly speak for a change.
+    Returns None where the touches are no clear evidence of a change.
     """
     noise = float(body.noise[0]) / structure.metre
     number, facts, sockets = touch.numbers_and_facts()
@@ -195,7 +195,7 @@ def _scatter_by_point(touch: Touches, distance: Array) -> list[dict[str, Any]]:
 
 
 def _distances(touch: Touches, places: Array) -> list[dict[str, Any]]:
-    """Stated distances [m] beside those of the sockets' places (p, 3), where both are known."""
+    """Stated distances [m], and those between the sockets' places (p, 3), where both are known."""
     distances = []
     for fact in touch.distances:
         one, other = places[list(fact.points)]

@@ -1,6 +1,6 @@
 """Training: from samples to a calibrated model.
 
-In a straight line: sound rows and the body that they tell (`prepare`), the maps, the local models,
+In a straight line: sound rows and their body (`prepare`), the maps, the local models,
 the held-out errors and the bounds, the facts that travel with the model.
 """
 
@@ -57,9 +57,9 @@ def train(
     ----------
     samples : Samples or sequence of Samples
         Joint values and positions; or a log of each sensor that measured one arm, each with a
-        frame, a unit and a noise of its own, and poses of its own.
+        its own frame, unit, noise and poses.
     options : TrainingOptions, optional
-        How; or its attributes by name, as in `calib.train(log, size=40, map="som")`.
+        Options; or their values by name, as in `calib.train(log, size=40, map="som")`.
     progress : callable, optional
         Called with the share of the work done, of each sensor in turn, the stage and the current
         error.
@@ -186,7 +186,7 @@ def _with_errors(
     if model.body is not None and unknown_joints and not is_arm:
         notes.append(SLIDING_UNKNOWN)
     about = replace(about, notes=tuple(notes))
-    # bounds of a log are of joints that are freed of their play: the approach comes after p95;
+    # bounds of a log hold for joints without play: the approach is added after p95;
     # `tested_on_arm` has set it before
     return replace(model, about=about, approach=log.approach)
 

@@ -91,7 +91,7 @@ def test_equal_arms_are_told_and_a_log_must_choose():
     assert arm_from_urdf(two_arms(0.4, "prismatic")).joint_names == ("l1", "l2")
 
 
-def test_what_a_file_misses_is_mended_aloud():
+def test_what_a_file_misses_is_mended_aloud_and_a_byte_order_mark_is_no_obstacle(tmp_path):
     arm = arm_from_urdf(chain_urdf(turning(), turning(), turning(more='<mimic joint="no"/>')))
     assert any("'no', which does not exist" in note for note in arm.notes)
     text = TWO.replace('<axis xyz="0 0 1"/>', "")
@@ -99,9 +99,6 @@ def test_what_a_file_misses_is_mended_aloud():
     assert any("no <axis>" in note for note in arm.notes)
     assert pin.buildModelFromXML(text).joints[1].shortname() == "JointModelRX"
     assert arm.chain.axes[0] == pytest.approx([1, 0, 0])
-
-
-def test_a_byte_order_mark_a_namespace_and_what_a_comment_says_are_no_obstacle(tmp_path):
     path = tmp_path / "bom.urdf"
     xacro = TWO.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"')
     start = b'\xef\xbb\xbf<?xml version="1.0" encoding="utf-8"?><!-- no <!DOCTYPE here -->'
@@ -110,21 +107,28 @@ def test_a_byte_order_mark_a_namespace_and_what_a_comment_says_are_no_obstacle(t
     np.testing.assert_array_equal(load_arm(path).forward(q), arm_from_urdf(TWO).forward(q))
 
 
-def test_a_range_narrows_one_joint_and_is_clipped_into_its_limits():
+def test_a_range_narrows_a_joint_within_its_limits_and_mends_those_that_are_missing():
     arm = load_arm("two_link", ranges={"elbow": (0.5, 1.0), "shoulder": (0, 1.5708)})
     np.testing.assert_array_equal([arm.lower, arm.upper], [[0, 0.5], [np.pi / 2, 1.0]])
     again = arm.with_range({"elbow": (0.3, 2.0)})  # limits are the joint's, not the last range
     assert again.lower[1] == 0.3
+    text = chain_urdf(turning(), turning(lower="2", upper="-2"))
+    refused(RobotError, r"2 to -2 rad are unusable.*ranges=.*j2", arm_from_urdf, text)
+    assert arm_from_urdf(text, ranges={"j2": (-2, 2)}).upper[1] == 2
+    text = chain_urdf(*[turning().split("<limit")[0]] * 2)
+    refused(RobotError, r"j1' .*no limits.*j2' .*no limits", arm_from_urdf, text)
+    arm = arm_from_urdf(text, ranges={"j1": (-1, 1), "j2": (0, 1)})
+    np.testing.assert_array_equal([arm.lower, arm.upper], [[-1, 0], [1, 1]])
 
 
 @pytest.mark.parametrize(
-    "limits",
-    [{"lower": "-6.3", "upper": "6.3"}, {"more": ENDLESS}, {"lower": "-1e16", "upper": "INF"}],
+    "limits", [("-6.3", "6.3"), ("0", "1", ENDLESS), ("-1e16", "INF"), ("-90", "90")]
 )
 def test_more_than_one_turn_becomes_one_turn_said_aloud(limits):
-    arm = arm_from_urdf(chain_urdf(turning(**limits), turning()))
+    arm = arm_from_urdf(chain_urdf(turning("0 0 1", "0.3 0 0", *limits), turning()))
     assert (arm.lower[0], arm.upper[0]) == (-np.pi, np.pi)
-    assert any("'j1'" in note and "turn" in note for note in arm.notes)
+    (note,) = [note for note in arm.notes if "'j1'" in note and "turn" in note]
+    assert ("if they are in degrees" in note) is ("90" in limits)
     # another turn than the one around 0 may be asked for
     other = arm.with_range({"j1": (3.0, 3.0 + np.pi)})
     assert other.upper[0] - other.lower[0] == pytest.approx(np.pi)
@@ -139,16 +143,6 @@ def test_one_turn_lies_within_its_range_as_near_to_zero_as_it_can(lower, excess)
     assert lower - 1e-9 <= first < last <= upper + 1e-9
     nearest = np.clip(0.0, lower + np.pi, upper - np.pi)
     assert (first + last) / 2 == pytest.approx(nearest, abs=1e-9)
-
-
-def test_a_range_mends_limits_that_are_missing_or_unusable():
-    text = chain_urdf(turning(), turning(lower="2", upper="-2"))
-    refused(RobotError, r"2 to -2 rad are unusable.*ranges=.*j2", arm_from_urdf, text)
-    assert arm_from_urdf(text, ranges={"j2": (-2, 2)}).upper[1] == 2
-    text = chain_urdf(*[turning().split("<limit")[0]] * 2)
-    refused(RobotError, r"j1' .*no limits.*j2' .*no limits", arm_from_urdf, text)
-    arm = arm_from_urdf(text, ranges={"j1": (-1, 1), "j2": (0, 1)})
-    np.testing.assert_array_equal([arm.lower, arm.upper], [[-1, 0], [1, 1]])
 
 
 GOOD = load_arm("two_link").urdf
@@ -167,16 +161,13 @@ def changed(old: str, new: str) -> str:
 LAUGHS = changed("<robot", '<!DOCTYPE r [<!ENTITY a "aaa">]>\n<robot')
 LOOP = '<joint name="back" type="fixed"><parent link="tip"/><child link="base"/></joint></robot>'
 FLOATING = ELBOW.replace("revolute", "floating")
-MANY = robot(
-    *[joint(f"j{k}", f"l{k}", f"l{k + 1}", "0 0 0", "0 0 1", "fixed") for k in range(1_001)]
-)
+NAMES = [(f"j{k}", f"l{k}", f"l{k + 1}") for k in range(1_001)]
+MANY = robot(*[joint(*names, "0 0 0", "0 0 1", "fixed") for names in NAMES])
 STUCK = chain_urdf(turning(lower="0", upper="0"), turning())
-SIDE_BY_SIDE = robot(
-    joint("a", "o", "l", "0.3 0 0", "0 0 1"), joint("b", "o", "m", "0.3 0 0", "0 0 1")
-)
+SIDE_BY_SIDE = robot(*[joint(a, "o", b, "0.3 0 0", "0 0 1") for a, b in ("al", "bm")])
 BENT = chain_urdf(turning(), turning(axis="0 1 0"), turning())
 FOLLOWED = chain_urdf(turning(), turning(), turning(more='<mimic joint="j2"/>'))
-NINE = robot(*[joint(f"j{k}", f"l{k}", f"l{k + 1}", "0.1 0 0.05", "0 1 0") for k in range(9)])
+NINE = robot(*[joint(*names, "0.1 0 0.05", "0 1 0") for names in NAMES[:9]])
 BODY = '<mujoco><worldbody><body name="a">{}</body></worldbody></mujoco>'
 UPPER_ARM = '<parent link="upper_arm"/>'
 

@@ -52,7 +52,8 @@ def test_what_is_known_of_an_adapted_model(tmp_path):
     found = calib.adapt(small(), samples)
     fresh, about = found.model, found.model.about
     assert (about.source, about.bound_of, about.samples) == ("log", "sensor reading", 60)
-    assert (about.simulation, about.unit, about.notes) == (None, "m", found.notes)
+    assert (about.simulation, about.unit, about.notes) == (None, "m", ())
+    assert "the bound does not hold" in found.notes[0]  # the old one
     assert about.errors["local"]["forward"]["distance"] == found.after
     (event,) = fresh.history
     assert (event["event"], event["method"], event["samples"]) == ("adapted", "few-shot", 60)

@@ -64,6 +64,24 @@ def test_each_episode_of_a_log_has_a_verdict():
     assert calib.check(model(1e-3), calm).episodes == ()
 
 
+@pytest.mark.parametrize(
+    ("change", "row"), [("elbow.offset=0.005", 30), ("sensor.rotate=0.01", 45)]
+)
+def test_a_log_within_which_something_changed_is_split_there(change, row):
+    """An offset of half the size was told, +.14 +- .04 deg for 0 and .29."""
+    old, new = bare("two_link", 60, 1), bare("two_link", 60, 1, change)
+    log = replace(old, x=np.where(np.arange(60)[:, None] < row, old.x, new.x))
+    found = calib.adapt(learned(), log)
+    (cause,) = found.changed
+    assert cause.cause == "step"
+    assert abs(int(re.search(r"near row (\d+)", cause.words)[1]) - row) < 4
+    assert "before: still calibrated; after: " in cause.words
+    assert not found.improved
+    # in no order of time there is nothing to split
+    mixed = log.take(np.random.default_rng(0).permutation(60))
+    assert "step" not in names(calib.check(learned(), mixed))
+
+
 def test_what_is_known_of_a_change_is_believed():
     turned, longer = babbled("sensor.rotate=0.02"), babbled("elbow.length=+5%")
     assert names(calib.check(model(1e-3), turned, cause="joints")) == {"offset:shoulder"}

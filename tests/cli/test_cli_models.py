@@ -187,8 +187,7 @@ def test_a_plan_stays_above_a_table(run):
 
 def test_what_has_no_answer_is_exit_code_3_with_one_line(run, model):
     done = run("query", "inverse", model, "2", "2", "--json")
-    assert done.code == 3
-    assert done.document["reachable"] is False
+    assert (done.code, done.document["reachable"]) == (3, False)
     assert done.document["solutions"][0]["distance"] > 2.0
     assert re.fullmatch(r"out of reach: .* [\d.]+ mm away\n", done.err)
     done = run("query", "forward", model, "0.5", "3.5")

@@ -109,14 +109,11 @@ def active(u, nodes):
     return np.exp(-((u - nodes) ** 2) / (BANDWIDTH * (nodes[1] - nodes[0])) ** 2)
 
 
-def test_the_winner_answers_with_its_strongest_partner():
+def test_the_winner_answers_with_its_strongest_partner_and_activity_with_a_weighted_mean():
     said = FORKED.forward(np.array([[0.2], [0.7]]), "winner")
     assert said.tolist() == [[0.9, 0.0], [0.4, 0.0]]
     said = ONE_TO_ONE.inverses(np.array([[0.3, 0.0], [0.9, 0.0]]), np.full((2, 1), 0.5))["winner"]
     assert said.tolist() == [[0.5], [1.0]]
-
-
-def test_activity_answers_with_the_mean_of_the_partners_weighted_through_the_links():
     u = np.array([[0.3], [0.5]])
     shares = active(u, np.array([0.0, 1.0])) @ [[0.2, 0.0, 0.7], [0.4, 0.5, 0.0]]
     expected = shares @ [0.1, 0.4, 0.9] / shares.sum(axis=1)
@@ -134,9 +131,7 @@ def test_activity_answers_with_the_mean_of_the_partners_weighted_through_the_lin
         ([0.55, 1.0], 0.9, 0.875 * 0.25 + 0.9 * 0.75),
     ],
 )
-def test_the_branch_near_to_the_wish_answers_and_branches_are_never_averaged(
-    wishes, winner, activity
-):
+def test_the_branch_near_to_the_wish_answers_and_none_is_averaged(wishes, winner, activity):
     # motor nodes 4, 5 and 35, 36 of 41 reach one position, the middle one another
     links = np.zeros((41, 2))
     links[[4, 5, 35, 36], 0] = 1.0, 0.5, 0.25, 0.75

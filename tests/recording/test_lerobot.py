@@ -39,52 +39,36 @@ def write_dataset(root, version, state, codec="libsvtav1", pictures=None, names=
         pictures = [np.full((64, 64), 10 * k, np.uint8) for k in range(1, POSES + 1)]
     frames = [picture for picture in pictures for _ in range(REST)]
     half = len(state) // 2
-    features = {
-        "observation.state": {
-            "dtype": "float32",
-            "names": [f"{name}.pos" for name in (*names, "gripper")],
-        },
-        CAMERA: {"dtype": "video", "info": {"video.codec": "mpeg4" if codec == "mpeg4" else "av1"}},
-    }
+    motors = [f"{name}.pos" for name in (*names, "gripper")]
+    features = {"observation.state": {"dtype": "float32", "names": motors}}
+    features[CAMERA] = {"dtype": "video"}
     info = {"codebase_version": version, "fps": RATE, "chunks_size": 1000, "features": features}
-    time = np.arange(half) / RATE
+    time, episode = np.tile(np.arange(half) / RATE, 2), np.repeat([0, 1], half)
+    state = np.column_stack([state, np.zeros(len(state))]).tolist()
+    columns = {"observation.state": state, "timestamp": time, "episode_index": episode}
+    table = polars.DataFrame(columns)
     if version.startswith("v2"):
-        info["video_path"] = (
-            "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4"
-        )
-        for episode in (0, 1):
-            rows = slice(episode * half, (episode + 1) * half)
-            table = root / f"data/chunk-000/episode_{episode:06d}.parquet"
-            write_table(table, state[rows], time, np.full(half, episode))
-            video = root / f"videos/chunk-000/{CAMERA}/episode_{episode:06d}.mp4"
-            write_video(video, frames[rows], codec)
+        name = "episode_{episode_index:06d}"
+        info["video_path"] = "videos/chunk-{episode_chunk:03d}/{video_key}/" + name + ".mp4"
+        for number in (0, 1):
+            rows, name = slice(number * half, (number + 1) * half), f"episode_{number:06d}"
+            write_table(root / f"data/chunk-000/{name}.parquet", table[rows])
+            write_video(root / f"videos/chunk-000/{CAMERA}/{name}.mp4", frames[rows], codec)
     else:
         info["video_path"] = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
-        table = root / "data/chunk-000/file-000.parquet"
-        write_table(table, state, np.tile(time, 2), np.repeat([0, 1], half))
+        write_table(root / "data/chunk-000/file-000.parquet", table)
         write_video(root / f"videos/{CAMERA}/chunk-000/file-000.mp4", frames, codec)
-        key = f"videos/{CAMERA}"
-        episodes = root / "meta/episodes/chunk-000/file-000.parquet"
-        episodes.parent.mkdir(parents=True, exist_ok=True)
-        places = {
-            "episode_index": [0, 1],
-            f"{key}/chunk_index": [0, 0],
-            f"{key}/file_index": [0, 0],
-            f"{key}/from_timestamp": [0.0, half / RATE],
-        }
-        polars.DataFrame(places).write_parquet(episodes)
+        places = {"chunk_index": [0, 0], "file_index": [0, 0], "from_timestamp": [0.0, half / RATE]}
+        places = {f"videos/{CAMERA}/{name}": values for name, values in places.items()}
+        places = polars.DataFrame({"episode_index": [0, 1], **places})
+        write_table(root / "meta/episodes/chunk-000/file-000.parquet", places)
     (root / "meta").mkdir(exist_ok=True)
     (root / "meta/info.json").write_text(json.dumps(info))
 
 
-def write_table(path, state, time, episode):
+def write_table(path, table):
     path.parent.mkdir(parents=True, exist_ok=True)
-    columns = {
-        "observation.state": np.column_stack([state, np.zeros(len(state))]).tolist(),
-        "timestamp": time,
-        "episode_index": episode,
-    }
-    polars.DataFrame(columns).write_parquet(path)
+    table.write_parquet(path)
 
 
 @pytest.fixture(scope="module")
@@ -96,10 +80,6 @@ def joints():
     return q
 
 
-def recorded(joints):
-    return np.repeat(joints, REST, axis=0)
-
-
 def poses_of(pictures):
     """The pose that each picture's grey tells."""
     return np.rint(np.array([picture.mean() for picture in pictures]) / 10).astype(int) - 1
@@ -108,29 +88,24 @@ def poses_of(pictures):
 @pytest.mark.parametrize("version", ["v2.1", "v3.0"])
 def test_each_frame_has_the_joints_of_its_moment(tmp_path, joints, version):
     """AV1, which OpenCV's wheels do not decode."""
-    write_dataset(tmp_path, version, np.degrees(recorded(joints)))
+    write_dataset(tmp_path, version, np.degrees(np.repeat(joints, REST, axis=0)))
     assert is_dataset(tmp_path)
     tables, pictures, _ = read_dataset(tmp_path)
-    table = tables["degrees"]
+    table, pose = tables["degrees"], poses_of(pictures)
     assert table.names == JOINTS
-    assert len(pictures) == POSES
-    pose = poses_of(pictures)
     assert sorted(pose) == list(range(POSES))
     assert np.allclose(table.q, joints[pose], atol=1e-6)
 
 
-def test_shares_of_ranges_need_the_motors_calibration(tmp_path, joints):
-    shares = recorded(joints) * 4095 / np.pi * 100 / [2000, -1000]
+def test_shares_need_a_calibration_rows_need_joints_and_odd_layouts_are_refused(tmp_path, joints):
+    shares = np.repeat(joints, REST, axis=0) * 4095 / np.pi * 100 / [2000, -1000]
     write_dataset(tmp_path, "v3.0", shares, codec="mpeg4")
     refused(LogError, "shares of each motor's range", read_dataset, tmp_path)
     (tmp_path / "calibration.json").write_text(json.dumps(MOTORS))
     tables, pictures, _ = read_dataset(tmp_path, motors=Motors.read(tmp_path / "calibration.json"))
     (table,) = tables.values()
     assert np.allclose(table.q, joints[poses_of(pictures)], atol=1e-6)
-
-
-def test_rows_without_joints_are_left_out_and_odd_layouts_refused(tmp_path, joints):
-    state = np.degrees(recorded(joints))
+    state = np.degrees(np.repeat(joints, REST, axis=0))
     state[4::REST] = np.nan
     write_dataset(tmp_path, "v3.0", state, codec="mpeg4")
     tables, pictures, _ = read_dataset(tmp_path)
@@ -143,7 +118,7 @@ def test_rows_without_joints_are_left_out_and_odd_layouts_refused(tmp_path, join
 
 
 def test_what_is_missing_is_named(tmp_path, joints):
-    write_dataset(tmp_path, "v2.1", recorded(joints), codec="mpeg4")
+    write_dataset(tmp_path, "v2.1", np.repeat(joints, REST, axis=0), codec="mpeg4")
     video = tmp_path / f"videos/chunk-000/{CAMERA}/episode_000001.mp4"
     video.unlink()
     refused(LogError, r"episode_000001.mp4.*cannot be read", read_dataset, tmp_path)

@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("cv2")
 import cv2
 from PIL import Image
+from reference import table
 from refusals import refused
 from rendering import Camera, Desk, board, tag, write_video
 from scenes import data_of, objects, page_of
@@ -26,9 +27,10 @@ CAMERA = Camera(size=(640, 480), focal=600.0)
 BOARD = parse_board("5x4:40mm:31mm:5x5_100")
 AROUND = {20: (-0.02, -0.08), 21: (0.4, -0.08), 22: (0.4, 0.3), 23: (-0.02, 0.3)}
 CORNERS = tuple(tag(n, 0.04, (*at, 0.0, 0.1 * n)) for n, at in AROUND.items())
-LENS = Lens(
-    CAMERA.size, np.full(2, CAMERA.focal), CAMERA.centre, np.array([CAMERA.k1, 0.0, 0.0, 0.0, 0.0])
-)
+LENS = Lens.of(CAMERA.size, np.array([600.0, 600.0, *CAMERA.centre, CAMERA.k1, 0, 0, 0, 0]))
+
+
+TWO = {"lengths": (0.18, 0.16), "offsets": (0.0, 0.0)}  # links
 
 
 def desk(**more):
@@ -43,6 +45,12 @@ def truth_on_board(scene, q):
     return ((world - at) @ turn)[:, :2] + np.array(BOARD.size) / 2
 
 
+def take(folder, scene, q, rng, first=0):
+    """Take a picture at each of the postures."""
+    for k, row in enumerate(q, first):
+        cv2.imwrite(str(folder / "p" / f"img_{k}.png"), scene.picture(row, rng))
+
+
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory):
     """Sixteen pictures, named so that their order is not that of the alphabet."""
@@ -50,9 +58,8 @@ def shot(tmp_path_factory):
     rng = np.random.default_rng(0)
     (folder / "p").mkdir()
     q = scene.postures(16, rng, margin=30)
-    for k, row in enumerate(q):
-        cv2.imwrite(str(folder / "p" / f"img_{k}.png"), scene.picture(row, rng))
-    np.savetxt(folder / "joints.csv", q, delimiter=",", header="a,b,c", comments="")
+    take(folder, scene, q, rng)
+    table(folder / "joints.csv", "abc", q)
     LENS.save(folder / "lens.json")
     return SimpleNamespace(folder=folder, scene=scene, q=q, pictures=folder / "p")
 
@@ -73,9 +80,7 @@ def film(tmp_path_factory):
     """Eight seconds at 20 frames a second, stops between moves; joints by a clock of their own."""
     folder = tmp_path_factory.mktemp("film")
     rng = np.random.default_rng(5)
-    scene = Desk(
-        Camera(size=(400, 300), focal=380.0), lengths=(0.18, 0.16), offsets=(0.0, 0.0), shadow=0.0
-    )
+    scene = Desk(Camera(size=(400, 300), focal=380.0), **TWO, shadow=0.0)
     goals = rng.uniform([0.1, 0.2], [1.2, 1.4], (16, 2))
 
     def joints(t):
@@ -90,12 +95,11 @@ def film(tmp_path_factory):
     pictures[33] = scene.picture(goals[2], rng)  # at rest the tag is seen elsewhere, once
     write_video(str(folder / "run.mp4"), pictures, 20.0)
     time = np.arange(0, 12, 0.01)
-    table = np.c_[time + 50.0, joints(time)]
-    np.savetxt(folder / "joints.csv", table, delimiter=",", header="time,a,b", comments="")
-    return SimpleNamespace(folder=folder, scene=scene, joints=read_joints(folder / "joints.csv"))
+    rows = table(folder / "joints.csv", ("time", "a", "b"), np.c_[time + 50.0, joints(time)])
+    return SimpleNamespace(folder=folder, scene=scene, joints=read_joints(rows))
 
 
-def test_pixels_in_the_order_of_numbers(shot):
+def test_pixels_in_the_order_of_numbers_or_by_name(shot, copy):
     made = make(shot.folder)
     assert made.unit == "px"
     assert tuple(made.pictures[9:12]) == ("img_9.png", "img_10.png", "img_11.png")
@@ -103,21 +107,16 @@ def test_pixels_in_the_order_of_numbers(shot):
     assert np.sqrt((miss**2).sum(1).mean()) < 0.1
     assert made.source["dropped"] == {}
     assert 0.01 < made.source["noise"] < 0.1
-
-
-def test_rows_find_their_pictures_by_name(copy):
     order = np.random.default_rng(1).permutation(16)
-    names = [f"folder/img_{k}.png" for k in order]
-    rows = [",".join(map(repr, copy.q[k].tolist())) for k in order]
-    lines = [f"{name},{row}" for name, row in zip(names, rows, strict=True)]
-    (copy.folder / "named.csv").write_text("picture,a,b,c\n" + "\n".join(lines[:-1]) + "\n")
+    lines = [f"folder/img_{k}.png,{','.join(map(repr, copy.q[k].tolist()))}" for k in order]
+    (copy.folder / "named.csv").write_text("\n".join(["picture,a,b,c", *lines[:-1]]))
     made = make(copy.folder, joints="named.csv")
     assert tuple(made.pictures) == tuple(f"img_{k}.png" for k in order[:-1])
     assert np.abs(made.x - copy.scene.tip_pixels(copy.q[order[:-1]])).max() < 0.3
     assert any("1 pictures, without joints, are left out" in note for note in made.notes)
 
 
-def test_metres_by_the_board_and_the_height(shot):
+def test_metres_by_the_board_and_the_height_and_the_pose_of_the_tag(shot):
     setting = Setting(7, board=BOARD, lens=LENS, tag_height=0.025)
     made = make(shot.folder, setting)
     miss = np.linalg.norm(made.x - truth_on_board(shot.scene, shot.q), axis=1)
@@ -126,9 +125,6 @@ def test_metres_by_the_board_and_the_height(shot):
     assert 0.3 * np.sqrt((miss**2).mean()) < 2 * made.source["noise"] < 5e-3
     flat = make(shot.folder, Setting(7, board=BOARD, lens=LENS))
     assert np.linalg.norm(flat.x - made.x, axis=1).max() > 5e-3
-
-
-def test_the_pose_of_the_tag(shot):
     setting = Setting(7, board=BOARD, lens=LENS, tag_size=0.04)
     made = make(shot.folder, setting)
     assert made.x.shape == (16, 3)
@@ -142,49 +138,40 @@ def test_a_bump_within_a_recording_is_told(shot, copy):
     bumped = desk(camera=Camera(CAMERA.size, CAMERA.focal, position=(0.205, -0.25, 0.9)))
     rng = np.random.default_rng(3)
     setting = Setting(7, board=BOARD, lens=LENS, tag_height=0.025)
-    for k in range(13, 16):
-        cv2.imwrite(str(copy.folder / "p" / f"img_{k}.png"), bumped.picture(copy.q[k], rng))
+    take(copy.folder, bumped, copy.q[13:], rng, 13)
     made = make(copy.folder, setting)
     assert tuple(made.pictures) == tuple(f"img_{k}.png" for k in range(13))
     assert any("3 pictures left out: the reference is elsewhere" in note for note in made.notes)
     miss = np.linalg.norm(made.x - truth_on_board(copy.scene, made.q), axis=1)
     assert miss.max() < 2.5e-3
-    for k in range(10, 13):
-        cv2.imwrite(str(copy.folder / "p" / f"img_{k}.png"), bumped.picture(copy.q[k], rng))
+    take(copy.folder, bumped, copy.q[10:13], rng, 10)
     refused(CalibError, "in 6 of 16 pictures: was the camera bumped", make, copy.folder, setting)
 
 
-def test_an_arm_or_a_tag_that_never_moves(copy):
-    same = np.tile(copy.q[0], (16, 1))
-    np.savetxt(copy.folder / "same.csv", same, delimiter=",", header="a,b,c", comments="")
+def test_an_arm_or_a_tag_that_never_moves_and_joints_that_are_a_row_late(copy, tmp_path):
+    table(copy.folder / "same.csv", "abc", np.tile(copy.q[0], (16, 1)))
     refused(CalibError, "never moves", make, copy.folder, joints="same.csv")
     for k in range(1, 16):
         shutil.copy(copy.folder / "p" / "img_0.png", copy.folder / "p" / f"img_{k}.png")
     refused(CalibError, "stays at .* while the joints move", make, copy.folder)
-
-
-def test_joints_that_are_a_row_late_are_refused(tmp_path):
     rng = np.random.default_rng(0)
     (tmp_path / "p").mkdir()
-    scene = Desk(CAMERA, lengths=(0.18, 0.16), offsets=(0.0, 0.0))
+    scene = Desk(CAMERA, **TWO)
     q = rng.uniform([0.1, 0.2], [1.2, 1.4], (80, 2))
     pixels = scene.tip_pixels(q)
     q = q[((pixels > 40) & (pixels < np.array(CAMERA.size) - 40)).all(axis=1)][:22]
-    for k, row in enumerate(q):
-        cv2.imwrite(str(tmp_path / "p" / f"img_{k}.png"), scene.picture(row, rng))
-    late = np.roll(q, 1, axis=0)
-    np.savetxt(tmp_path / "joints.csv", late, delimiter=",", header="a,b", comments="")
+    take(tmp_path, scene, q, rng)
+    table(tmp_path / "joints.csv", "ab", np.roll(q, 1, axis=0))
     refused(CalibError, "shifted against the pictures: those 1 rows further down", make, tmp_path)
 
 
 def test_counts_and_sizes_and_damage(copy):
     folder = copy.folder
-    whole = (folder / "p" / "img_4.png").read_bytes()
-    (folder / "p" / "img_4.png").write_bytes(whole[: len(whole) // 2])
     picture = cv2.imread(str(folder / "p" / "img_5.png"), 0)
-    packed = cv2.imencode(".jpg", picture)[1].tobytes()
     (folder / "p" / "img_5.png").unlink()
-    (folder / "p" / "img_5.jpg").write_bytes(packed[: len(packed) // 2])
+    for name in ("img_4.png", "img_5.jpg"):
+        packed = cv2.imencode(name[-4:], picture)[1].tobytes()
+        (folder / "p" / name).write_bytes(packed[: len(packed) // 2])
     (folder / "p" / "img_6.png").write_text("no picture")
     made = make(folder)
     assert len(made) == 13
@@ -212,13 +199,12 @@ def test_settings_that_cannot_be(shot, copy):
     refused(CalibError, "is no lens", load_lens, shot.folder / "joints.csv", None)
     other = Setting(7, lens=Lens((320, 240), LENS.focal, LENS.centre, LENS.distortion))
     refused(CalibError, "lens was calibrated with 320x240", make, shot.folder, other)
-    path, degrees = copy.folder / "deg.csv", np.rad2deg(copy.q)
-    np.savetxt(path, degrees, delimiter=",", header="a,b,c", comments="")
+    path = table(copy.folder / "deg.csv", "abc", np.rad2deg(copy.q))
     refused(CalibError, "are these degrees", read_joints, path)
     assert np.allclose(read_joints(path, degrees=True).q, copy.q)
 
 
-def test_a_video_becomes_rests(film):
+def test_a_video_becomes_rests_and_others_make_no_log(film, tmp_path):
     made = log_video(film.folder / "run.mp4", film.joints, Setting(7))
     assert abs(made.source["time_offset"] - 51.0) < 3e-3
     assert 5 <= len(made) <= 9
@@ -226,9 +212,6 @@ def test_a_video_becomes_rests(film):
     assert np.sqrt((miss**2).sum(1).mean()) < 0.15
     assert made.source["dropped"]["the arm moves"] > 40
     assert made.source["dropped"]["a jump of the track"] == 1
-
-
-def test_videos_that_make_no_log(film, tmp_path):
     run, joints, plain = film.folder / "run.mp4", film.joints, Setting(7)
     text, twice, rows = (tmp_path / name for name in ("text.mp4", "twins.mp4", "p.csv"))
     text.write_text("no video\n" * 200)
@@ -277,7 +260,7 @@ def photographed(tmp_path_factory, run):
     folder = tmp_path_factory.mktemp("photo")
     rng = np.random.default_rng(0)
     q = rng.uniform([0.0, 0.2], [1.3, 1.6], (40, 2))
-    desk = Desk(Camera(), lengths=(0.18, 0.16), offsets=(0.0, 0.0))
+    desk = Desk(Camera(), **TWO)
     x = desk.tip_pixels(q) + rng.normal(0, 0.05, (40, 2))
     columns = {"a": q[:, 0], "b": q[:, 1], "x": x[:, 0], "y": x[:, 1]}
     source = {"unit": "px", "size": [1280, 720], "reference": {"kind": "pixels"}}
@@ -288,13 +271,13 @@ def photographed(tmp_path_factory, run):
     shown = ("--photo", folder / "seen.png", "-o", folder / "with.calib")
     wrong = run(*train, "--photo", folder / "log.csv", "-o", folder / "with.calib")
     assert "log.csv is no picture or video" in wrong.err
-    for line in (shown, ("--no-photo", "-o", folder / "bare.calib")):
-        run.done(*train, *line)
-    return calib.load(folder / "with.calib"), calib.load(folder / "bare.calib"), x
+    run.done(*train, *shown)
+    run.done(*train, "--no-photo", "-o", folder / "bare.calib")
+    return calib.load(folder / "with.calib"), calib.load(folder / "bare.calib")
 
 
 def test_the_map_is_drawn_over_the_photo(photographed):
-    model, bare, _ = photographed
+    model, bare = photographed
     assert bare.photo is None
     grey = model.photo.pixels()[..., 0].astype(int)
     middle = grey.shape[1] // 2
@@ -302,13 +285,13 @@ def test_the_map_is_drawn_over_the_photo(photographed):
     assert abs(grey[:, middle + 9 :] - 200).max() < 9
     assert "photo" not in calib.figures(bare)
     ax = calib.figures(model)["photo"].axes[0]
-    assert ax.get_xlim() == (-0.5, 1279.5)
-    assert ax.get_ylim() == (719.5, -0.5)  # y down, clipped to the picture
+    limits = (*ax.get_xlim(), *ax.get_ylim())
+    assert limits == (-0.5, 1279.5, 719.5, -0.5)  # y down, clipped to the picture
     (tips,) = ax.lines
     np.testing.assert_allclose(np.column_stack(tips.get_data()), model.rows.x)
-    data = data_of(page_of(model))
-    assert data["layers"][0]["name"] == "Photo"
-    assert "Photo" not in [layer["name"] for layer in data_of(page_of(bare))["layers"]]
+    data, others = (data_of(page_of(each)) for each in (model, bare))
+    names, without = ([layer["name"] for layer in page["layers"]] for page in (data, others))
+    assert names[0] == "Photo" not in without
     # the picture's first row is up, seen from where the camera of the page is
     points = objects(data)["Photo/picture"]["points"]
     assert points[-1][1] > points[0][1]

@@ -21,17 +21,6 @@ SMALL = Camera(size=(640, 480), focal=600.0)
 BOARD = parse_board("7x5:24mm:18mm:5x5_100")
 
 
-def true_lens(camera):
-    bent = np.array([camera.k1, camera.k2, 0.0, 0.0, 0.0])
-    return Lens(camera.size, np.full(2, camera.focal), camera.centre, bent)
-
-
-def on_board(sticker, points):
-    """Points (n, 3) of a board's frame, lower left corner, in the world."""
-    turn, at = sticker.frame
-    return (points - [*np.array(BOARD.size) / 2, 0.0]) @ turn.T + at
-
-
 def test_the_tip_is_found_to_a_tenth_of_a_pixel_among_decoys():
     rng = np.random.default_rng(0)
     desk = Desk(SMALL, still=(tag(3, 0.03, (0.0, 0.25, 0, 0.3)), tag(12, 0.05, (0.4, 0.2, 0, 1))))
@@ -53,16 +42,18 @@ def test_board_corners_are_where_the_renderer_puts_them():
         sticker = board(7, 5, 0.024, 0.018, place)
         desk = Desk(still=(sticker,))
         found = BOARD.find(desk.picture([2.5, 0.3, 0.3], rng))
-        truth = desk.camera.project(on_board(sticker, BOARD.corners()))
+        turn, middle = sticker.frame
+        corners = BOARD.corners() - [*np.array(BOARD.size) / 2, 0.0]  # from the lower left
+        truth = desk.camera.project(corners @ turn.T + middle)
         assert len(found) == count
         miss = np.array([found[n] - truth[n] for n in found])
         assert np.sqrt((miss**2).sum(1).mean()) < 0.03
         assert np.abs(miss.mean(0)).max() < 0.01  # half a pixel is a convention, not noise
 
 
-def test_lens_round_trip(tmp_path):
-    bent = np.array([-0.15, 0.04, 1e-3, -2e-3, 0.01])
-    lens = Lens((640, 480), np.array([600.0, 602.0]), np.array([318.0, 243.0]), bent)
+def test_lens_round_trip_and_one_that_is_calibrated_from_pictures_of_a_board(tmp_path):
+    numbers = np.array([600.0, 602.0, 318.0, 243.0, -0.15, 0.04, 1e-3, -2e-3, 0.01])
+    lens = Lens.of((640, 480), numbers)
     pixels = np.random.default_rng(0).uniform([0, 0], [640, 480], (200, 2))
     assert np.allclose(lens.distort(lens.undistort(pixels)), pixels, atol=1e-9)
     mine = lens.undistort(pixels)
@@ -75,16 +66,14 @@ def test_lens_round_trip(tmp_path):
     known.save(tmp_path / "lens.json")
     assert (load_lens(tmp_path / "lens.json")[0].covariance == known.covariance).all()
     assert again.size == lens.size
-
-
-def test_a_lens_is_calibrated_from_pictures_of_a_board():
     rng = np.random.default_rng(6)
     desk = Desk(Camera(size=(640, 360), focal=550.0))
-    pictures, _ = board_shots(desk, board(7, 5, 0.024, 0.018, (0, 0, 0, 0)), 8, rng)
+    pictures = board_shots(desk, board(7, 5, 0.024, 0.018, (0, 0, 0, 0)), 8, rng)
     lens = calibrate_lens([BOARD.find(p) for p in pictures], BOARD, desk.camera.size)
     assert lens.rms < 0.09
     assert abs(lens.focal[0] / desk.camera.focal - 1) < 0.005
-    truth = true_lens(desk.camera)
+    seen = (550.0, 550.0, *desk.camera.centre, desk.camera.k1)
+    truth = Lens.of(desk.camera.size, np.array([*seen, 0.0, 0.0, 0.0, 0.0]))
     free = np.diag(lens.covariance) > 0
     assert free.tolist() == [True] * 5 + [False] * 4  # k1 alone is needed
     away = (lens.parameters - truth.parameters)[free] / np.sqrt(np.diag(lens.covariance)[free])
@@ -116,6 +105,22 @@ def test_a_printed_tag_has_its_true_size_and_is_found(run, tmp_path):
     found = TagFinder().find(rasterised(svg, 5))
     assert [t.number for t in found] == [7]
     assert abs(found[0].side - 40 * 5) < 0.5
+
+
+@pytest.mark.parametrize("is_upward", [False, True])
+def test_tags_of_a_grid_are_found_in_rows_down_or_up_but_for_one_that_is_there_twice(is_upward):
+    grid, known = parse_board("grid:3x2:60mm:20mm:t36h11"), cv2.aruco.DICT_APRILTAG_36h11
+    page = np.full((300, 500), 255, np.uint8)
+    places = grid.points()[::4, :2] * 1000 + 30
+    for number, (x, y) in enumerate([*places.astype(int), (300, 200)]):
+        row, column = divmod(number % 6, 3)
+        number = 3 * (1 - row) + column if is_upward else number % 6
+        cells = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(known), number, 60)
+        page[y : y + 60, x : x + 60] = cells
+    found = grid.find(page)
+    assert sorted(found) == list(range(4, 24))  # of the first there are two
+    miss = np.array([*found.values()]) - (grid.points()[4:, :2] * 1000 + 29.5)
+    assert np.abs(miss).max() < 0.5
 
 
 def test_opencv_is_asked_for_in_one_line_and_never_imported_early():

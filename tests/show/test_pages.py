@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flange_worlds import World
+from boards import World
 from models import in_space, log, measured, trained
 from scenes import data_of, objects, project, seen_by_two
 

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from flange_worlds import World
+from boards import World
 from models import in_space, trained
 from refusals import refused
 from scenes import data_of, objects, page_of, tracks

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from boards import World
 from models import babbled, bare, in_pixels, in_space, log, measured, no_arm, trained
 from refusals import refused
 from scenes import seen_by_two
@@ -61,6 +62,7 @@ def test_one_small_file_without_addresses_in_the_page_own_ink():
 
 def test_the_first_words_are_what_changed_and_what_to_do():
     changed = words(calib.adapt(simulated(noise=1e-3), changed_log()).model)
+    assert "does not hold" not in changed  # a note on the model that it was
     (lead,) = re.findall(r'class="lead">([^<]*)', changed)
     assert re.search(r"elbow is .* longer.*predicted", lead, re.DOTALL)
     assert "is simulated" in words(simulated())
@@ -89,7 +91,11 @@ def test_words_of_other_models():
     as_drawn = words(measured())
     assert "rows held out" in as_drawn
     assert "As delivered" not in as_drawn
+    # rounding alone: its arrows were drawn 60,000,000,000,000 times as long
     assert "below 0.000001 mm on average" in words(simulated())
+    exact = calib.figures(simulated())
+    assert list(exact) == ["accuracy", "where", "coverage", "lattices", "u_matrices"]
+    assert exact["accuracy"].axes[0].get_xlim() == (0.0, 1.0)  # [nm]
     undrawn = calib.train(no_arm(300), size=4)
     assert any("`body='none'`" in note for note in undrawn.about.notes)
     assert "no planar arm explains the positions" in words(undrawn)
@@ -129,6 +135,20 @@ def test_each_of_several_sensors_has_its_bars_and_its_rows():
     assert {"accuracy", "accuracy-2", "where-2", "order-2"} <= names
     assert page.count('id="causes"') == 1
     assert "where-2" in calib.figures(seen_by_two())
+
+
+def test_a_rig_repeats_to_no_less_than_is_known():
+    """A page said 0.0000573 deg, the least that a fit looks for."""
+    rig = replace(World(2).solve(), repeatability={"position": 1e-4, "rotation": 1e-6})
+    assert "scatter by 0.1 mm and less than 0.001 deg (sd)" in words(rig)
+
+
+def test_a_value_stands_behind_a_long_name():
+    name = 80 * "e"
+    Path("long.urdf").write_text(calib.load_arm("two_link").urdf.replace("elbow", name))
+    model = calib.train(bare("long.urdf", 60, 0, f"{name}.length=+5%"), size=4)
+    cause = calib.figures(model)["causes"].axes[0].texts[0].get_text()
+    assert re.fullmatch(r"e+ \.\.\. .*[\d.]+ ± [\d.]+ mm", cause)
 
 
 def test_names_from_a_file_reach_a_page_as_text():

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from flange_worlds import motion
+from boards import motion
 from reference import ROBOTS, needs_robots
 from scipy.spatial.transform import Rotation
 

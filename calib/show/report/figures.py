@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from ...common.arrays import Array
 from ...common.rows import row_lengths, spread_rows
 from ...common.wording import (
+    ROUNDED_AWAY,
     by_name,
     for_people,
     number,
@@ -78,7 +79,7 @@ def _intervals(
     rows = range(len(names))
     ax.barh(rows, factor * values, 0.34, color=ACCENT, alpha=0.45)
     ax.errorbar(factor * values, rows, xerr=factor * halves, fmt="o", color=INK)
-    ax.set_xlim(left=0.0)
+    ax.set_xlim(0.0, max(ax.get_xlim()[1], factor * ROUNDED_AWAY))
     return figure
 
 
@@ -189,7 +190,7 @@ def joints(study: Study) -> Figure | None:
     rows = study.rows
     body = study.model.body
     about = study.model.about
-    if rows is None or body is None:
+    if rows is None or body is None or study.exact:
         return None
     structure = body.structure
     if structure.dof != len(about.joint_names):
@@ -255,7 +256,7 @@ def order(study: Study) -> Figure | None:
 def arrows(study: Study) -> Figure | None:
     """Held-out errors in space, as arrows from the predicted to the measured position."""
     rows = study.rows
-    if rows is None:
+    if rows is None or study.exact:
         return None
     spread = spread_rows(len(rows.x), SETTINGS.arrows)
     unit = study.model.about.unit

@@ -11,7 +11,6 @@ from ...common.atomic import FilePath
 from ...common.wording import (
     fill_template,
     number,
-    quantity,
 )
 from ...errors import require
 from ...maps.association import Association
@@ -198,8 +197,8 @@ def figures(
     --------
     >>> import calib
     >>> model = calib.train(calib.babble(calib.load_arm("two_link"), 2000, seed=0), size=10)
-    >>> list(calib.figures(model))[:4]
-    ['accuracy', 'where', 'coverage', 'arrows']
+    >>> list(calib.figures(model))[:3]
+    ['accuracy', 'where', 'coverage']
     >>> list(calib.figures(model.association))
     ['lattices', 'u_matrices', 'links']
     """
@@ -269,9 +268,8 @@ def _report_rig(rig: HandEye, path: FilePath) -> str:
     sections = dict.fromkeys(HEADINGS, "")
     _add(sections, RIG, rig)
     verdict = verdict_of_rig(rig)
-    spread = rig.repeatability
     square = rig.square
-    interval = " to ".join(number(1e3 * end, 4) for end in square["interval"])
+    interval = " to ".join(f"{1e3 * end:.2f}" for end in square["interval"])
     write_page(
         path,
         title=f"Hand-eye calibration: {rig.hand_item} in the hand",
@@ -280,9 +278,8 @@ def _report_rig(rig: HandEye, path: FilePath) -> str:
             "Limited by": rig.limited_by,
             "Held out": f"{number(rig.held_out['rms'])} px rms, of pictures that the fit did "
             "not see",
-            "The arm": f"its poses scatter by {quantity(spread['position'], 'm')} and "
-            f"{quantity(spread['rotation'], 'rad')} (sd)",
-            "A square": f"{interval} mm, {number(1e3 * square['said'], 4)} mm as stated",
+            "The arm": f"its poses scatter by {rig.repeats} (sd)",
+            "A square": f"{interval} mm, {1e3 * square['said']:.2f} mm as stated",
         },
         sections=sections,
         facts={
