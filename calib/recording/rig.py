@@ -128,12 +128,6 @@ class HandEye:
         hand = np.linalg.norm(self.hand["position"])
         return bool(hand > np.linalg.norm(self.base["position"]))
 
-    def parent_and_place(self, camera: CameraPlace) -> tuple[str, Place]:
-        """The frame that carries a camera, and its place there."""
-        base, tip = self.frames
-        eye = camera["eye"]
-        return tip if eye == "hand" else base, camera[eye]
-
     @property
     def repeats(self) -> str:
         """The arm's repeatability for people."""
@@ -175,8 +169,9 @@ class HandEye:
         ]
         for camera in self.cameras[1:]:
             name = camera["name"]
-            parent, place = self.parent_and_place(camera)
-            lines.append(_line(f"{name} in the frame of {parent}", place))
+            eye = camera["eye"]
+            parent = tip if eye == "hand" else base
+            lines.append(_line(f"{name} in the frame of {parent}", camera[eye]))
             if "from_first" in camera:
                 words = f"{name} in the first camera's frame"
                 lines.append(_line(words, camera["from_first"]))
@@ -267,7 +262,9 @@ def transform_files(rig: HandEye, path: FilePath) -> dict[Path, str]:
     if len(rig.cameras) > 1:
         del places["camera_frame"]
         for camera in rig.cameras:
-            places[f"{camera['name']}_frame"] = rig.parent_and_place(camera)
+            eye = camera["eye"]
+            parent = tip if eye == "hand" else base
+            places[f"{camera['name']}_frame"] = (parent, camera[eye])
     transforms = []
     lines: list[str] = []
     for child, (parent, place) in places.items():
