@@ -22,7 +22,10 @@ from .errors import INTERRUPTED, TRACEBACK, report_error
 from .output import SPEECH, Outcome, note, silence
 from .parsing import BadOption
 
-INPUTS = ("robot", "data", "input_", "joints_file", "poses_file")
+INPUTS = (
+    *("robot", "data", "input_", "joints_file", "poses_file", "tags_at"),
+    *("calibration", "lerobot"),
+)
 """Parameters whose files no output may replace; a model may replace a model."""
 
 FLAGS = ("--json", "--verbose", "-v", "--quiet", "-q")
@@ -47,12 +50,9 @@ def run(arguments: Sequence[str]) -> int:
             words, prog_name="calib", standalone_mode=False
         )
         sys.stdout.flush()
-    except BrokenPipeError:  # a reader who has seen enough of the version
-        silence(sys.stdout)
-        return 0
-    except SystemExit as end:
-        # so Typer ends where the reader of its help has seen enough; a signal has another code
-        if end.code != 1:
+    except (BrokenPipeError, SystemExit) as end:
+        # a reader has seen enough: of its help Typer ends with 1, a signal with another code
+        if getattr(end, "code", 1) != 1:
             raise
         silence(sys.stdout)
         return 0

@@ -123,7 +123,9 @@ class Loads:
         """How joints (..., e) move the weighted sum of points beyond them, (..., e, 3, n)."""
         weights = self.weights * (self.links >= joints[..., None])
         total = weights.sum(axis=-1)[..., None, None]
-        moments = np.tensordot(weights, positions, axes=1)
+        points, _, n = positions.shape
+        moments = weights @ positions.reshape(points, 3 * n)
+        moments = moments.reshape(*joints.shape, 3, n)
         moments -= total * motion.places[joints]
         axes = motion.axes[joints]
         turning = self.chain.nominal_links.turning[joints]

@@ -259,9 +259,4 @@ def rotate(rotations: Array, vectors: Array) -> Array:
 
 def _product(a: Array, b: Array) -> Array:
     """Products of matrices (..., 3, 3, n or 1); no BLAS, which would round one row otherwise."""
-    out = (
-        a[..., :, :1, :] * b[..., :1, :, :]
-        + a[..., :, 1:2, :] * b[..., 1:2, :, :]
-    )
-    out += a[..., :, 2:, :] * b[..., 2:, :, :]
-    return out
+    return np.asarray(np.einsum("...ijn,...jkn->...ikn", a, b))

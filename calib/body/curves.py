@@ -19,6 +19,9 @@ from .settings import PRIOR
 HARMONICS = 48
 ORDERS = np.arange(1, HARMONICS + 1)
 
+Amplitudes = NDArray[np.complex128]
+"""Of powers exp(i N q), whose sums' real parts are curves."""
+
 
 def curve_shape(*more: float) -> Array:
     """Relative prior variances (96,) of the cosines, then the sines; their mean is 1.
@@ -34,7 +37,7 @@ def curve_shape(*more: float) -> Array:
     return np.tile(shape, 2)
 
 
-def powers_of(q: Array, count: int) -> NDArray[np.complex128]:
+def powers_of(q: Array, count: int) -> Amplitudes:
     """Powers exp(i N q) (count, ...) for N = 1..count at joint values (...) [rad]."""
     powers = np.empty((count, *q.shape), dtype=complex)
     powers[0] = np.exp(1j * q)
@@ -54,13 +57,17 @@ def waves_of(q: Array) -> Array:
     return np.concatenate([powers.real, powers.imag])
 
 
-def curve_value(q: Array, coefficients: Array) -> Array:
-    """Curves (k, n) [rad] of coefficients (k, 96) at joint values (k, n).
+def amplitudes_of(coefficients: Array) -> Amplitudes:
+    """Amplitudes (k, 48) of curves of coefficients (k, 96)."""
+    return coefficients[:, :HARMONICS] - 1j * coefficients[:, HARMONICS:]
 
-    A polynomial of exp(i q) by Horner's rule, a block of powers at a time.
+
+def curve_value(q: Array, amplitudes: Amplitudes) -> Array:
+    """Curves (k, n) [rad] of amplitudes (k, 48) at joint values (k, n).
+
+    A polynomial of exp(i q) by Horner's rule, a block of powers at a time.  That of their
+    derivatives [rad/rad] has the amplitudes ``i N``.
     """
-    cosines, sines = np.split(coefficients, 2, axis=1)
-    amplitudes = cosines - 1j * sines
     size = 8  # powers of one matrix product
     count = HARMONICS // size
     blocks = amplitudes.reshape(len(q), count, size)
@@ -70,12 +77,3 @@ def curve_value(q: Array, coefficients: Array) -> Array:
     for block in reversed(range(count - 1)):
         curves = curves * powers[-1] + sums[:, block]
     return curves.real.copy()
-
-
-def curve_slope(q: Array, coefficients: Array) -> Array:
-    """Derivatives (k, n) [rad/rad] of the curves by the joint values, as `curve_value`."""
-    cosines, sines = np.split(coefficients, 2, axis=1)
-    of_cosines = ORDERS * sines
-    of_sines = -ORDERS * cosines
-    slopes = np.concatenate([of_cosines, of_sines], axis=1)
-    return curve_value(q, slopes)

@@ -24,6 +24,7 @@ class Fit:
     beta : (d,), start
     prior : parameters with a zero sd stay at the prior's mean
     nu : degrees of freedom of the Student noise; infinite for Gaussian
+    blocks : contiguous blocks of rows whose information is kept apart, at most
 
     Attributes
     ----------
@@ -53,6 +54,7 @@ class Fit:
         prior: Prior,
         *,
         nu: float,
+        blocks: int = FIT.blocks,
     ) -> None:
         self.structure = structure
         self.nu = nu
@@ -70,7 +72,7 @@ class Fit:
             if (index >= 0).all():
                 self.hypers.append(hyper._replace(indices=index))
         self.scales = {hyper.name: float(hyper.scale) for hyper in self.hypers}
-        blocks = min(FIT.blocks, len(rows[0]))
+        blocks = min(blocks, len(rows[0]))
         self.readings = [
             Readings(structure, rows_of_sensor, self.beta, nu, blocks)
             for rows_of_sensor in rows
@@ -255,9 +257,8 @@ class Fit:
 
     def _linear_step(self, beta: Array, linear: Mask) -> Array:
         """The step (k,) from parameters (d,) to the best of those that outputs are linear in."""
-        residuals = self._residuals(beta)
         indices = self.active[linear]
-        grams, moments = self._information(beta, residuals, indices)
+        grams, moments = self._information(beta, indices)
         prior = self.prior_precision[np.ix_(linear, linear)]
         factor = Factor(grams.sum(axis=0) + prior)
         gradient = moments.sum(axis=0) - self._prior_gradient(beta)[linear]
@@ -271,31 +272,30 @@ class Fit:
 
     def _linearise(self) -> None:
         """Set the information of each block of rows, the precision and the gradient."""
-        self.grams, self.moments = self._information(
-            self.beta, self.residuals, self.active
-        )
+        self.grams, self.moments = self._information(self.beta, self.active)
         gram = self.grams.sum(axis=0)
         self.precision = gram + self.prior_precision
         moment = self.moments.sum(axis=0)
         self.gradient = moment - self._prior_gradient(self.beta)
 
     def _information(
-        self, beta: Array, residuals: list[Array], indices: Indices
+        self, beta: Array, indices: Indices
     ) -> tuple[Array, Array]:
         """Information (b, k, k) and moments (b, k) of blocks of rows about some parameters."""
         size = len(indices)
         blocks = len(self.readings[0].edges) - 1
         grams = np.zeros((blocks, size, size))
         moments = np.zeros((blocks, size))
-        for readings, residual in zip(self.readings, residuals, strict=True):
-            root = readings.root_weights()
-            misfit = root * residual
-            derivatives = readings.by_blocks(beta, indices)
-            for block, (rows, slope) in enumerate(derivatives):
-                weighted = slope * root[rows, :, None]
+        for readings in self.readings:
+            root_weights = readings.root_weights()
+            linearised = readings.by_blocks(beta, indices)
+            for block, (rows, residual, slope) in enumerate(linearised):
+                root = root_weights[rows]
+                weighted = slope * root[:, :, None]
                 flat = weighted.reshape(-1, size)
+                misfit = root * residual
                 grams[block] += flat.T @ flat
-                moments[block] += flat.T @ misfit[rows].ravel()
+                moments[block] += flat.T @ misfit.ravel()
         return grams, moments
 
     def _learn_scales_and_noise(self, covariance: Array) -> None:
@@ -360,5 +360,7 @@ class Start:
         """The start after further damped steps, with Student noise."""
         floor = SIMULATED_FLOOR * self.structure.extents
         rows = replace(rows, floor=floor)
-        fit = Fit(self.structure, [rows], self.beta, prior, nu=STUDENT)
+        fit = Fit(
+            self.structure, [rows], self.beta, prior, nu=STUDENT, blocks=1
+        )
         return Start(self.structure, *fit.settle(steps))

@@ -17,14 +17,11 @@ from ..common.rows import row_lengths
 from .covariance import radius_95
 from .fit import Fit
 from .normal import Factor
-from .rows import Readings, edges_of
+from .rows import Readings, RowBlock, edges_of
 from .settings import FIT
 
 _PARTITIONS = (2, 5, 10)
 """Numbers of blocks that the bound counts with."""
-
-BlockSlope = tuple[slice, Array]
-"""Rows of a block, and how their predictions move with the fitted parameters (n, m, k)."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +74,9 @@ def leave_blocks_out(fit: Fit, *, sensor: int = 0) -> HeldOut:
     A block of rows is left out together with that of the other sensors.
     """
     readings = fit.readings[sensor]
-    slopes = list(readings.by_blocks(fit.beta, fit.active))
-    in_sample = _prediction(fit, readings, slopes, 1, held_out=False)
-    by_others = [_prediction(fit, readings, slopes, n) for n in _PARTITIONS]
+    blocks = list(readings.by_blocks(fit.beta, fit.active))
+    in_sample = _prediction(fit, readings, blocks, 1, held_out=False)
+    by_others = [_prediction(fit, readings, blocks, n) for n in _PARTITIONS]
     finest = by_others[-1]
     wider = finest.radius / in_sample.radius
     return HeldOut(
@@ -97,12 +94,13 @@ def block_scores(fit: Fit) -> Array:
     Up to a constant; NaN where the others do not determine the body.
     """
     readings = fit.readings[0]
-    slopes = list(readings.by_blocks(fit.beta, fit.active))
-    prediction = _prediction(fit, readings, slopes, FIT.blocks)
+    blocks = list(readings.by_blocks(fit.beta, fit.active))
+    prediction = _prediction(fit, readings, blocks, FIT.blocks)
     density = prediction.negative_log_density()
-    means = np.full(len(slopes), np.nan)
-    for k, (rows, _) in enumerate(slopes):
-        finite = density[rows][np.isfinite(density[rows])]
+    means = np.full(len(blocks), np.nan)
+    for k, block in enumerate(blocks):
+        of_block = density[block.rows]
+        finite = of_block[np.isfinite(of_block)]
         if len(finite):
             means[k] = finite.mean()
     return means
@@ -111,7 +109,7 @@ def block_scores(fit: Fit) -> Array:
 def _prediction(
     fit: Fit,
     readings: Readings,
-    slopes: Sequence[BlockSlope],
+    blocks: Sequence[RowBlock],
     count: int,
     *,
     held_out: bool = True,
@@ -124,8 +122,8 @@ def _prediction(
     residual = np.full_like(readings.residual, np.nan)
     shape = (len(residual), *noise.shape)
     spread = np.full(shape, np.nan)
-    groups = min(count, len(slopes))
-    limits = edges_of(len(slopes), groups)
+    groups = min(count, len(blocks))
+    limits = edges_of(len(blocks), groups)
     for first, last in pairwise(limits.tolist()):
         left_out = slice(first, last) if held_out else slice(0)
         try:
@@ -133,8 +131,8 @@ def _prediction(
             precision = fit.posterior_precision(gram)
         except np.linalg.LinAlgError:  # the others are too few
             continue
-        for rows, slope in slopes[first:last]:
-            residual[rows] = readings.residual[rows] - slope @ step
+        for rows, at_maximum, slope in blocks[first:last]:
+            residual[rows] = at_maximum - slope @ step
             position_slope = slope[::every, positions]
             predicted = _predicted_covariance(precision, position_slope)
             thinned = spread[rows]

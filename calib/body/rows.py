@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -60,6 +61,14 @@ def edges_of(count: int, blocks: int) -> Indices:
     return edges.round().astype(int)
 
 
+class RowBlock(NamedTuple):
+    """Neighbouring rows, linearised."""
+
+    rows: slice
+    residual: Array  # (n, m)
+    slope: Array  # (n, m, k), derivative of the predictions by the parameters
+
+
 class Readings:
     """Rows of one sensor within a fit: residuals, noise, and weights under Student noise.
 
@@ -111,21 +120,27 @@ class Readings:
             predicted = structure.predict(self.q, beta)
             return structure.residual(self.z, predicted)
 
-    def by_blocks(
-        self, beta: Array, active: Indices
-    ) -> Iterator[tuple[slice, Array]]:
-        """Each block's rows, and the derivatives (n, m, k) of their predictions."""
+    def by_blocks(self, beta: Array, active: Indices) -> Iterator[RowBlock]:
+        """Each block of rows, linearised at parameters (d,) by some of these (k,)."""
         limits = pairwise(self.edges.tolist())
         blocks = [slice(first, last) for first, last in limits]
-        structure = self.structure
         if len(self.q) <= FIT.rows_at_once:
-            _, whole = structure.linearise(self.q, beta, active)
+            _, residual, slope = self._linearised(slice(None), beta, active)
             for rows in blocks:
-                yield rows, whole[rows]
+                yield RowBlock(rows, residual[rows], slope[rows])
         else:
             for rows in blocks:
-                _, slope = structure.linearise(self.q[rows], beta, active)
-                yield rows, slope
+                yield self._linearised(rows, beta, active)
+
+    def _linearised(
+        self, rows: slice, beta: Array, active: Indices
+    ) -> RowBlock:
+        """Some rows, linearised."""
+        structure = self.structure
+        predicted, slope = structure.linearise(self.q[rows], beta, active)
+        with np.errstate(all="ignore"):
+            residual = structure.residual(self.z[rows], predicted)
+        return RowBlock(rows, residual, slope)
 
     def learn_noise(self, share: float) -> None:
         """Find the most probable noise (m,).

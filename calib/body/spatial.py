@@ -244,7 +244,10 @@ class SpatialStructure(Structure):
 
     def joint_slope(self, chain_slope: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
-        return np.tensordot(self.chain.coupling.T, chain_slope, axes=1)
+        count, outputs, n = chain_slope.shape
+        rows = chain_slope.reshape(count, outputs * n)
+        slopes = self.chain.coupling.T @ rows
+        return slopes.reshape(self.dof, outputs, n)
 
     def turn_parameters(self, turn: Array) -> Array:
         """Rotation vector (3,) of the sensor's turn (3, 3)."""

@@ -21,7 +21,14 @@ import numpy as np
 
 from ..arm.spatial_chain import Motion, move
 from ..common.arrays import Array
-from .curves import HARMONICS, curve_slope, curve_value, waves_of
+from .curves import (
+    HARMONICS,
+    ORDERS,
+    Amplitudes,
+    amplitudes_of,
+    curve_value,
+    waves_of,
+)
 from .layout import Layout
 from .loads import BendingLoads, loads_at
 from .parameters import Gaussian, Indices
@@ -43,7 +50,8 @@ class Constants(NamedTuple):
     gain: Array  # (dof, 1), with each joint's direction
     offset: Array  # (dof, 1) [rad or m]
     bent: list[int]  # joints that have an error curve
-    curves: Array  # (k, 96) [rad]
+    curves: Amplitudes  # (k, 48) [rad]
+    curve_rates: Amplitudes  # (k, 48) [rad/rad]
     # (dof - 1, 1), None where no joint moves with its neighbour's motor
     coupling: Array | None
     # (e,) of each block of elasticity that bends joints
@@ -321,7 +329,7 @@ class Structure(Layout):
         if bent:
             rates = np.repeat(rates, len(q), axis=1)
             logged = joints.T[bent]
-            rates[bent] += curve_slope(logged, constants.curves)
+            rates[bent] += curve_value(logged, constants.curve_rates)
         joint_slope = self.joint_slope(chain_slope)
         slopes = joint_slope * rates[:, None]
         coupling = constants.coupling
@@ -368,6 +376,7 @@ def _constants(structure: Structure, parameters: bytes) -> Constants:
         if curve.any():
             bent.append(joint)
             curves.append(curve)
+    amplitudes = amplitudes_of(np.reshape(curves, (-1, 2 * HARMONICS)))
     gain = blocks["gain"] * structure.directions
     offset = structure.offsets(beta)
     coupling = blocks.get("coupling", np.zeros(0))
@@ -379,7 +388,8 @@ def _constants(structure: Structure, parameters: bytes) -> Constants:
         gain=gain[:, None],
         offset=offset[:, None],
         bent=bent,
-        curves=np.reshape(curves, (-1, 2 * HARMONICS)),
+        curves=amplitudes,
+        curve_rates=1j * ORDERS * amplitudes,
         coupling=coupling[:, None] if coupling.any() else None,
         elastic=elastic,
         gravity=structure.gravity_at(beta),

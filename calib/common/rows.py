@@ -7,8 +7,8 @@ from .arrays import Array, Index, Mask
 
 
 def row_lengths(x: Array) -> Array:
-    """Return the length of each of the vectors (n, m)."""
-    return np.asarray(np.linalg.norm(x, axis=1))
+    """Return the length of each of the vectors (n, m), quicker than NumPy's norm for a few."""
+    return np.asarray(np.sqrt((x * x).sum(axis=1)))
 
 
 def median_length(x: Array) -> float:

@@ -58,12 +58,12 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
-def one_line(text: str) -> str:
+def one_line(text: str, longest: int = LONGEST.line) -> str:
     """Return a message as one printable line, its middle left out where that is long."""
     line = printable(text)
-    if len(line) <= LONGEST.line:
+    if len(line) <= longest:
         return line
-    return f"{line[: LONGEST.line // 2]} ... {line[-LONGEST.line // 3 :]}"
+    return f"{line[: longest // 2]} ... {line[-longest // 3 :]}"
 
 
 def clipped(name: str) -> str:

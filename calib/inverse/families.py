@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
-from .newton import Newton, lengths, limit_length
+from ..common.rows import row_lengths
+from .newton import Newton, limit_length
 from .settings import SOLVER
 from .slides import settle
 from .ways import Ways, by_middle
@@ -149,7 +150,7 @@ def _arrives(newton: Newton, start: Array, goal: Array, x: Array) -> Mask:
     for _ in range(FAMILIES.walk):
         here = stand.rows(rows)
         wish = newton.scale.difference(goal[rows], here.u)
-        ahead = lengths(wish)
+        ahead = row_lengths(wish)
         move = newton.tangent(here, wish)
         u = here.u + limit_length(move, FAMILIES.step)
         trial = newton.refine(u, here.x, SOLVER.close)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
+from ..common.rows import row_lengths
 from ..common.scale import Scale
 from .settings import SOLVER
 from .task import Task
@@ -61,7 +62,7 @@ class Newton:
 
     def away(self, u: Array, v: Array) -> Array:
         """Distances (n,) between joints (n, dof), the short way round."""
-        return lengths(self.scale.difference(u, v))
+        return row_lengths(self.scale.difference(u, v))
 
     def clip(self, u: Array) -> Array:
         """Joints (n, dof) within their limits; those of full turns go round."""
@@ -74,7 +75,7 @@ class Newton:
         """What is missing to targets `x` (n, k) at joints (n, dof)."""
         u = self.clip(u)
         gap, slope = self.task.residual(u, x)
-        miss = lengths(gap)
+        miss = row_lengths(gap)
         return Stand(
             x,
             u,
@@ -254,7 +255,8 @@ def _nearest_move(
     """
     across = np.swapaxes(slope, 1, 2)
     power = slope @ across
-    diagonal = np.einsum("nii->ni", power)
+    n, count, _ = power.shape
+    diagonal = power.reshape(n, count * count)[:, :: count + 1]
     trace = diagonal.sum(axis=1)
     added = np.maximum(damping * trace, 1e-200)
     diagonal += added[:, None]
@@ -266,24 +268,19 @@ def _nearest_move(
     return move if wish is None else wish + move
 
 
-def lengths(vectors: Array) -> Array:
-    """Lengths (...,) of vectors (..., d), quicker than NumPy's norm for a few."""
-    squares = (vectors * vectors).sum(axis=-1)
-    return np.asarray(np.sqrt(squares))
-
-
 def limit_length(moves: Array, longest: float) -> Array:
     """Moves (n, d) of at most that length, shortened where they are longer."""
-    return _limit(moves, lengths(moves), longest)
+    return _limit(moves, row_lengths(moves), longest)
 
 
 def limit_joints(moves: Array, longest: float) -> Array:
     """Moves (n, d) shortened so that no joint goes further than that."""
-    size = np.abs(moves).max(axis=1)
-    return _limit(moves, size, longest)
+    return _limit(moves, np.abs(moves).max(axis=1), longest)
 
 
 def _limit(moves: Array, size: Array, longest: float) -> Array:
     """Moves (n, d) scaled down where their sizes (n,) are larger than that."""
+    if size.max(initial=0.0) <= longest:
+        return moves
     share = np.minimum(1.0, longest / np.maximum(size, 1e-300))
     return moves * share[:, None]

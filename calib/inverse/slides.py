@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
-from .newton import Newton, Stand, lengths, limit_joints, limit_length
+from ..common.rows import row_lengths
+from .newton import Newton, Stand, limit_joints, limit_length
 from .settings import SOLVER
 
 
@@ -75,7 +76,7 @@ class Slides:
         wish = newton.scale.difference(self.near[rows], here.u)
         pull = newton.tangent(here, wish)
         self._adapt_share(rows, pull)
-        unsettled = lengths(pull) > SOLVER.settled
+        unsettled = row_lengths(pull) > SOLVER.settled
         unsettled |= ~newton.is_met(here.miss)
         going = unsettled & (self.share[rows] > SOLVER.stuck)
         rows = rows[going]

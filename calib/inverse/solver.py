@@ -55,6 +55,8 @@ class Nearest:
 
     def try_likely(self, owner: Index, start: Array) -> None:
         """Try those starts (k, dof) of targets (k,) that may lead to nearer ways."""
+        if not len(owner):
+            return
         away = self.newton.away(start, self.near[owner])
         furthest = self.cost.copy()
         np.minimum.at(furthest, owner, away + 2 * SOLVER.margin)

@@ -42,8 +42,10 @@ class Ways:
 
 def by_middle(scale: Scale, target: Index, u: Array) -> Index:
     """Order (n,) by target and distance of joints (n, dof) to the middle of the unit box."""
-    away = scale.difference(u, np.full_like(u, 0.5))
-    return np.lexsort((row_lengths(away), target))
+    away = row_lengths(scale.difference(u, np.full_like(u, 0.5)))
+    # sorted once, by shares below one: by two keys it took a tenth of `inverse_all`
+    share = np.fmin(away / (1.0 + u.shape[1]), 0.9)  # no numbers are the last
+    return np.argsort(target + share, kind="stable")
 
 
 def slices(target: Index, n: int) -> Iterator[slice]:

@@ -26,7 +26,7 @@ from ..body.planar import PlanarLoads, PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
 from ..body.views import lens_slope, pixels
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.rows import row_lengths
 
 
@@ -90,6 +90,14 @@ class Sag:
     def on_links(self) -> Array:
         """Mass and moment [kg, kg m] of each load on each link, (e, m, 4)."""
         return _on_links(self.loads)
+
+    @property
+    def spans(self) -> Index:
+        """The joint that each load bends, the first and the last link that weigh on it, (e, 3)."""
+        weighs = np.asarray(self.on_links.any(axis=2))
+        first = weighs.argmax(axis=1)
+        last = weighs.shape[1] - 1 - weighs[:, ::-1].argmax(axis=1)
+        return np.column_stack([self.loads.joints, first, last])
 
     @property
     def bending(self) -> Array:

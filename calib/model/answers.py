@@ -254,7 +254,7 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
             f"near has {names[k]} = {rows[row, k]:.6g}: expected a value in its range "
             f"{lower[k]:.6g} to {upper[k]:.6g}"
         )
-    inside = np.clip(rows, lower, upper)
+    inside = np.minimum(np.maximum(rows, lower), upper)
     return scale.to_unit(np.where(scale.periodic, rows, inside))
 
 

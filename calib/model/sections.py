@@ -165,7 +165,7 @@ def belief(posterior: CompactPosterior, *, noise: bool) -> Section:
         loads = len(arm.sag.elastic)
         tables |= _sag(arm.sag)
         tables |= {
-            "loaded": arm.sag.loads.joints,
+            "loaded": arm.sag.spans,
             "load": arm.sag.on_links,
             "tilt": arm.sag.tilts,
         }

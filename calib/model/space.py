@@ -83,7 +83,7 @@ class Space:
         chained = np.concatenate(motion.joints(), axis=1)
         return (
             motion.position.T.copy(),
-            np.moveaxis(motion.rotation, 2, 0).copy(),
+            motion.rotation.transpose(2, 0, 1).copy(),
             structure.by_joints(q, self._rigid, chained),
         )
 

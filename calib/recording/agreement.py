@@ -103,12 +103,10 @@ def _agreement(problem: Problem, agreeing: Mask) -> Agreement | None:
             break
     turn, _, _, shift, *_ = fit.noise.error
     is_arm = turn < AGREEMENT.turn and shift < AGREEMENT.shift
-    is_sharp = [
-        view.is_of_poses or corner < AGREEMENT.corner
-        for view, corner in zip(problem.views, fit.noise.corner, strict=True)
-    ]
+    is_of_poses = [view.is_of_poses for view in problem.views]
+    is_sharp = (fit.noise.corner < AGREEMENT.corner) | is_of_poses
     share = before.mean()
-    if not is_arm or not all(is_sharp) or share < AGREEMENT.share:
+    if not is_arm or not is_sharp.all() or share < AGREEMENT.share:
         return None
     rms = np.sqrt(np.mean(misses[before] ** 2))
     return Agreement(fit, before, float(rms / share))

@@ -62,6 +62,10 @@ class RigFit:
         bundle = problem.bundle
         first = problem.views[0]
         hand, base = self.places(0)
+        # of turn and shift of the hand's frame, then of the base's
+        numbers = [*self.frame_numbers(0)]
+        slope = shifts_along_parents(self.fit.unknowns.frames[numbers])
+        covariance = slope @ self.frame_covariance(numbers) @ slope.T
 
         # errors of motions, by fits without them
         pixels = held_out_pixels(problem, self.fit, self.agreeing)
@@ -93,7 +97,7 @@ class RigFit:
             names=problem.names,
             flange=bundle.motions.poses(arm),
             misses=misses,
-            covariance=self.covariance_of_places(),
+            covariance=covariance,
             body=self.body(0),
         )
 
@@ -117,13 +121,11 @@ class RigFit:
             "interval": [measured - half, measured + half],
         }
 
-    def covariance_of_places(self) -> Array:
-        """Covariance (12, 12) of turn and shift of the hand's frame, then of the base's."""
-        numbers = [*self.frame_numbers(0)]
+    def frame_covariance(self, numbers: list[int]) -> Array:
+        """Covariance (6 k, 6 k) of steps of some frames (k,)."""
         places = self.problem.bundle.layout.frames[numbers].ravel()
-        slope = shifts_along_parents(self.fit.unknowns.frames[numbers])
         covariance: Array = self.fit.covariance[np.ix_(places, places)]
-        return slope @ covariance @ slope.T
+        return covariance
 
     @cached_property
     def half_width(self) -> float:
@@ -159,12 +161,11 @@ class RigFit:
     def places(self, camera: int) -> tuple[Place, Place]:
         """Places of what is in the hand and of what stands still, of one camera and its board."""
         body = self.body(camera)
-        if body is None:
-            hand, base = map(self._frame_place, self.frame_numbers(camera))
-        else:
-            hand = self._sensor_place(hand_pose(body))
-            base = self._sensor_place(SensorPose.of(body))
-        return hand, base
+        base = SensorPose.of(body)
+        if body is None or base is None:
+            one, other = self.frame_numbers(camera)
+            return self._frame_place(one), self._frame_place(other)
+        return self._sensor_place(hand_pose(body)), self._sensor_place(base)
 
     def camera(self, number: int) -> CameraPlace:
         """One camera, and its place in the frame of the first with its parent."""
@@ -198,17 +199,15 @@ class RigFit:
         self, pose: Array, slope: Array, frames: list[int]
     ) -> Place:
         """A pose (4, 4) with the slope (6, k) of its turn and shift by some frames."""
-        places = np.concatenate(self.problem.bundle.layout.frames[frames])
-        covariance = self.fit.covariance[np.ix_(places, places)]
+        covariance = self.frame_covariance(frames)
         variances = np.diag(slope @ covariance @ slope.T)
         sds = np.sqrt(np.maximum(variances, 0.0))
         turn, shift = np.split(sds, 2)
         sd = np.concatenate([shift, turn])
         return self._place(pose, sd, sd)
 
-    def _sensor_place(self, place: SensorPose | None) -> Place:
+    def _sensor_place(self, place: SensorPose) -> Place:
         """A place by joints, whose intervals count turns about the first and last axis apart."""
-        assert place is not None  # noqa: S101 - the arm has a drawing
         pose = rigid(place.rotation, place.position)
         return self._place(pose, place.sd, place.sd_up_to_gauge)
 

@@ -15,7 +15,14 @@ from ..common.arrays import Array, Mask
 from ..common.scale import METRES
 from ..errors import OptionError
 from .pictures import Picture, opencv
-from .tags import Tag, TagFinder, find_dictionary, lay_corners, tag_cells
+from .tags import (
+    Tag,
+    TagFinder,
+    find_dictionary,
+    lay_corners,
+    single_tags,
+    tag_cells,
+)
 
 if TYPE_CHECKING:
     from cv2.aruco import CharucoBoard, CharucoDetector
@@ -65,9 +72,13 @@ class Pattern(ABC):
     def find(self, grey: Picture) -> dict[int, Array]:
         """Return the corners that a picture shows: number to place (2,) [px]."""
 
-    @abstractmethod
     def black_squares(self) -> Iterator[BlackSquare]:
-        """All black squares of the print, tags among them."""
+        """All black squares of the print, tags among them: every other square, from the first."""
+        side = self.side
+        no_cells = np.zeros((1, 1), bool)
+        for x, y in np.ndindex(self.columns, self.rows):
+            if (x + y) % 2 == 0:
+                yield BlackSquare(x * side, y * side, side, no_cells)
 
     @property
     def half_turn(self) -> Array | None:
@@ -79,14 +90,6 @@ class Pattern(ABC):
         corners = self.points()
         corners[:, 1] = self.size[1] - corners[:, 1]
         return corners
-
-    def _chequer(self) -> Iterator[BlackSquare]:
-        """Every other square, from the first."""
-        side = self.side
-        no_cells = np.zeros((1, 1), bool)
-        for x, y in np.ndindex(self.columns, self.rows):
-            if (x + y) % 2 == 0:
-                yield BlackSquare(x * side, y * side, side, no_cells)
 
 
 @dataclass(frozen=True)
@@ -144,10 +147,6 @@ class Chessboard(Pattern):
             grey, start, (half, half), (-1, -1), stop
         )
         return refined
-
-    def black_squares(self) -> Iterator[BlackSquare]:
-        """Black squares."""
-        return self._chequer()
 
 
 @dataclass(frozen=True)
@@ -210,7 +209,7 @@ class CharucoPattern(Pattern):
 
     def black_squares(self) -> Iterator[BlackSquare]:
         """Black squares, and tags where OpenCV's detector expects them."""
-        yield from self._chequer()
+        yield from super().black_squares()
         places = np.array(self.charuco.getObjPoints())[:, :, :2].min(axis=1)
         for number, (x, y) in enumerate(places):
             yield BlackSquare(
@@ -259,14 +258,10 @@ class TagGrid(Pattern):
     def find(self, grey: Picture) -> dict[int, Array]:
         """Return the corners of the tags that a picture shows, four of each."""
         finder = TagFinder(self.dictionary, range(self.columns * self.rows))
-        tags = finder.find(grey)
-        numbers = [tag.number for tag in tags]
+        tags = single_tags(finder.find(grey))
         is_upward = _is_upward(tags, self.columns)
         corners: dict[int, Array] = {}
         for tag in tags:
-            # of tags that are there twice none is the board's for sure
-            if numbers.count(tag.number) > 1:
-                continue
             row, column = divmod(tag.number, self.columns)
             if is_upward:
                 row = self.rows - 1 - row
@@ -287,9 +282,10 @@ def _is_upward(tags: list[Tag], columns: int) -> bool:
     rows = np.array([tag.number // columns for tag in tags])
     corners = np.array([tag.corners for tag in tags]).reshape(-1, 4, 2)
     down = (corners[:, 3] - corners[:, 0]).sum(axis=0)
-    heights = corners.mean(axis=1) @ down
-    middle = rows.sum() / max(len(rows), 1)
-    return bool((rows - middle) @ heights < 0.0)
+    heights = corners[:, 0] @ down
+    steps = rows[:, None] - rows
+    rises = heights[:, None] - heights
+    return bool((steps * rises).sum() < 0.0)
 
 
 def parse_board(board: Pattern | str) -> Pattern:

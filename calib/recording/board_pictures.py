@@ -228,7 +228,11 @@ def _corners_in(
     count = len(names) + len(few)
     if len(names) < LEAST:
         counts = [*few.values(), *map(len, corners.values())]
-        raise _few_pictures(len(names), counts, without[:LEAST], board)
+        raise LogError(
+            f"the board is in {len(names)} of {count} pictures, expected {LEAST} with "
+            f"{LEAST_CORNERS} corners or more (at most {max(counts, default=0)} found): "
+            f"{_instead(without[:LEAST], board)}"
+        )
     if few:
         notes.append(
             f"no board, or fewer than {LEAST_CORNERS} corners of it, in {len(few)} pictures, "
@@ -247,23 +251,6 @@ def _corners_in(
         notes=tuple(notes),
         rows=shown,
         episodes=None if episodes is None else episodes[shown],
-    )
-
-
-def _few_pictures(
-    shown: int,
-    counts: Sequence[int],
-    without: Sequence[Picture],
-    board: Pattern,
-) -> LogError:
-    """The error that too few pictures show the board.
-
-    counts : corners of each picture;  without : some pictures that do not show it
-    """
-    return LogError(
-        f"the board is in {shown} of {len(counts)} pictures, expected {LEAST} with "
-        f"{LEAST_CORNERS} corners or more (at most {max(counts, default=0)} found): "
-        f"{_instead(without, board)}"
     )
 
 
@@ -333,8 +320,13 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
     point = np.array(source["point"])
     turns = matrix_of(log.orientation)
     hand = rigid(turns, log.x - turns @ point)
-    board = parse_board(source["board"])
-    hand = _with_lens(hand, log_lens, lens, board, source["eye"] == "hand")
+    in_hand = source["eye"] == "hand"
+    points = parse_board(source["board"]).points()
+    # what the log's lens saw, as the model's takes it
+    places = place_points(inverse(hand) if in_hand else hand, points)
+    pixels = log_lens.distort(places[:, :, :2] / places[:, :, 2:])
+    poses = [find_pose(lens, points, corners) for corners in pixels]
+    hand = hand_poses(poses, in_hand)
     turns = turn_of(hand)
     note = (
         f"poses are told with the model's lens: of these pictures alone the focal length was "
@@ -347,15 +339,3 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
         source={**source, "lens": lens.to_json()},
         notes=(*log.notes, note),
     )
-
-
-def _with_lens(
-    hand: Array, lens: Lens, other: Lens, board: Pattern, in_hand: bool
-) -> Array:
-    """Poses (p, 4, 4) [m] of what is in the hand, by another lens than they were found with."""
-    boards = inverse(hand) if in_hand else hand
-    points = board.points()
-    places = place_points(boards, points)
-    pixels = lens.distort(places[:, :, :2] / places[:, :, 2:])
-    poses = [find_pose(other, points, corners) for corners in pixels]
-    return hand_poses(poses, in_hand)

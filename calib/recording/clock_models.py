@@ -85,7 +85,13 @@ class TrackRows:
     q: Array  # (n, joints) [rad or m]
     ahead: Array  # joints one `CLOCK.step` later
     behind: Array  # and one earlier
-    since: Array  # (n, 1), times since their mean [s]
+    time: Array  # (n,) [s]
+
+    @property
+    def since(self) -> Array:
+        """Times since their mean (n, 1) [s]."""
+        since: Array = self.time - self.time.mean()
+        return since[:, None]
 
     @property
     def joint_speed(self) -> Array:

@@ -108,33 +108,30 @@ class _Pair:
         start = joint_grid[0] - track_grid[0]
         return [float(start + lags[peak] / CLOCK.grid) for peak in best]
 
-    def sample(self, clocks: Clocks, count: int) -> tuple[Array, Array]:
-        """About `count` rows with joints beside them: joints' times (r,) and track (r, m)."""
-        when = clocks.joints_time(self.t)
+    def sample(self, clocks: Clocks, count: int) -> TrackRows:
+        """About `count` rows with joints beside them."""
+        times = clocks.joints_time(self.t)
         first, last = self.joint_time[[0, -1]]
-        inside = np.flatnonzero((when >= first) & (when <= last))
+        inside = np.flatnonzero((times >= first) & (times <= last))
         rows = inside[spread_rows(len(inside), count)]
-        return when[rows], self.x[rows]
-
-    def track_rows(self, when: Array, track: Array) -> TrackRows:
-        """Rows of the track (r, m), with the joints about their times (r,)."""
+        when = times[rows]
         return TrackRows(
-            track,
+            self.x[rows],
             self.joints(when),
             ahead=self.joints(when + CLOCK.step),
             behind=self.joints(when - CLOCK.step),
-            since=(when - when.mean())[:, None],
+            time=when,
         )
 
     def refine(
         self, start: Clocks, revolute: tuple[bool, ...] | None
     ) -> Clocks | None:
         """Fit the offset, and the rate where rows show one; without `revolute` no planar chain."""
-        when, track = self.sample(start, CLOCK.long[0])
+        rows = self.sample(start, CLOCK.long[0])
         try:
             model: Waves | Chain = Waves()
             if revolute:
-                model = Chain(self.joints(when), track, revolute)
+                model = Chain(rows.q, rows.track, revolute)
             in_step = self.fit(model, start, CLOCK.long)
             free = self.fit(model, in_step, CLOCK.long, rate=True)
         except (CalibError, np.linalg.LinAlgError):
@@ -160,11 +157,11 @@ class _Pair:
         rate_sd = CLOCK.rate_sd if rate else 1e-12
         for _ in range(steps):
             # how late the track is, and how rate and chain change
-            when, track = self.sample(clocks, count)
-            if len(when) < 16:
+            sample = self.sample(clocks, count)
+            if len(sample.q) < 16:
                 break
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                linear = model.linearise(self.track_rows(when, track))
+                linear = model.linearise(sample)
                 step = linear.delay(clocks.rate, rate_sd)
             if step is None or not np.isfinite(step[0].value):
                 break
@@ -172,38 +169,29 @@ class _Pair:
 
             # the best clocks, until they settle
             error_before = clocks.error
-            clocks = _with_error(clocks, linear.residual, late.sd, rate)
+            # three neighbouring rows say as much as one; at the ends of a line twice the sd
+            doubt = np.sqrt(3.0) * late.sd * (2.0 if rate else 1.0)
+            error = median_length(linear.residual)
+            clocks = replace(clocks, error=error, doubt=doubt)
             best = min(best, clocks, key=attrgetter("error"))
             moved = max(abs(late.value), abs(change[-1]) * np.ptp(self.t))
-            gain = abs(clocks.error - error_before)
-            if moved < 4e-5 and gain < 1e-3 * clocks.error:
+            gain = abs(error - error_before)
+            if moved < 4e-5 and gain < 1e-3 * error:
                 break
 
-            # a step, shortened where the velocity is a poor guide
+            # a step, shortened where the velocity is a poor guide, not far from the start
             scale = min(1.0, CLOCK.farthest_step / max(abs(late.value), 1e-12))
             model.move(scale * change[:-1])
-            later = -scale * late.value
-            clocks = _moved(clocks, start, later, scale * change[-1])
+            later = clocks.offset - scale * late.value
+            away = np.clip(
+                later - start.offset, -CLOCK.farthest, CLOCK.farthest
+            )
+            clocks = replace(
+                clocks,
+                offset=start.offset + float(away),
+                rate=clocks.rate + float(scale * change[-1]),
+            )
         return best
-
-
-def _with_error(
-    clocks: Clocks, residual: Array, delay_sd: float, rate: bool
-) -> Clocks:
-    """Clocks with the error that they leave, (n, m) [px or mm], and the sd of the joints' time."""
-    # three neighbouring rows say as much as one; at the ends of a line twice the sd
-    doubt = np.sqrt(3.0) * delay_sd * (2.0 if rate else 1.0)
-    return replace(clocks, error=median_length(residual), doubt=doubt)
-
-
-def _moved(
-    clocks: Clocks, start: Clocks, later: float, faster: float
-) -> Clocks:
-    """Clocks after a step of offset [s] and rate, not far from where they started."""
-    low = start.offset - CLOCK.farthest
-    high = start.offset + CLOCK.farthest
-    offset = float(np.clip(clocks.offset + later, low, high))
-    return replace(clocks, offset=offset, rate=clocks.rate + float(faster))
 
 
 def _speed(values: Array) -> Array:
@@ -248,9 +236,15 @@ def align_clocks(
     short_fits = _by_error(
         pair.fit(Waves(), start, CLOCK.short) for start in starts
     )
-    candidates = _best_of_peaks(short_fits)[: CLOCK.long_fits]
+    # the best fit of each peak
+    candidates = [
+        fit
+        for k, fit in enumerate(short_fits)
+        if not any(fit.is_peak_of(better) for better in short_fits[:k])
+    ]
     most = CLOCK.chain_fits * spread
-    long_fits = _long_fits(pair, candidates, revolute, most)
+    some = candidates[: CLOCK.long_fits]
+    long_fits = _long_fits(pair, some, revolute, most)
     best, *others = long_fits or short_fits
 
     rivals = [fit.error for fit in others if not fit.is_peak_of(best)]
@@ -259,30 +253,16 @@ def align_clocks(
     is_clear = best.error < CLOCK.clearly * rival
     is_slow = abs(best.rate) <= CLOCK.fastest
     if not (is_close and is_clear and is_slow and best.doubt < SURE):
-        raise _unsure(best, rival, spread, unit)
+        raise ClockError(
+            f"no offset between the clocks is sure: the best, {best.offset:.3f} s to "
+            f"{1e3 * best.doubt:.2g} ms with rates that differ by {100 * best.rate:.2g} %, "
+            f"leaves {best.error:.3g} of {spread:.3g} {unit}, another leaves {rival:.3g}; "
+            f"expected {1e3 * SURE:.2g} ms, {100 * CLOCK.fastest:.1f} %, a quarter, and "
+            f"{CLOCK.clearly:g} of the other's: are these the joints of this recording, is the "
+            "frame rate the true one, does the motion repeat itself? record half a minute of "
+            "varied motion, or give `time_offset`"
+        )
     return best
-
-
-def _unsure(best: Clocks, rival: float, spread: float, unit: str) -> ClockError:
-    """The error that the best clocks are not sure, beside the error of a rival [unit]."""
-    return ClockError(
-        f"no offset between the clocks is sure: the best, {best.offset:.3f} s to "
-        f"{1e3 * best.doubt:.2g} ms with rates that differ by {100 * best.rate:.2g} %, "
-        f"leaves {best.error:.3g} of {spread:.3g} {unit}, another leaves {rival:.3g}; "
-        f"expected {1e3 * SURE:.2g} ms, {100 * CLOCK.fastest:.1f} %, a quarter, and "
-        f"{CLOCK.clearly:g} of the other's: are these the joints of this recording, is the frame "
-        "rate the true one, does the motion repeat itself? record half a minute of varied motion, "
-        "or give `time_offset`"
-    )
-
-
-def _best_of_peaks(fits: Sequence[Clocks]) -> list[Clocks]:
-    """The best fit of each peak, of fits in the order of their errors."""
-    return [
-        fit
-        for k, fit in enumerate(fits)
-        if not any(fit.is_peak_of(better) for better in fits[:k])
-    ]
 
 
 def _long_fits(

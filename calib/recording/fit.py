@@ -121,7 +121,10 @@ def solve(
         fit = replace(fit, unknowns=unknowns, covariance=step.covariance)
         predicted = bundle.predict(unknowns)
         if learn:
-            fit = _learn(bundle, prior, fit, predicted, step.variances)
+            error, freedom = _error_noise(fit, step.variances)
+            corner = _corner_noise(bundle, fit, predicted, freedom)
+            noise = Noise(corner, error, _prior_noise(prior, fit))
+            fit = replace(fit, noise=noise, freedom=freedom)
         if count >= CORNER_FIT.fewest and _is_settled(before, fit.noise):
             break
     # by the noise before the last step: priors that still shrink say too much
@@ -212,25 +215,11 @@ def _inverse(normal: Array) -> Array:
     return np.asarray(inverse / scales)
 
 
-def _learn(
-    bundle: Bundle,
-    prior: CornerPrior,
-    fit: CornerFit,
-    predicted: PredictedCorners,
-    variances: Array,
-) -> CornerFit:
-    """The fit with the noise that its residuals show.
-
-    variances : (n, e), of the motions' errors
-    """
-    error, freedom = _error_noise(fit, variances)
-    corner = _corner_noise(bundle, fit, predicted, freedom)
-    noise = Noise(corner, error, _prior_noise(prior, fit))
-    return replace(fit, noise=noise, freedom=freedom)
-
-
 def _error_noise(fit: CornerFit, variances: Array) -> tuple[Array, float]:
-    """Sd (e,) of the motions' errors, and the degrees of freedom of their turns and shifts."""
+    """Sd (e,) of the motions' errors, and the degrees of freedom of their turns and shifts.
+
+    variances : (n, e), of the errors
+    """
     noise = fit.noise
     columns = len(noise.error)
     starts = [0, 3, *range(POSE, columns)]  # of turn, shift, each focal length
@@ -322,8 +311,8 @@ def _next_size(sd: Array, squares: ArrayLike, rate: float) -> Array:
 def _is_settled(before: Noise, after: Noise) -> bool:
     """Whether no size changes much."""
     is_sized = np.isfinite(before.prior)
-    slow = np.log(after.prior[is_sized] / before.prior[is_sized])
-    fast = np.log([*after.corner / before.corner, *after.error / before.error])
-    is_fast_settled = np.abs(fast).max() < CORNER_FIT.settled
-    is_slow_settled = np.abs(slow).max() < CORNER_FIT.nearly
-    return bool(is_fast_settled and is_slow_settled)
+    slow = after.prior[is_sized] / before.prior[is_sized]
+    fast = np.append(after.corner / before.corner, after.error / before.error)
+    is_nearly_settled = np.abs(np.log(slow)).max() < CORNER_FIT.nearly
+    is_settled = np.abs(np.log(fast)).max() < CORNER_FIT.settled
+    return bool(is_settled and is_nearly_settled)

@@ -68,17 +68,17 @@ class JointMotions(Motions):
 
     def slopes(self, arm: Array) -> Array:
         """Steps of the tip, (n, 6, k), by the parameters."""
+        poses = self.poses(arm)
         beta = self.beta(arm)
-        places, turns = self._base.pose(self.values, beta)
         _, in_base = self._base.linearise(self.values, beta, self.active)
         shift, turn = np.split(in_base, 2, axis=1)
         # the size shifts the tip and turns it nowhere
-        along_base = np.zeros((len(places), 2, 3, self.size))
+        along_base = np.zeros((len(poses), 2, 3, self.size))
         along_base[:, 0, :, :-1] = turn
         along_base[:, 1, :, :-1] = np.exp(arm[-1]) * shift
-        along_base[:, 1, :, -1] = np.exp(arm[-1]) * places
-        along_tip: Array = turns.mT[:, None] @ along_base
-        return along_tip.reshape(len(places), 6, self.size)
+        along_base[:, 1, :, -1] = shift_of(poses)
+        along_tip: Array = turn_of(poses).mT[:, None] @ along_base
+        return along_tip.reshape(len(poses), 6, self.size)
 
     def beta(self, arm: Array) -> Array:
         """The structure's parameters (d,)."""

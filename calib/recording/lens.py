@@ -68,7 +68,13 @@ def calibrate_lens(
     """
     cv2 = opencv()
     usable = [shown for shown in corners if len(shown) >= LEAST_CORNERS]
-    _refuse_few(len(usable), corners)
+    if len(usable) < _LEAST_PICTURES:
+        raise LogError(
+            f"the board is in {len(usable)} of {len(corners)} pictures of the lens (at most "
+            f"{max(map(len, corners), default=0)} corners found, {LEAST_CORNERS} expected in "
+            f"each): take {_LEAST_PICTURES} or more, 10 are better, near and tilted, and check the "
+            "board's numbers"
+        )
     world = board.corners().astype(np.float32)
     objects = [world[list(shown)] for shown in usable]
     images = [np.array([*shown.values()], np.float32) for shown in usable]
@@ -93,17 +99,6 @@ def calibrate_lens(
             "3 % expected: tilt the board this way and that between them"
         )
     return replace(lens, covariance=covariance)
-
-
-def _refuse_few(count: int, corners: Sequence[Mapping[int, Array]]) -> None:
-    """Refuse pictures of which too few show the board."""
-    if count < _LEAST_PICTURES:
-        raise LogError(
-            f"the board is in {count} of {len(corners)} pictures of the lens (at most "
-            f"{max(map(len, corners), default=0)} corners found, {LEAST_CORNERS} expected in "
-            f"each): take {_LEAST_PICTURES} or more, 10 are better, near and tilted, and check the "
-            "board's numbers"
-        )
 
 
 def _flags_by_terms(pictures: int) -> dict[int, int]:

@@ -78,16 +78,12 @@ class Dataset:
             if isinstance(names, dict):
                 # older ones have a list of names by kind
                 names = next(iter(names.values()))
-            videos = [
-                name
-                for name, feature in features.items()
-                if feature["dtype"] == "video"
-            ]
+            kinds = {name: each["dtype"] for name, each in features.items()}
             dataset = cls(
                 root=root,
                 version=str(info["codebase_version"]),
                 columns=tuple(str(n).removesuffix(".pos") for n in names),
-                cameras=tuple(videos),
+                cameras=tuple(n for n in kinds if kinds[n] == "video"),
                 rate=float(info["fps"]),
                 video_path=str(info["video_path"]),
                 chunk=int(info.get("chunks_size", 1000)),
@@ -144,17 +140,16 @@ class Dataset:
         """Return the video of each episode, and where in it the episode begins [s]."""
         import polars as pl
 
+        places: dict[int, tuple[Path, float]] = {}
         if self.version.startswith("v2"):
-            paths = {
-                episode: self.video_path.format(
+            for episode in np.unique(episodes).tolist():
+                path = self.video_path.format(
                     video_key=camera,
                     episode_chunk=episode // self.chunk,
                     episode_index=episode,
                 )
-                for episode in np.unique(episodes).tolist()
-            }
-            return {k: (self.root / path, 0.0) for k, path in paths.items()}
-        places: dict[int, tuple[Path, float]] = {}
+                places[episode] = (self.root / path, 0.0)
+            return places
         key = f"videos/{camera}"
         files = self.root / "meta" / "episodes" / "**" / "*.parquet"
         for row in pl.read_parquet(files).iter_rows(named=True):

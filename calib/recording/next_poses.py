@@ -149,7 +149,10 @@ class ExpectedRig:
         # normal equations of corners that are where the rig expects them
         bundle = self._bundle(motions)
         layout = bundle.layout
-        predicted = bundle.predict(self._unknowns(bundle))
+        values = np.zeros(layout.size)
+        values[layout.lenses[0]] = self.lens.parameters
+        exact = np.zeros((motions.count, layout.errors))
+        predicted = bundle.predict(Unknowns(self.frames, values, exact))
         bundle = replace(bundle, pixels=predicted.pixels)
         products, _ = information(bundle, self.noise, predicted)
 
@@ -196,14 +199,6 @@ class ExpectedRig:
             camera=np.zeros(len(corners), int),
             motion=np.repeat(np.arange(count), len(self.points)),
         )
-
-    def _unknowns(self, bundle: Bundle) -> Unknowns:
-        """The rig as values of a bundle's unknowns, its motions without errors."""
-        layout = bundle.layout
-        values = np.zeros(layout.size)
-        values[layout.lenses[0]] = self.lens.parameters
-        errors = np.zeros((bundle.motions.count, layout.errors))
-        return Unknowns(self.frames, values, errors)
 
 
 def noise_of(corner: float, turn: float, shift: float) -> Noise:

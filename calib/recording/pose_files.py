@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,8 +78,8 @@ def read_flange_poses(path: FilePath) -> FlangeTable:
     A, B, C; w, p, r; r11 .. r33; or m00 .. m33, with a unit in brackets or behind "_" or without;
     those of axes may share more of their names (tcp_x, pos_x, orientation.x); a column of names of
     pictures may have any name.  Without a header six, seven, twelve or sixteen numbers, or
-    matrices: as text, in brackets, in JSON or of `numpy.save`; a folder or a pattern such as
-    `shots/pose*.txt` has a file for each picture.
+    matrices: as text, in brackets, in JSON, of `numpy.save` or `numpy.savez`, rotations and shifts
+    together or apart; a folder or a pattern such as `shots/pose*.txt` has a file for each picture.
     Raises LogError, which lists these, where it is none.
     """
     place = Path(path)
@@ -89,9 +89,13 @@ def read_flange_poses(path: FilePath) -> FlangeTable:
     if "*" in place.name:
         return _files(label, place)
     try:
-        if place.suffix.lower() == ".npy":
-            document = np.load(place).tolist()
-            return FlangeTable(label, _poses(label, document))
+        if place.suffix.lower() in (".npy", ".npz"):
+            arrays = np.load(place)
+            if isinstance(arrays, Mapping):  # of several, by name
+                arrays = {
+                    name: array.tolist() for name, array in arrays.items()
+                }
+            return FlangeTable(label, _poses(label, arrays))
         text = place.read_text(encoding="utf-8-sig")
     except (OSError, EOFError, ValueError):  # a pipe, UTF-16, Parquet
         return _table(open_source(path))
@@ -222,7 +226,11 @@ def _rows(document: Any, path: str = "") -> Iterator[tuple[str, Array]]:
         if len(ways) == 1:
             yield path, np.array([values[column] for column in ways[0][1]])
             return
-    elif isinstance(document, list):
+        poses = [(path, row) for row in _poses_of_parts(document)]
+        yield from poses
+        if poses:
+            return
+    elif isinstance(document, (list, np.ndarray)):
         with suppress(TypeError, ValueError):
             for row in _as_rows(np.array(document, float)):
                 yield path, row
@@ -233,6 +241,22 @@ def _rows(document: Any, path: str = "") -> Iterator[tuple[str, Array]]:
     for name in sorted(document, key=lambda name: natural_key(Path(str(name)))):
         inner = re.sub(r"\d+", "", f"{path}.{name}").strip(".")
         yield from _rows(document[name], inner)
+
+
+def _poses_of_parts(document: dict[str, Any]) -> Array:
+    """Poses (n, 12) by rows of rotations (.., 3, 3) and shifts (.., 3) apart; else none."""
+    turns: list[Array] = []
+    shifts: list[Array] = []
+    for item in document.values():
+        with suppress(TypeError, ValueError):
+            part = np.array(item, float)
+            if part.shape[-2:] == (3, 3) and _are_turns(part):
+                turns.append(part.reshape(-1, 3, 3))
+            elif 3 in part.shape[-2:]:
+                shifts.append(part.reshape(-1, 3, 1))
+    if [*map(len, turns)] != [*map(len, shifts)] or len(turns) != 1:
+        return np.zeros((0, 12))
+    return np.concatenate([*turns, *shifts], axis=2).reshape(-1, 12)
 
 
 def _axes(document: Any, path: str = "") -> dict[str, float]:
@@ -266,6 +290,10 @@ def _as_rows(numbers: Array) -> Array:
         is_index &= not (rows[:, 0] % 1.0).any()
     if is_index and not _is_pose(rows[0]) and _is_pose(rows[0, 1:]):
         return rows[:, 1:]  # without indices or times
+    behind_turns = np.roll(rows, 3, axis=1)
+    is_behind = len(rows[0]) == 7 and not _is_pose(rows[0])
+    if is_behind and all(map(_is_pose, behind_turns)):
+        return behind_turns
     return rows
 
 
@@ -278,8 +306,13 @@ def _is_pose(row: Array) -> bool:
         turn = row.reshape(-1, 4)[:3, :3]
     elif len(row) != 6:
         return False
-    is_turn = np.allclose(turn @ turn.T, np.eye(len(turn)), atol=_ROUNDED)
-    return is_turn and bool(np.isfinite(row).all())
+    return _are_turns(turn) and bool(np.isfinite(row).all())
+
+
+def _are_turns(turns: Array) -> bool:
+    """Whether matrices (.., k, 3) are rotations, or quaternions (1, 4) of length 1."""
+    products = turns @ turns.swapaxes(-1, -2)
+    return np.allclose(products, np.eye(turns.shape[-2]), atol=_ROUNDED)
 
 
 def _shift_first(numbers: Array) -> Array:

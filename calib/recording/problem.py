@@ -107,6 +107,8 @@ def problem_of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
 
     Raises LogError where the pictures are of other joints, or say that the joints are not these.
     """
+    rows = _rows(views)
+    q = np.zeros((len(rows), arm.dof))
     for view in views:
         names = view.joint_names
         if names != arm.joint_names:
@@ -114,11 +116,7 @@ def problem_of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
                 f"the pictures of {view.name} are of the joints {listing(names)}, expected "
                 f"{listing(arm.joint_names)}, those of {arm.name} up to {arm.tip}"
             )
-
-    # joints at each row that has a picture
-    rows = _rows(views)
-    q = np.zeros((len(rows), arm.dof))
-    for view in views:
+        # joints at each row that has a picture
         q[np.searchsorted(rows, view.rows)] = view.q
     views, first = _by_pose(views, rows, q)
     rows = rows[first]
@@ -230,9 +228,10 @@ def turning(poses: Array) -> tuple[Array, Array]:
 def _problem(views: Sequence[View], rows: Index, motions: Motions) -> Problem:
     """The problem, which begins at a closed form of each camera."""
     starts = _starts(views, rows, motions)
-    numbered: list[View] = []
-    for view, start in zip(views, starts, strict=True):
-        numbered.append(view.turned(start.turned))
+    numbered = [
+        view.turned(start.turned)
+        for view, start in zip(views, starts, strict=True)
+    ]
     bundle = _bundle(numbered, rows, motions)
     layout = bundle.layout
     # of each board the first camera that sees it
@@ -242,8 +241,7 @@ def _problem(views: Sequence[View], rows: Index, motions: Motions) -> Problem:
 
     prior = _prior(numbered, boards, motions, layout)
     values = np.zeros(layout.size)
-    for view, lens in zip(numbered, layout.lenses, strict=True):
-        values[lens] = view.first_lens.parameters
+    values[layout.lenses] = [view.first_lens.parameters for view in views]
     for start, shape in zip(boards, layout.shapes, strict=True):
         values[shape[-1]] = start.size
     frames = [start.camera for start in starts]
@@ -273,8 +271,14 @@ def _prior(
         if view.stated_lens is None:
             mean[lens[4:]] = 0.0
         scales += _lens_scales(view, lens)
+    lowest, highest = PRIORS.printed
     for start, shape in zip(boards, layout.shapes, strict=True):
-        scales += _board_scales(start, shape)
+        size = abs(start.size)  # that may be another than stated
+        scales += [
+            Scale(shape[:-3], *PRIORS.bent),
+            Scale(shape[-3:-1], *PRIORS.stretched),
+            Scale(shape[-1:], max(size, lowest), lowest, max(size, highest)),
+        ]
     if isinstance(motions, JointMotions):
         scales += motions.scales(layout.arm)
     return CornerPrior(mean, scales)
@@ -337,17 +341,6 @@ def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
         camera=camera,
         motion=motion,
     )
-
-
-def _board_scales(start: RigStart, shape: Index) -> list[Scale]:
-    """Priors of a board, whose size may be another than stated."""
-    lowest, highest = PRIORS.printed
-    size = abs(start.size)
-    return [
-        Scale(shape[:-3], *PRIORS.bent),
-        Scale(shape[-3:-1], *PRIORS.stretched),
-        Scale(shape[-1:], max(size, lowest), lowest, max(size, highest)),
-    ]
 
 
 def _lens_scales(view: View, places: Index) -> Iterator[Scale]:

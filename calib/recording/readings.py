@@ -250,20 +250,15 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
             f"the pictures fit the joints only if {words}", hint=hint
         )
     if not is_board and len(structure.joint_names) > 2:
-        raise _wrong_size(view, usual)
-
-
-def _wrong_size(view: View, start: RigStart) -> LogError:
-    """The error that the board measures another size than is stated."""
-    stated = 1e3 * view.board.side
-    measured = stated * np.exp(start.size)
-    return LogError(
-        f"by the arm's motions the board's squares measure {measured:.3g} mm, {stated:.4g} mm "
-        "as said: more than any print is off",
-        hint="degrees, order, signs, rows late and the eye were tried: check the board's "
-        "squares, the focal length, that it is this robot, the joints' zeros, and that joints "
-        "are angles and no shares of the motors' range",
-    )
+        stated = 1e3 * view.board.side
+        measured = stated * np.exp(usual.size)
+        raise LogError(
+            f"by the arm's motions the board's squares measure {measured:.3g} mm, {stated:.4g} mm "
+            "as said: more than any print is off",
+            hint="degrees, order, signs, rows late and the eye were tried: check the board's "
+            "squares, the focal length, that it is this robot, the joints' zeros, and that joints "
+            "are angles and no shares of the motors' range",
+        )
 
 
 def _others(

@@ -268,9 +268,8 @@ def transform_files(rig: HandEye, path: FilePath) -> dict[Path, str]:
     transforms = []
     lines: list[str] = []
     for child, (parent, place) in places.items():
-        transforms.append(
-            stamped(parent, child, place["position"], place["quaternion"])
-        )
+        numbers = (place["position"], place["quaternion"])
+        transforms.append(stamped(parent, child, *numbers))
         lines += _lines(parent, child, place)
     return {
         Path(path): json.dumps(transforms, indent=2) + "\n",

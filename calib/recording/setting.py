@@ -19,7 +19,7 @@ from .board import CharucoPattern
 from .lens import UNSTATED
 from .pictures import Picture, Shot, opencv
 from .reference import MarkLayout, Marks, PlaneReference, find_reference
-from .tags import Tag, TagFinder
+from .tags import Tag, TagFinder, single_tags
 
 LOOKS = 12
 """Looks at the reference over a video, and pictures that are kept, about."""
@@ -106,12 +106,11 @@ class Setting:
             return self.board.find(grey)
         if self.tags_at is None:
             return {}
-        counts = Counter(tag.number for tag in tags)
-        marks = {}
-        for tag in tags:
-            if tag.number in self.tags_at.points and counts[tag.number] == 1:
-                marks[tag.number] = tag.centre
-        return marks
+        return {
+            tag.number: tag.centre
+            for tag in single_tags(tags)
+            if tag.number in self.tags_at.points
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +206,11 @@ def find_sightings(
             f"({listing(twice, 3)}): cover one, or print another id for the tip"
         )
     if not sharp:
-        raise _no_tag(setting, sample, f"{count} {what}")
+        raise LogError(
+            f"tag {setting.tag} is in none of {count} {what}: {len(sample)} of them show "
+            f"{_tags_of(sample, setting.dictionary)} of {setting.dictionary}; check the id, the "
+            "dictionary, that it is sharp and has a white border"
+        )
     return Sightings(
         setting,
         what,
@@ -238,17 +241,6 @@ def _reason_of(tips: Sequence[Tag], number: int) -> str:
     if len(tips) > 1:
         return f"tag {number} is there twice"
     return "" if tips[0].sharp else "blurred"
-
-
-def _no_tag(
-    setting: Setting, sample: Sequence[Picture], pictures: str
-) -> LogError:
-    """The error that no picture shows the tip's tag, and what a sample of them shows."""
-    return LogError(
-        f"tag {setting.tag} is in none of {pictures}: {len(sample)} of them show "
-        f"{_tags_of(sample, setting.dictionary)} of {setting.dictionary}; check the id, the "
-        "dictionary, that it is sharp and has a white border"
-    )
 
 
 def _tags_of(pictures: Sequence[Picture], dictionary: str) -> str:

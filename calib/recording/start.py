@@ -100,16 +100,6 @@ def _better(by_motions: RigStart, by_board: RigStart) -> RigStart:
     return by_board if by_board.misfit < limit else by_motions
 
 
-def _usual(misses: Array) -> Array:
-    """The miss (m,) of a usual picture: the median of those beyond the three that fit any reading.
-
-    misses : (m, n)
-    """
-    beyond = min(3, misses.shape[1] - 1)
-    ascending = np.sort(misses, axis=1)
-    return np.asarray(np.median(ascending[:, beyond:], axis=1))
-
-
 def _nearest(length: float, units: Sequence[str]) -> str:
     """The unit of which a metre is nearest to a length."""
     return min(units, key=lambda name: abs(np.log(length / METRES[name])))
@@ -181,7 +171,9 @@ def _robust_closed_form(
         in_metres = rigid(turn_of(motions), shifts)
         predicted = inverse(cameras)[:, None] @ in_metres @ placed[:, None]
         misses = _gaps(predicted, boards, points)
-        misfits = _usual(misses)
+        # of a usual picture: the median of those beyond the three that fit any reading
+        beyond = min(3, misses.shape[1] - 1)
+        misfits = np.median(np.sort(misses, axis=1)[:, beyond:], axis=1)
         far = misses / (3.0 * misfits[:, None] + 1e-9)
         growth = 1.0 + far**2
         weights = 1.0 / growth**2

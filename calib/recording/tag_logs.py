@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
 from .motion_tables import JointTable, read_shots
 from .pictures import Shot, Video
-from .reference import PlaneReference, find_pose, frames_of
+from .reference import find_pose, frames_of
 from .setting import LOOKS, Setting, Sightings, find_sightings
 from .tags import LEAST_NOISE, Tag
 from .track import jumps, left_out_notes, row_shift, usable_rows
@@ -112,96 +113,24 @@ def log_video(
     Raises LogError in one line, if no log can be made.
     """
     check_limits(max_gap, still)
-    film = _film(Video(path), joints, setting, time_offset, max_gap)
-    notes = film.notes
-    if still is None:
-        why = "the arm moves"
-        groups = film.rests()
-    else:
-        why = f"a joint moves faster than {still:g}"
-        is_slow = film.usable & (film.speed < still)
-        groups = [np.array([frame]) for frame in np.flatnonzero(is_slow)]
-    if not groups:
-        raise LogError(
-            f"the arm never rests for {REST.least} frames of {film.name}, or moves as slowly as "
-            "`still`: record it with stops"
-        )
-    frames = sum(map(len, groups))
-    if still is None:
-        mean = frames / len(groups)
-        notes = (*notes, f"{len(groups)} rests of {mean:.0f} frames")
-    moving = int(film.usable.sum()) - frames
-
-    # tag, joints and time of each row
-    sightings = film.sightings
-    tag_of = dict(zip(sightings.numbers, sightings.tags, strict=True))
-    tags = [_median_tag([tag_of[k] for k in group]) for group in groups]
-    q = np.array([film.q[group].mean(axis=0) for group in groups])
-    time = np.array([np.median(film.when[group]) for group in groups])
-    about: dict[str, object] = {
-        "source": "video",
-        "time_offset": film.clocks.offset,
-        "rate": film.clocks.rate,
-    }
-    dropped = {**film.dropped, why: moving}
-    log = _log_of(sightings, tags, joints.names, q, about, dropped)
-    return replace(log, time=time - time[0], notes=(*notes, *log.notes))
-
-
-@dataclass(frozen=True, eq=False)
-class Film:
-    """The n frames of a video, and the joints at their times."""
-
-    name: str
-    sightings: Sightings
-    clocks: Clocks
-    when: Array  # (n,), by the joints' clock [s]
-    track: Array  # (n, 2), the tag [px]; NaN where it is not seen
-    q: Array  # (n, dof) [rad or m]
-    speed: Array  # (n,), of the fastest joint [rad/s or m/s]
-    usable: Mask  # (n,), frames that show the tag and whose joints are known
-    dropped: Mapping[str, int]  # how many are not, by reason
-    notes: tuple[str, ...]
-
-    def rests(self) -> list[Index]:
-        """The frames of each rest: joints and tag stand still for a few frames."""
-        when = self.when
-        frames = np.flatnonzero(self.usable & (self.speed < REST.rest))
-        steps = row_lengths(np.diff(self.track[frames], axis=0))
-        is_end = (steps > REST.shake) | (np.diff(when[frames]) > REST.pause)
-        rests = []
-        for run in np.split(frames, np.flatnonzero(is_end) + 1):
-            first = when[run[:1]] + SETTLE
-            last = when[run[-1:]] - SETTLE
-            settled = run[(when[run] >= first) & (when[run] <= last)]
-            if len(settled) >= REST.least:
-                # the arm may still swing where its joints stand: only frames near the median count
-                places = self.track[settled]
-                away = places - np.median(places, axis=0)
-                distances = row_lengths(away)
-                rests.append(settled[distances < REST.shake])
-        return [rest for rest in rests if len(rest) >= REST.least]
-
-
-def _film(
-    video: Video,
-    joints: JointTable,
-    setting: Setting,
-    time_offset: float | None,
-    max_gap: float,
-) -> Film:
-    """The frames of a video; arguments as of `log_video`."""
-    joint_time, q = _motion_of(joints)
+    video = Video(path)
+    joint_time, joint_values = _motion_of(joints)
     sightings, time = _video_sightings(video, setting)
-    _check_motion(q, sightings, video.name)
+    _check_motion(joint_values, sightings, video.name)
     track = np.full((len(time), 2), np.nan)
     track[sightings.numbers] = sightings.pixels
     notes = video.notes(len(time))
+
+    # joints at the frames
     clocks = Clocks(time_offset or 0.0)
     if time_offset is None:
-        clocks = align_clocks(time, track, joint_time, q, joints.revolute)
+        clocks = align_clocks(
+            time, track, joint_time, joint_values, joints.revolute
+        )
         notes.append(clocks.words())
     when = clocks.joints_time(time)
+    q = joints_at(when, joint_time, joint_values)
+    speed = joint_speed(when, joint_time, joint_values)
     doubts = {
         "a jump of the track": jumps(track),
         **gaps_between(when, joint_time, max_gap),
@@ -212,18 +141,61 @@ def _film(
             f"the clocks are apart: the video runs from {when[0]:.2f} to {when[-1]:.2f} s of the "
             f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s"
         )
-    return Film(
-        video.name,
-        sightings,
-        clocks,
-        when,
-        track,
-        q=joints_at(when, joint_time, q),
-        speed=joint_speed(when, joint_time, q),
-        usable=usable,
-        dropped={**sightings.reasons, **dropped},
-        notes=tuple(notes),
-    )
+
+    # frames of each row
+    slow = usable & (speed < (still or REST.rest))
+    if still is None:
+        groups = _rests(when, track, slow)
+        why = "the arm moves"
+    else:
+        groups = list(np.flatnonzero(slow)[:, None])
+        why = f"a joint moves faster than {still:g}"
+    if not groups:
+        raise LogError(
+            f"the arm never rests for {REST.least} frames of {video.name}, or moves as slowly as "
+            "`still`: record it with stops"
+        )
+    frames = sum(map(len, groups))
+    if still is None:
+        mean = frames / len(groups)
+        notes.append(f"{len(groups)} rests of {mean:.0f} frames")
+
+    # tag, joints and time of each row
+    tag_of = dict(zip(sightings.numbers, sightings.tags, strict=True))
+    tags = [_median_tag([tag_of[k] for k in group]) for group in groups]
+    about: dict[str, object] = {
+        "source": "video",
+        "time_offset": clocks.offset,
+        "rate": clocks.rate,
+    }
+    moving = int(usable.sum()) - frames
+    dropped = {**sightings.reasons, **dropped, why: moving}
+    q = np.array([q[group].mean(axis=0) for group in groups])
+    log = _log_of(sightings, tags, joints.names, q, about, dropped)
+    row_time = np.array([np.median(when[group]) for group in groups])
+    row_time -= row_time[0]
+    return replace(log, time=row_time, notes=(*notes, *log.notes))
+
+
+def _rests(when: Array, track: Array, slow: Mask) -> list[Index]:
+    """The frames of each rest: joints and tag stand still for a few frames.
+
+    when : (n,) [s];  track : (n, 2), the tag [px];  slow : (n,), frames in which no joint moves
+    """
+    frames = np.flatnonzero(slow)
+    steps = row_lengths(np.diff(track[frames], axis=0))
+    is_end = (steps > REST.shake) | (np.diff(when[frames]) > REST.pause)
+    rests = []
+    for run in np.split(frames, np.flatnonzero(is_end) + 1):
+        first = when[run[:1]] + SETTLE
+        last = when[run[-1:]] - SETTLE
+        settled = run[(when[run] >= first) & (when[run] <= last)]
+        if len(settled) >= REST.least:
+            # the arm may still swing where its joints stand: only frames near the median count
+            places = track[settled]
+            away = places - np.median(places, axis=0)
+            rests.append(settled[row_lengths(away) < REST.shake])
+    return [rest for rest in rests if len(rest) >= REST.least]
 
 
 def _motion_of(joints: JointTable) -> tuple[Array, Array]:
@@ -281,8 +253,7 @@ def _check_motion(q: Array, sightings: Sightings, what: str) -> None:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Positions:
+class Positions(NamedTuple):
     """Where tags are."""
 
     x: Array  # (n, 2) or (n, 3) [unit]
@@ -331,42 +302,32 @@ def _positions(tags: Sequence[Tag], sightings: Sightings) -> Positions:
     """Where tags are: by their size, in the plane of the reference, or in pixels."""
     setting = sightings.setting
     reference, _ = sightings.reference
-    if setting.lens is not None and setting.tag_size is not None:
-        return _by_tag_size(tags, setting.lens, setting.tag_size, reference)
     pixels = np.array([tag.centre for tag in tags])
+    positions = Positions(pixels, "px", np.ones(1))
     if reference is not None:
-        return _on_plane(reference, pixels)
-    return Positions(pixels, "px", np.ones(1))
+        scale, sd = reference.noise(pixels)
+        shared_sd = float(np.sqrt(np.mean(sd**2)))
+        places = reference.positions(pixels)
+        positions = Positions(places, "m", scale, shared_sd)
+    if setting.lens is None or setting.tag_size is None:
+        return positions
+
+    # by each tag alone, in the reference's frame or the camera's
+    frames = _tag_frames(tags, setting.lens, setting.tag_size)
+    if reference is None:
+        scale = shift_of(frames)[:, 2] / setting.lens.focal.mean()
+        positions = Positions(pixels, "m", scale)
+    else:
+        frames = inverse(reference.pose.frame) @ frames
+    quaternion = quaternion_of(turn_of(frames))
+    return positions._replace(x=shift_of(frames), quaternion=quaternion)
 
 
-def _on_plane(reference: PlaneReference, pixels: Array) -> Positions:
-    """Positions in the reference's frame of tags at pixels (n, 2) that lie in its plane."""
-    scale, sd = reference.noise(pixels)
-    shared_sd = float(np.sqrt(np.mean(sd**2)))
-    return Positions(reference.positions(pixels), "m", scale, shared_sd)
+def _tag_frames(tags: Sequence[Tag], lens: Lens, side: float) -> Array:
+    """Frames (n, 4, 4) [m] of tags of a side [m] before the camera.
 
-
-def _by_tag_size(
-    tags: Sequence[Tag],
-    lens: Lens,
-    side: float,
-    reference: PlaneReference | None,
-) -> Positions:
-    """Positions of tags of a side [m] by each alone, in the reference's frame or the camera's.
-
-    The tag's frame: origin in its middle, x to the right, y up, z out of the paper.
+    Their origin is in the middle, x to the right, y up, z out of the paper.
     """
     corners = [[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]
     square = 0.5 * side * np.array(corners)
-    frames = frames_of([find_pose(lens, square, tag.corners) for tag in tags])
-    if reference is None:
-        scale = shift_of(frames)[:, 2] / lens.focal.mean()
-        positions = Positions(shift_of(frames), "m", scale)
-    else:
-        frames = inverse(reference.pose.frame) @ frames
-        positions = _on_plane(reference, np.array([tag.centre for tag in tags]))
-    return replace(
-        positions,
-        x=shift_of(frames),
-        quaternion=quaternion_of(turn_of(frames)),
-    )
+    return frames_of([find_pose(lens, square, tag.corners) for tag in tags])

@@ -7,7 +7,8 @@ to .010 px, where OpenCV's contours leave .093; a board's corners to .011 for .0
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
@@ -167,6 +168,12 @@ class TagFinder:
         if likeness < TAG.sharp:
             return tag
         return Tag(number, _map_places(homography, square))
+
+
+def single_tags(tags: Sequence[Tag]) -> list[Tag]:
+    """The tags of ids that are there once: of two alike neither is the board's for sure."""
+    counts = Counter(tag.number for tag in tags)
+    return [tag for tag in tags if counts[tag.number] == 1]
 
 
 def tag_cells(number: int, dictionary: str = DICTIONARY) -> NDArray[np.bool_]:

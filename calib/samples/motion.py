@@ -8,6 +8,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
+from ..common.rows import group_means
 from ..errors import OptionError
 from .settings import ONE_POSE
 
@@ -141,7 +142,7 @@ def pose_index(q: Array) -> Index:
     lengths = distance[:, 1:].ravel()
     # rows of one pose that was often read are each other's neighbours alone: of the next pose
     # only their middles tell how far away it is
-    middles = means_of(_joined(neighbour, is_close), distinct)
+    middles = group_means(_joined(neighbour, is_close), distinct)
     if len(middles) > 1:
         between = cKDTree(middles).query(middles, k=2, p=np.inf)[0]
         lengths = np.append(lengths, np.asarray(between)[:, 1])
@@ -181,9 +182,3 @@ def _reading_difference(lengths: Array) -> float:
     if growth.max(initial=0.0) < ONE_POSE.gap:
         return ONE_POSE.exact
     return float(lengths[growth.argmax()])
-
-
-def means_of(group: Index, x: Array) -> Array:
-    """Return the mean of each group's rows, (groups, m)."""
-    sums = [np.bincount(group, axis) for axis in x.T]
-    return np.asarray(np.stack(sums, axis=1) / np.bincount(group)[:, None])

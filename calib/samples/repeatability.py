@@ -18,9 +18,9 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array, Mask
-from ..common.rows import row_lengths
+from ..common.rows import group_means, row_lengths
 from ..errors import LogError
-from .motion import Visits, means_of, visits_of
+from .motion import Visits, visits_of
 from .samples import Samples
 
 MOST_MEDIANS = 8.0
@@ -103,8 +103,8 @@ def repeatability(samples: Samples) -> Repeatability:
     poses = len(readings_of_pose)
     repeats = len(x) - poses
     returns = len(readings_of_visit) - poses
-    means = means_of(visits.visit, x)
-    off = means - means_of(visits.pose, x)[pose]
+    means = group_means(visits.visit, x)
+    off = means - group_means(visits.pose, x)[pose]
     within = float(((x - means[visits.visit]) ** 2).sum())
     between = float((readings_of_visit[:, None] * off**2).sum())
     sensor = _deviation(within, axes * (repeats - returns))
@@ -186,12 +186,12 @@ def at_poses(samples: Samples) -> Samples:
         same_side = np.sign(
             (orientation * orientation[first][index]).sum(axis=1)
         )
-        orientation = means_of(index, same_side[:, None] * orientation)
+        orientation = group_means(index, same_side[:, None] * orientation)
         orientation = orientation / row_lengths(orientation)[:, None]
     return replace(
         samples.take(first),
-        q=means_of(index, samples.q),
-        x=means_of(index, samples.x),
+        q=group_means(index, samples.q),
+        x=group_means(index, samples.x),
         orientation=orientation,
     )
 

@@ -72,12 +72,6 @@ class Source:
         return tuple(name for name in self.table.columns if name != _ROW)
 
     @property
-    def is_headless(self) -> bool:
-        """Whether its first line is numbers, not names."""
-        cells = (name.partition("_duplicated_")[0] for name in self.header)
-        return re.fullmatch(r"[-+\d.eE\s\[\]]+", " ".join(cells)) is not None
-
-    @property
     def unit(self) -> str | None:
         """The unit that the table states for its positions."""
         unit = self.about.get("unit")
@@ -155,14 +149,11 @@ class Source:
         return values, self.table[_ROW].to_numpy().astype(np.intp)
 
 
-def open_source(
-    path: str | os.PathLike[str] | Source, *, headless: bool = False
-) -> Source:
+def open_source(path: str | os.PathLike[str] | Source) -> Source:
     """Read a CSV or Parquet file.
 
     `-` reads CSV from standard input.  A table that is open stays as it is, so that a pipe, which
     can be read only once, serves several readers.
-    headless : whether the first line may be numbers
     Raises LogError if there is no such file, or no header in it.
     """
     if isinstance(path, Source):
@@ -176,7 +167,8 @@ def open_source(
             hint="`log` takes a log (CSV or Parquet), a model is named without an option",
         )
     source = parse_source(content, label)
-    if source.is_headless and not headless:
+    cells = (name.partition("_duplicated_")[0] for name in source.header)
+    if re.fullmatch(r"[-+\d.eE\s\[\]]+", " ".join(cells)):
         raise LogError(
             f"{label} has no header: expected the columns' names in the first line, not numbers"
         )

@@ -27,7 +27,7 @@ _WORDS = {
     "offset": "zero",
     "length": "link length",
     "shift": "origin along",
-    "turn": "axis turned about",
+    "turn": "turned about",
     "elastic": "bends",
 }
 

@@ -140,9 +140,8 @@ class Study:
     def exact(self) -> bool:
         """Whether the errors of its rows are rounding alone."""
         least = ROUNDED_AWAY * extent(self.model)
-        return self.rows is not None and bool(
-            (self.rows.distance < least).all()
-        )
+        rows = self.rows
+        return rows is not None and bool(rows.distance.max() < least)
 
     @property
     def views(self) -> tuple[tuple[int, int], ...]:

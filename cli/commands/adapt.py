@@ -86,7 +86,7 @@ def adapt(
             state = f"{path} predicts as {model} does, with a wider bound"
         before, after = _errors(result)
         lines = [
-            f"no improvement: {state}",
+            f"no clear improvement: {state}",
             f"{before} as it is, {after} adapted, {rows}",
         ]
     more: list[Line] = [f"corrected: {result.correction}"]

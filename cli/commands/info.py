@@ -44,6 +44,12 @@ def info(model: opt.ModelFile, degrees: opt.Degrees = False) -> Outcome:
         **facts(about, loaded.size_in_words, degrees=degrees),
         **{f"note {k}": text for k, text in enumerate(about.notes, start=1)},
     }
+    sensors = [loaded.by(name) for name in loaded.sensors]
+    if len(sensors) > 1:
+        rows = [
+            f"{by.about.sensor} ({by.about.samples} rows)" for by in sensors
+        ]
+        words["sensors"] = ", ".join(rows)
     if play is not None:
         sizes = map(with_unit, play, units)
         words["backlash"] = ", ".join(map("{} {}".format, names, sizes))
@@ -61,7 +67,6 @@ def info(model: opt.ModelFile, degrees: opt.Degrees = False) -> Outcome:
     if not about.errors:
         return Outcome(document, lines, code=NO if warnings else 0)
     lines += ["", "accuracy"]
-    sensors = map(loaded.by, loaded.sensors)
     lines += map(standing.accuracy_as_made, sensors)
     if not warnings:
         lines.append(standing.limiting_factor(loaded, about.errors))

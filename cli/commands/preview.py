@@ -7,7 +7,7 @@ from typing import Annotated
 import calib
 
 from .. import options as opt
-from ..output import Outcome, note
+from ..output import SPEECH, Outcome, note
 from ..parsing import check_file, whole
 from ..pictures import load_drawn, size_of_page
 
@@ -35,8 +35,10 @@ def preview(
             document = {"html": html, "bytes": Path(html).stat().st_size}
             return Outcome(document, [size_of_page(html)])
         try:
-            print(page.url, flush=True)
-            note("showing the preview; Ctrl-C ends it")
+            # a document follows at the end
+            if not SPEECH.as_json:
+                print(page.url, flush=True)
+            note(f"showing the preview at {page.url}; Ctrl-C ends it")
             while True:
                 time.sleep(0.2)  # so often it looks whether it shall end [s]
         except KeyboardInterrupt:

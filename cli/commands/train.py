@@ -181,7 +181,7 @@ def _outcome(model: calib.Model, path: str) -> Outcome:
     lines = [*warnings, *map(standing.accuracy_as_made, sensors)]
     learned = f"{about.samples} samples"
     if about.source == "log":
-        learned = f"{about.samples} rows"
+        learned = f"{sum(sensor.about.samples for sensor in sensors)} rows"
         lines.append(standing.differences_from_drawing(model))
     if not warnings:
         lines.append(standing.limiting_factor(model, about.errors))

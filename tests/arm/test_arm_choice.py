@@ -91,7 +91,7 @@ def test_equal_arms_are_told_and_a_log_must_choose():
     assert arm_from_urdf(two_arms(0.4, "prismatic")).joint_names == ("l1", "l2")
 
 
-def test_what_a_file_misses_is_mended_aloud():
+def test_what_a_file_misses_is_mended_aloud_and_a_byte_order_mark_is_no_obstacle(tmp_path):
     arm = arm_from_urdf(chain_urdf(turning(), turning(), turning(more='<mimic joint="no"/>')))
     assert any("'no', which does not exist" in note for note in arm.notes)
     text = TWO.replace('<axis xyz="0 0 1"/>', "")
@@ -99,9 +99,6 @@ def test_what_a_file_misses_is_mended_aloud():
     assert any("no <axis>" in note for note in arm.notes)
     assert pin.buildModelFromXML(text).joints[1].shortname() == "JointModelRX"
     assert arm.chain.axes[0] == pytest.approx([1, 0, 0])
-
-
-def test_a_byte_order_mark_a_namespace_and_what_a_comment_says_are_no_obstacle(tmp_path):
     path = tmp_path / "bom.urdf"
     xacro = TWO.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"')
     start = b'\xef\xbb\xbf<?xml version="1.0" encoding="utf-8"?><!-- no <!DOCTYPE here -->'

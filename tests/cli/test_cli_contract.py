@@ -3,6 +3,7 @@
 import csv
 import io
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -259,6 +260,12 @@ def test_a_check_whose_bound_fails_without_noise_ends_with_3(run, monkeypatch):
     done = run("check m.calib --data same.csv")
     assert done.code == 3
     assert done.out.startswith(FAILS)
+
+
+def test_a_page_that_is_shown_leaves_a_document_alone(run, monkeypatch):
+    monkeypatch.setattr("time.sleep", Mock(side_effect=KeyboardInterrupt))
+    done = run("preview m.calib --no-open --json")
+    assert done.document["url"] in done.err
 
 
 @pytest.mark.parametrize(

@@ -51,6 +51,7 @@ CASES = [
     ("train truncated.urdf -o truncated.urdf", 2, "truncated.urdf replace"),
     ("adapt good.calib --data few.csv -o few.csv", 2, "few.csv replace"),
     ("query forward good.calib --input few.csv -o ./few.csv", 2, "few.csv replace"),
+    ("log a.png --tag 1 --tags-at few.csv -o few.csv", 2, "few.csv replace"),
     ("train few.csv", 2, "table --data few.csv"),
     ("train good.calib", 1, "good.calib: URDF"),
     ("train --data few.csv --joints shoulder,elbow --tip tip", 2, "--tip ROBOT"),

@@ -38,11 +38,14 @@ def test_a_step_is_eq_1_to_3(shape):
     np.testing.assert_allclose(found, distances, atol=5 * np.exp(-8.0))
 
 
-def test_rates_are_those_of_eq_4_and_after_a_change_of_eq_10_and_12():
+def test_sigma_and_alpha_fall_as_eq_4_says():
     told = Rates.training(np.arange(100), (8.0, 0.5), 100, 2)
     T = 99 / np.log(8.0 / 0.5)  # the time constant at which it ends at half a node
     np.testing.assert_allclose(told.sigma[0], 8.0 * np.exp(-np.arange(100) / T))
     np.testing.assert_allclose(told.alpha, 0.5 * np.exp(-np.arange(100) / T))
+
+
+def test_after_a_change_sigma_falls_by_eq_10_and_the_links_rates_by_eq_12():
     t = np.arange(0, 900, 100)
     told = Rates.following(t, (4.0, 2.0), 0.5, 800)
     now = np.minimum(t, 800)
@@ -95,20 +98,9 @@ def test_links_are_those_of_eq_5_and_11_step_by_step(beta):
     np.testing.assert_allclose(net.links, c, rtol=2e-3)
 
 
-def test_gains_by_hand_zeta_border_error_and_rho_of_eq_7_and_8():
+def test_zeta_is_the_mean_square_distance_to_the_winner():
     nodes = np.array([[0.0, 0.0], [1.0, 1.0]])
     assert zeta(nodes, np.array([[0.3, 0.0], [1.0, 0.9]])) == pytest.approx((0.09 + 0.01) / 2)
-    g = border(visit(1 / 3)).reshape(3, 3)  # of a small lattice the strength is 1.5
-    corner, edge = np.exp(0.75 * 5 / 8), np.exp(0.75 * 3 / 8)
-    expected = [[corner, edge, corner], [edge, 1, edge], [corner, edge, corner]]
-    np.testing.assert_allclose(g, expected)
-    g = error(visit(1.0, winners=[0, 1, 2], distances=[1.0, 2.0, 3.0]))
-    np.testing.assert_allclose(g, np.array([1.0, 4.0, 9.0]) / (14 / 3), atol=1e-5)
-    # 1 + (t mean(rho) / (rho T))^4 over the whole lattice, by hand
-    v = visit(0.7, weights=points(9, seed=3))
-    total = ((v.weights[:, None] - v.weights) ** 2).sum(axis=(1, 2))
-    sparse = np.exp(-total / total.mean())
-    np.testing.assert_allclose(rho(v), 1 + (0.7 * sparse.mean() / sparse) ** 4)
 
 
 @pytest.mark.parametrize("side", [8, 16])
@@ -148,6 +140,26 @@ def test_every_gain_is_1_at_the_start_of_the_training(name):
     rng = np.random.default_rng(0)
     start = visit(0.0, weights=rng.random((9, 2)), distances=rng.random(9))
     np.testing.assert_allclose(GAINS[name](start), 1.0, atol=1e-12)
+
+
+def test_border_is_largest_in_the_corners_and_1_inside():
+    g = border(visit(1 / 3)).reshape(3, 3)  # of a small lattice the strength is 1.5
+    corner, edge = np.exp(0.75 * 5 / 8), np.exp(0.75 * 3 / 8)
+    expected = [[corner, edge, corner], [edge, 1, edge], [corner, edge, corner]]
+    np.testing.assert_allclose(g, expected)
+
+
+def test_error_is_the_squared_distance_over_its_mean():
+    g = error(visit(1.0, winners=[0, 1, 2], distances=[1.0, 2.0, 3.0]))
+    np.testing.assert_allclose(g, np.array([1.0, 4.0, 9.0]) / (14 / 3), atol=1e-5)
+
+
+def test_rho_is_equations_7_and_8_with_a_factor():
+    """1 + (t mean(rho) / (rho T))^4 over the whole lattice, by hand."""
+    v = visit(0.7, weights=points(9, seed=3))
+    total = ((v.weights[:, None] - v.weights) ** 2).sum(axis=(1, 2))
+    sparse = np.exp(-total / total.mean())
+    np.testing.assert_allclose(rho(v), 1 + (0.7 * sparse.mean() / sparse) ** 4)
 
 
 def test_the_default_is_the_border_times_where_a_smooth_model_is_wrong():

@@ -49,11 +49,8 @@ def test_a_model_answers_queries_and_names_the_functions_for_all_else():
         refused(AttributeError, f"calib.{name}", getattr, model, name)
 
 
-def test_the_picture_is_the_one_that_the_imports_draw():
+def test_the_picture_is_the_one_that_the_imports_draw_and_contributing_names_files():
     assert (ROOT / "docs" / "rooms.svg").read_text() == make_rooms.picture()
-
-
-def test_contributing_names_files_that_there_are():
     text = (ROOT / "CONTRIBUTING.md").read_text()
     named = re.findall(r"`((?:calib|cli|docs|robots|tests)/[^` ]*)", text)
     assert len(named) > 20

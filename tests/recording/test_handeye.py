@@ -67,7 +67,7 @@ def test_camera_and_board_are_found_from_pictures(in_hand):
     assert abs(found.lens["focal"] - rig.lens[0]) < 2.0 + found.lens["focal_95"]
 
 
-def test_what_pictures_without_the_board_show_is_told_and_a_wrong_reading_named():
+def test_what_pictures_show_and_a_wrong_reading_are_told_and_a_camera_is_known_across_its_sight():
     rig, pictures, joints = shots(True)
     few, some = pictures[:6], replace(joints, q=joints.q[:6])
     flipped = [np.ascontiguousarray(picture[:, ::-1]) for picture in few]
@@ -81,10 +81,7 @@ def test_what_pictures_without_the_board_show_is_told_and_a_wrong_reading_named(
         ("a row late", np.roll(rig.q, 1, axis=0)),
     ):
         refused(LogError, words, rig.solve, q=q)
-
-
-def test_a_camera_is_known_across_its_line_of_sight():
-    """Shift and turn of what stands still err together: with their sign .8 mm was told."""
+    # shift and turn of what stands still err together: with their sign .8 mm was told
     rig = Rig(True, seed=1, pictures=20)
     body = rig.solve().body
     poses, slopes = body.structure.linearise(rig.q, body.beta)
@@ -110,7 +107,7 @@ def test_a_wrong_board_is_measured_and_a_wrong_eye_named(in_hand):
     refused(LogError, f"eye='{rig.eye}'", rig.solve, eye="base" if in_hand else "hand")
 
 
-def test_play_is_told_as_repeatability_and_the_drawing_of_another_robot_named(tmp_path):
+def test_play_the_drawing_of_another_robot_and_a_lens_that_is_off_are_told(tmp_path):
     rig = Rig(True, seed=5, pictures=24)
     true, rng = rig.q, np.random.default_rng(0)
     rig.look(true + np.radians(0.2) * rng.uniform(-1.0, 1.0, true.shape), rng)
@@ -132,9 +129,6 @@ def test_play_is_told_as_repeatability_and_the_drawing_of_another_robot_named(tm
     assert any("drawing of another robot" in note for note in found.notes)
     assert (rig.miss(found)[1] < 1.5).all()
     assert max(found.hand["position_95"]) > 5e-3  # along the last axis nothing tells
-
-
-def test_a_lens_that_is_off_is_told_and_one_of_another_size_refused():
     rig = Rig(True, seed=6, pictures=20)
     found = rig.solve(lens=replace(rig.glass, focal=1.01 * rig.glass.focal))
     assert any("the lens that was given" in note for note in found.notes)

@@ -130,9 +130,7 @@ def test_poses_of_tf_between_two_frames(tmp_path, kind):
     refused(LogError, "2 transforms .* expected one", read_bag, bag, frames=("tag", "tool"))
 
 
-def test_time_offset_undoes_latency_lost_positions_are_left_out_and_too_little_motion_told(
-    tmp_path,
-):
+def test_time_offset_undoes_latency_and_lost_positions_and_little_motion_are_told(tmp_path):
     path = write(tmp_path / "a", latency=0.2)
     wrong, right = (read_bag(path, time_offset=offset) for offset in (0.0, -0.2))
     arm = calib.load_arm("two_link")

@@ -165,7 +165,20 @@ def test_an_arm_or_a_tag_that_never_moves_and_joints_that_are_a_row_late(copy, t
     refused(CalibError, "shifted against the pictures: those 1 rows further down", make, tmp_path)
 
 
-def test_counts_and_sizes_and_damage(copy):
+def test_settings_that_cannot_be_and_counts_and_sizes_and_damage(shot, copy):
+    words = r"tag 8 is in none of 16 pictures: .* show .*7 \(\d+ times\)"
+    refused(CalibError, words, make, shot.folder, Setting(8))
+    refused(CalibError, "may be off by centimetres", Setting, 7, board=BOARD)
+    refused(CalibError, "`tag_height` is given without", Setting, 7, tag_height=0.02)
+    refused(CalibError, "needs `lens`", Setting, 7, tag_size=0.04)
+    refused(CalibError, "printed on the board too", Setting, 7, "5x5_100", BOARD, lens=LENS)
+    refused(CalibError, "expected `board` too", load_lens, shot.pictures, None)
+    refused(CalibError, "is no lens", load_lens, shot.folder / "joints.csv", None)
+    other = Setting(7, lens=Lens((320, 240), LENS.focal, LENS.centre, LENS.distortion))
+    refused(CalibError, "lens was calibrated with 320x240", make, shot.folder, other)
+    path = table(copy.folder / "deg.csv", "abc", np.rad2deg(copy.q))
+    refused(CalibError, "are these degrees", read_joints, path)
+    assert np.allclose(read_joints(path, degrees=True).q, copy.q)
     folder = copy.folder
     picture = cv2.imread(str(folder / "p" / "img_5.png"), 0)
     (folder / "p" / "img_5.png").unlink()
@@ -186,22 +199,6 @@ def test_counts_and_sizes_and_damage(copy):
         path.write_text("nothing")
     shutil.copy(folder / "p" / "img_1.png", folder / "p" / "img_7.png")
     refused(CalibError, "no picture in .* can be read", make, folder)
-
-
-def test_settings_that_cannot_be(shot, copy):
-    words = r"tag 8 is in none of 16 pictures: .* show .*7 \(\d+ times\)"
-    refused(CalibError, words, make, shot.folder, Setting(8))
-    refused(CalibError, "may be off by centimetres", Setting, 7, board=BOARD)
-    refused(CalibError, "`tag_height` is given without", Setting, 7, tag_height=0.02)
-    refused(CalibError, "needs `lens`", Setting, 7, tag_size=0.04)
-    refused(CalibError, "printed on the board too", Setting, 7, "5x5_100", BOARD, lens=LENS)
-    refused(CalibError, "expected `board` too", load_lens, shot.pictures, None)
-    refused(CalibError, "is no lens", load_lens, shot.folder / "joints.csv", None)
-    other = Setting(7, lens=Lens((320, 240), LENS.focal, LENS.centre, LENS.distortion))
-    refused(CalibError, "lens was calibrated with 320x240", make, shot.folder, other)
-    path = table(copy.folder / "deg.csv", "abc", np.rad2deg(copy.q))
-    refused(CalibError, "are these degrees", read_joints, path)
-    assert np.allclose(read_joints(path, degrees=True).q, copy.q)
 
 
 def test_a_video_becomes_rests_and_others_make_no_log(film, tmp_path):

@@ -51,7 +51,7 @@ def test_board_corners_are_where_the_renderer_puts_them():
         assert np.abs(miss.mean(0)).max() < 0.01  # half a pixel is a convention, not noise
 
 
-def test_lens_round_trip(tmp_path):
+def test_lens_round_trip_and_one_that_is_calibrated_from_pictures_of_a_board(tmp_path):
     numbers = np.array([600.0, 602.0, 318.0, 243.0, -0.15, 0.04, 1e-3, -2e-3, 0.01])
     lens = Lens.of((640, 480), numbers)
     pixels = np.random.default_rng(0).uniform([0, 0], [640, 480], (200, 2))
@@ -66,9 +66,6 @@ def test_lens_round_trip(tmp_path):
     known.save(tmp_path / "lens.json")
     assert (load_lens(tmp_path / "lens.json")[0].covariance == known.covariance).all()
     assert again.size == lens.size
-
-
-def test_a_lens_is_calibrated_from_pictures_of_a_board():
     rng = np.random.default_rng(6)
     desk = Desk(Camera(size=(640, 360), focal=550.0))
     pictures = board_shots(desk, board(7, 5, 0.024, 0.018, (0, 0, 0, 0)), 8, rng)
@@ -108,6 +105,22 @@ def test_a_printed_tag_has_its_true_size_and_is_found(run, tmp_path):
     found = TagFinder().find(rasterised(svg, 5))
     assert [t.number for t in found] == [7]
     assert abs(found[0].side - 40 * 5) < 0.5
+
+
+@pytest.mark.parametrize("is_upward", [False, True])
+def test_tags_of_a_grid_are_found_in_rows_down_or_up_but_for_one_that_is_there_twice(is_upward):
+    grid, known = parse_board("grid:3x2:60mm:20mm:t36h11"), cv2.aruco.DICT_APRILTAG_36h11
+    page = np.full((300, 500), 255, np.uint8)
+    places = grid.points()[::4, :2] * 1000 + 30
+    for number, (x, y) in enumerate([*places.astype(int), (300, 200)]):
+        row, column = divmod(number % 6, 3)
+        number = 3 * (1 - row) + column if is_upward else number % 6
+        cells = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(known), number, 60)
+        page[y : y + 60, x : x + 60] = cells
+    found = grid.find(page)
+    assert sorted(found) == list(range(4, 24))  # of the first there are two
+    miss = np.array([*found.values()]) - (grid.points()[4:, :2] * 1000 + 29.5)
+    assert np.abs(miss).max() < 0.5
 
 
 def test_opencv_is_asked_for_in_one_line_and_never_imported_early():

@@ -108,7 +108,7 @@ def test_files_that_are_none_and_columns_of_other_types(tmp_path, file):
         unread(path, words)
 
 
-def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(arm, file):
+def test_columns_are_found_by_name_and_rows_without_a_finite_value_left_out_and_counted(arm, file):
     path = file("\ufeffy, x ,note,b,a\r\n2,1, text,0.2,0.1\r\n4,3,,0.4,0.2\r\n")
     log = read_log(path, joints=["a", "b"], unit="px")
     assert log.q.tolist() == [[0.1, 0.2], [0.2, 0.4]]
@@ -123,6 +123,14 @@ def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(arm, file
     assert read_log(path, arm).q.tolist() == [[0.1, 0.5], [0.2, 0.6]]
     assert read_log(path, arm, joints=["elbow", "shoulder"]).joint_names == ("shoulder", "elbow")
     unread(path, "loaded with", OptionError, arm=arm, joints=["elbow"])
+    rows = "1,2,3,4,\n2,,3,4,\n3,4,nan,5,\n4,5,1e999,2,\n\n5,6,NA,2,\n5,6,1e300,2,\n7,8,1,9,\n\n"
+    log = read_log(file("a,b,x,y,t\n" + rows), joints=["a", "b"])
+    assert log.q.tolist() == [[1, 2], [7, 8]]
+    assert log.dropped == 6  # a line in which nothing stands too
+    assert log.notes[0].startswith("6 of 8 rows miss a finite number")
+    assert log.rows.tolist() == [1, 8]
+    rows = "shoulder,elbow,x,y\n,0.5,1,2\n1,1,2,3\n1.1,3,3,4\n"
+    unread(file(rows), "row 3: elbow", arm=arm, joints=None)
 
 
 HEADERS = [  # and factors of shoulder, elbow and positions, the unit, and whether all are degrees
@@ -169,7 +177,7 @@ def test_times_of_clocks_are_seconds_and_mixed_ones_are_not_used(file, time):
     assert "the column time is not used, it has no number in 1 rows: row 2" in log.notes
 
 
-def test_a_sensor_that_holds_its_last_value_is_told_and_one_of_whole_pixels_is_not(arm, tmp_path):
+def test_a_held_value_is_told_and_of_a_very_long_log_evenly_spread_rows_are_held(arm, tmp_path):
     time = np.arange(300) / 50
     q = np.column_stack([0.8 + 0.7 * np.sin(time), 1.2 + np.cos(1.7 * time)])
     x = arm.forward(q) + np.random.default_rng(0).normal(0, 1e-4, (300, 2))
@@ -186,17 +194,14 @@ def test_a_sensor_that_holds_its_last_value_is_told_and_one_of_whole_pixels_is_n
     resting = Samples(q, x, arm.joint_names).take(np.repeat(np.arange(120, 300, 10), 5))
     write_log(resting, tmp_path / "rest.csv")
     assert read_log(tmp_path / "rest.csv", arm).left_out == 0
-
-
-def test_rows_without_a_finite_value_are_left_out_and_counted(arm, file):
-    rows = "1,2,3,4,\n2,,3,4,\n3,4,nan,5,\n4,5,1e999,2,\n\n5,6,NA,2,\n5,6,1e300,2,\n7,8,1,9,\n\n"
-    log = read_log(file("a,b,x,y,t\n" + rows), joints=["a", "b"])
-    assert log.q.tolist() == [[1, 2], [7, 8]]
-    assert log.dropped == 6  # a line in which nothing stands too
-    assert log.notes[0].startswith("6 of 8 rows miss a finite number")
-    assert log.rows.tolist() == [1, 8]
-    rows = "shoulder,elbow,x,y\n,0.5,1,2\n1,1,2,3\n1.1,3,3,4\n"
-    unread(file(rows), "row 3: elbow", arm=arm, joints=None)
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (400_000, 2))
+    columns = dict(zip([*arm.joint_names, *"xy"], np.hstack([q, arm.forward(q)]).T, strict=True))
+    pl.DataFrame(columns).write_parquet(tmp_path / "long.parquet")
+    log = read_log(tmp_path / "long.parquet", arm)
+    assert len(log) == 200_000
+    assert set(np.diff(log.rows)) <= {2, 3}
+    assert (log.q == q[log.rows - 1]).all()
+    assert "400,000 rows: 200,000 of them, evenly spread" in log.notes[0]
 
 
 def test_locked_joints_are_the_medians_of_their_columns(tmp_path, run):
@@ -304,7 +309,7 @@ def quaternion(turns):
     return dict(zip(("qx", "qy", "qz", "qw"), turns.T, strict=True))
 
 
-def test_orientations_are_read_and_written_and_quaternions_that_are_none_told(posed, tmp_path):
+def test_orientations_are_read_and_written_and_positions_in_a_plane_are_planar(posed, tmp_path):
     write, x, turns = posed
     log = read_log(write(**quaternion(-turns)), SPATIAL)  # the same orientations
     np.testing.assert_array_equal(log.x, x)
@@ -326,9 +331,6 @@ def test_orientations_are_read_and_written_and_quaternions_that_are_none_told(po
     log = read_log(write(**quaternion(turns)), SPATIAL)
     assert len(log) == log.left_out - 6 == 17
     assert "length 0.7071, expected 1; left out: rows 8, 9" in log.notes[0]
-
-
-def test_without_an_arm_positions_in_a_plane_are_planar_unless_an_arm_is_in_space(posed):
     write, x, _ = posed
     names = SPATIAL.joint_names
     assert read_log(write(), joints=names).x.shape == (40, 3)
@@ -339,14 +341,3 @@ def test_without_an_arm_positions_in_a_plane_are_planar_unless_an_arm_is_in_spac
     np.testing.assert_allclose(read_log(path, joints=names, outputs=3).x, x * (1, 1, 1e-4))
     path.write_text(path.read_text().replace("x,y,z", "x,y,height"))
     refused(LogError, "x and y alone", read_log, path, joints=names, outputs=3)
-
-
-def test_of_a_very_long_log_evenly_spread_rows_are_held(tmp_path, arm):
-    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (400_000, 2))
-    columns = dict(zip([*arm.joint_names, *"xy"], np.hstack([q, arm.forward(q)]).T, strict=True))
-    pl.DataFrame(columns).write_parquet(tmp_path / "long.parquet")
-    log = read_log(tmp_path / "long.parquet", arm)
-    assert len(log) == 200_000
-    assert set(np.diff(log.rows)) <= {2, 3}
-    assert (log.q == q[log.rows - 1]).all()
-    assert "400,000 rows: 200,000 of them, evenly spread" in log.notes[0]

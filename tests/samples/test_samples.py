@@ -136,7 +136,7 @@ def test_rows_wrong_by_centimetres_are_found_and_no_others(n, share):
     assert n > 300 or screen(spoiled(log, 0.3)[0]) == (0, [])
 
 
-def test_a_patch_that_bends_away_or_a_row_far_from_all_others_is_no_outlier():
+def test_a_patch_that_bends_or_a_far_row_is_no_outlier_and_pixels_in_space_are_a_cameras():
     """No smooth function of few terms follows a bump, but neighbours share it."""
     log = bare("two_link", 1500, 1, noise=1e-3)
     u = (log.q - log.lower) / (log.upper - log.lower)
@@ -147,6 +147,12 @@ def test_a_patch_that_bends_away_or_a_row_far_from_all_others_is_no_outlier():
     alone = np.arange(1500) == np.argmax(log.q.sum(axis=1))
     rows = np.flatnonzero(near | alone)
     assert screen(replace(log, x=log.x + 0.03 * alone[:, None]).take(rows))[0] == 0
+    arm = calib.load_arm("spatial_three")
+    q = np.linspace(arm.lower, arm.upper, 6)
+    pixels = np.linspace([10, 20], [600, 400], 6)
+    samples = Samples(q, pixels, arm.joint_names, arm=arm, unit="px")
+    assert samples.camera.size == (640, 480)
+    assert samples.take([0]).camera is samples.camera
 
 
 @pytest.mark.parametrize("lost", [[17], [3, 17, 40, 41, 99]])
@@ -167,12 +173,3 @@ def test_rows_of_zeros_in_space_are_left_out_of_learning_and_of_errors(tmp_path,
     evaluated = calib.evaluate(clean, log)
     assert evaluated.left_out >= len(lost)
     assert evaluated.errors["local"]["forward"]["distance"]["max"] < 2e-3
-
-
-def test_pixels_of_an_arm_in_space_are_a_cameras():
-    arm = calib.load_arm("spatial_three")
-    q = np.linspace(arm.lower, arm.upper, 6)
-    pixels = np.linspace([10, 20], [600, 400], 6)
-    samples = Samples(q, pixels, arm.joint_names, arm=arm, unit="px")
-    assert samples.camera.size == (640, 480)
-    assert samples.take([0]).camera is samples.camera

@@ -55,7 +55,7 @@ def test_sensor_changes_apply_in_one_order_and_noise_has_the_stated_deviation(ar
     assert abs(np.corrcoef(error.T)[0, 1]) < 0.02
 
 
-def test_outliers_hit_the_stated_share_and_stay_in_the_box(arm, q):
+def test_outliers_hit_the_stated_share_and_the_same_thing_changed_twice_is_refused(arm, q):
     many = np.repeat(q, 40, axis=0)
     sim = Simulation(arm, changes=["sensor.outliers=0.05", "sensor.shift=5,5"])
     x = sim.measure(many, np.random.default_rng(0))
@@ -65,6 +65,10 @@ def test_outliers_hit_the_stated_share_and_stay_in_the_box(arm, q):
     low, high = seen.min(axis=0), seen.max(axis=0)
     assert ((x[hit] >= low) & (x[hit] <= high)).all()
     assert np.ptp(x[hit], axis=0) == pytest.approx(high - low, rel=0.02)
+    once, words = ["elbow.lock=1", "shoulder.lock=1"], "elbow.lock=2 comes after elbow.lock=1"
+    refused(OptionError, words, Simulation, arm, changes=[*once, "elbow.lock=2"])
+    assert [c.part for c in Simulation(arm, changes=once).changes] == ["elbow", "shoulder"]
+    assert len(Simulation(arm, changes="elbow.lock=1").changes) == 1
 
 
 def test_backlash_delays_the_joint_in_a_measurement_and_babbling_covers_the_range(arm):
@@ -119,10 +123,3 @@ def test_impossible_arguments_are_refused_in_one_line(arm, arguments, message):
 )
 def test_refused_with_what_was_expected(arm, text, expected):
     assert repr(text) in str(refused(OptionError, expected, Simulation, arm, changes=[text]))
-
-
-def test_the_same_thing_changed_twice_is_refused(arm):
-    once, words = ["elbow.lock=1", "shoulder.lock=1"], "elbow.lock=2 comes after elbow.lock=1"
-    refused(OptionError, words, Simulation, arm, changes=[*once, "elbow.lock=2"])
-    assert [c.part for c in Simulation(arm, changes=once).changes] == ["elbow", "shoulder"]
-    assert len(Simulation(arm, changes="elbow.lock=1").changes) == 1

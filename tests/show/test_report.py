@@ -143,6 +143,14 @@ def test_a_rig_repeats_to_no_less_than_is_known():
     assert "scatter by 0.1 mm and less than 0.001 deg (sd)" in words(rig)
 
 
+def test_a_value_stands_behind_a_long_name():
+    name = 80 * "e"
+    Path("long.urdf").write_text(calib.load_arm("two_link").urdf.replace("elbow", name))
+    model = calib.train(bare("long.urdf", 60, 0, f"{name}.length=+5%"), size=4)
+    cause = calib.figures(model)["causes"].axes[0].texts[0].get_text()
+    assert re.fullmatch(r"e+ \.\.\. .*[\d.]+ ± [\d.]+ mm", cause)
+
+
 def test_names_from_a_file_reach_a_page_as_text():
     name = "\x1b]0;owned\x07\u202eel\nbow$\\foo$<script>alert(1)</script>"
     model = calib.train(replace(log(300, 1e-4), arm=None), size=8)

@@ -48,7 +48,7 @@ def test_another_log_is_compared_row_by_row():
     assert (of_few.within.keys(), of_few.bound_holds) == ({"p95"}, None)
 
 
-def test_errors_of_orientations_are_what_a_tracker_adds():
+def test_errors_of_orientations_are_a_trackers_and_a_frame_that_moved_is_told():
     rows = bare("spatial_three", 120, 0, noise=0.0)
     noise = Rotation.from_rotvec(np.random.default_rng(0).normal(0, 2e-3, (120, 3)))
     orientation = (Rotation.from_quat(rows.arm.pose(rows.q)[1]) * noise).as_quat()
@@ -57,6 +57,17 @@ def test_errors_of_orientations_are_what_a_tracker_adds():
     evaluation = calib.evaluate(model, rows.take(slice(80, 120)))
     told = evaluation.errors["local"]["forward"]["orientation"]["mean"]
     assert told == pytest.approx(noise[80:].magnitude().mean(), rel=0.1)
+    model = calib.train(bare("two_link", 200, 1, noise=1e-4), size=8)
+    fresh = bare("two_link", 200, 2, noise=1e-4)
+    rotation = Rotation.from_rotvec([0.0, 0.0, 0.1]).as_matrix()[:2, :2]
+    moved = replace(fresh, x=fresh.x @ rotation.T + [0.02, -0.01])
+    kept, free = calib.evaluate(model, moved), calib.evaluate(model, moved, frame="free")
+    assert kept.errors["local"]["forward"]["distance"]["mean"] > 0.01
+    assert free.errors["local"]["forward"]["distance"]["mean"] < 3e-4
+    assert any("drifted: the sensor's frame moved" in note for note in kept.notes)
+    assert kept.verdict.changed
+    assert any("found anew" in note for note in free.notes)
+    assert not any("frame" in note for note in calib.evaluate(model, fresh).notes)
 
 
 def test_a_log_is_learned_as_a_whole_rows_outside_are_counted_and_repeated_ones_once():
@@ -85,17 +96,3 @@ def test_a_log_of_other_joints_is_refused_and_one_in_another_order_is_the_same_l
     )
     assert calib.evaluate(model, turned).errors == calib.evaluate(model, s).errors
     assert calib.check(model, turned).score == calib.check(model, s).score
-
-
-def test_a_frame_that_moved_is_told_and_can_be_found_anew():
-    model = calib.train(bare("two_link", 200, 1, noise=1e-4), size=8)
-    fresh = bare("two_link", 200, 2, noise=1e-4)
-    rotation = Rotation.from_rotvec([0.0, 0.0, 0.1]).as_matrix()[:2, :2]
-    moved = replace(fresh, x=fresh.x @ rotation.T + [0.02, -0.01])
-    kept, free = calib.evaluate(model, moved), calib.evaluate(model, moved, frame="free")
-    assert kept.errors["local"]["forward"]["distance"]["mean"] > 0.01
-    assert free.errors["local"]["forward"]["distance"]["mean"] < 3e-4
-    assert any("drifted: the sensor's frame moved" in note for note in kept.notes)
-    assert kept.verdict.changed
-    assert any("found anew" in note for note in free.notes)
-    assert not any("frame" in note for note in calib.evaluate(model, fresh).notes)

@@ -50,7 +50,9 @@ def test_files_and_a_column_make_the_same_model_of_two_sensors(logs, run, tmp_pa
     done = run.done(*train, *files, "-o", tmp_path / "two.calib")
     sensors = [(each["name"], each["rows"]) for each in done.document["sensors"]]
     assert sensors == [("left", 40), ("right", 60)]
-    run.done(*train, "--data", both, "-o", tmp_path / "one.calib")
+    one = run.done(*train[:-1], "--data", both, "-o", tmp_path / "one.calib")
+    assert ", 100 rows, " in one.out
+    assert "left (40 rows), right (60 rows)" in run("info", tmp_path / "one.calib").out
     assert (tmp_path / "two.calib").read_bytes() == (tmp_path / "one.calib").read_bytes()
     words = ("evaluate", tmp_path / "two.calib", "--data", tmp_path / "right.csv", "--json")
     assert run(*words).document["learned"] == 60
@@ -87,9 +89,7 @@ def test_two_sensors_see_a_planar_arm_from_both_sides():
         assert np.linalg.norm(missed, axis=1).max() < 1e-4
 
 
-def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused_and_the_sensor_named(
-    logs, two
-):
+def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused_by_name(logs, two):
     log = logs[0][0]
     refused(LogError, "a name of its own", calib.train, [log, log])
     other = calib.babble(calib.load_arm("two_link"), 50)

@@ -55,25 +55,25 @@ static inline void calib_origins_off(const calib_frame *at, calib_ways sum[3]) {
 }
 #if @gravity@
 
-/* The same as loads bend joints more, and as gravity tilts. */
-static inline void calib_loads_off(const calib_joints q, const calib_frame *at, calib_ways sum[3]) {
-  calib_frame drawn[CALIB_CHAIN + 1];
-  calib_real lever[CALIB_CHAIN][4], moved[3], bent[CALIB_CHAIN][3];
-  calib_real load[CALIB_LOADS][3], tilt[2][3] = {{0}};
-  int i, k, n;
-  calib_posture(&calib_drawn, q, drawn, 0);
-  for (i = 0; i < CALIB_CHAIN; ++i) {
-    calib_tip_moved(at, i, bent[i]);
-    calib_levers(drawn, i, calib_bending[i], lever);
-    calib_swing(drawn, i, lever[i], moved);
+/* The same as loads bend joints more, by how these move the tip, and as gravity tilts. */
+static inline void calib_loads_off(const calib_frame *drawn, calib_motions moved,
+                                   calib_motions bent, calib_ways sum[3]) {
+  calib_real load[CALIB_LOADS][3], tilt[2][3] = {{0}}, swung[3];
+  int i, j, k, n;
+  for (i = 0; i < CALIB_CHAIN; ++i)
     for (n = 0; n < 2; ++n)
-      for (k = 0; k < 3; ++k) tilt[n][k] += calib_dot(moved, calib_tilt[n]) * bent[i][k];
-  }
-  for (n = 0; n < CALIB_LOADS; ++n) {
-    i = calib_loaded[n];
-    calib_levers(drawn, i, calib_load[n], lever);
-    calib_swing(drawn, i, lever[i], moved);
-    for (k = 0; k < 3; ++k) load[n][k] = calib_dot(moved, calib_gravity) * bent[i][k];
+      for (k = 0; k < 3; ++k) tilt[n][k] += calib_dot(moved[i], calib_tilt[n]) * bent[i][k];
+  for (n = 0; n < CALIB_LOADS; ++n) { /* a joint, and the first and last link that weigh on it */
+    calib_real lever[4] = {0, 0, 0, 0};
+    i = calib_loaded[n][0];
+    for (j = calib_loaded[n][1]; j <= calib_loaded[n][2]; ++j) {
+      const calib_real *weight = calib_load[n][j];
+      calib_add(drawn[j + 1].R, weight + 1, lever);
+      for (k = 0; k < 3; ++k) lever[k] += weight[0] * (drawn[j + 1].p[k] - drawn[i].p[k]);
+      lever[3] += weight[0];
+    }
+    calib_swing(drawn, i, lever, swung);
+    for (k = 0; k < 3; ++k) load[n][k] = calib_dot(swung, calib_gravity) * bent[i][k];
   }
   calib_spread(CALIB_LOADS, load[0], calib_by_load[0], sum);
   calib_spread(2, tilt[0], calib_by_tilt[0], sum);
@@ -81,13 +81,10 @@ static inline void calib_loads_off(const calib_joints q, const calib_frame *at, 
 #endif
 
 /* How much joints are off in each direction of beliefs, and the variance of their curves alone. */
-static inline void calib_joints_off(const calib_joints q, calib_ways *off,
+static inline void calib_joints_off(const calib_joints q, calib_multiples wave, calib_ways *off,
                                     calib_real alone[CALIB_BELIEFS][CALIB_DOF]) {
   int b, i;
-#if @alone@
-  calib_real wave[CALIB_HARMONICS][2 * CALIB_DOF];
-  calib_multiples(q, wave);
-#endif
+  (void)wave;
   for (i = 0; i < CALIB_DOF; ++i) {
     for (b = 0; b < CALIB_BELIEFS; ++b) alone[b][i] = 0;
     calib_copy(CALIB_TOGETHER, calib_by_offset[i], off[i]);
@@ -110,26 +107,41 @@ static inline void calib_joints_off(const calib_joints q, calib_ways *off,
 }
 
 /* How the sensor sees the tip move in each direction of beliefs, and with each joint. */
-static inline void calib_moves(const calib_joints q, calib_ways *off, calib_ways z[3],
-                               calib_real joints[CALIB_DOF][3]) {
+static inline void calib_moves(const calib_joints q, calib_multiples wave, calib_ways *off,
+                               calib_ways z[3], calib_real joints[CALIB_DOF][3]) {
   calib_frame at[CALIB_CHAIN + 1];
-  calib_real motion[CALIB_DOF][3] = {{0}}, L[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, seen[9], view[12], by[3];
+  calib_real motion[CALIB_DOF][3] = {{0}}, L[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, seen[9], view[12];
+  calib_motions by;
+  calib_real value[CALIB_CHAIN];
   const calib_real *p = at[CALIB_CHAIN].p;
   calib_ways there[3] = {{0}};
   int i, k, n;
 #if @lens@
   calib_real before[3], x[2], u[2];
 #endif
-  calib_posture(&calib_body, q, at, 0);
-  calib_origins_off(at, there);
 #if @gravity@
-  calib_loads_off(q, at, there);
+  calib_frame drawn[CALIB_CHAIN + 1];
+  calib_motions moved;
 #endif
+  (void)wave;
+  calib_mixed(&calib_body, q, value, 0);
+#if @curve@
+  calib_curves(wave, value, 0);
+#endif
+#if @gravity@
+  calib_drawn_frames(q, drawn);
+  calib_sag(drawn, moved, value, 0);
+#endif
+  calib_frames(&calib_body, value, at);
+  calib_origins_off(at, there);
   for (i = 0; i < CALIB_CHAIN; ++i) {
-    calib_tip_moved(at, i, by);
+    calib_tip_moved(at, i, by[i]);
     for (n = 0; n < CALIB_DOF; ++n)
-      for (k = 0; k < 3; ++k) motion[n][k] += calib_coupling[i][n] * by[k];
+      for (k = 0; k < 3; ++k) motion[n][k] += calib_coupling[i][n] * by[i][k];
   }
+#if @gravity@
+  calib_loads_off(drawn, moved, by, there);
+#endif
   calib_spread(CALIB_DOF, motion[0], off[0], there);
 #if @lens@
   calib_copy(3, calib_shift, before);
@@ -157,10 +169,14 @@ static inline void calib_moves(const calib_joints q, calib_ways *off, calib_ways
 
 static inline calib_real calib_posterior(const calib_joints q, const calib_vector more) {
   calib_real alone[CALIB_BELIEFS][CALIB_DOF], joints[CALIB_DOF][3], bound = 0;
+  calib_multiples wave;
   calib_ways off[CALIB_DOF], z[3];
   int b, i, j, k, n, r;
-  calib_joints_off(q, off, alone);
-  calib_moves(q, off, z, joints);
+#if @alone@
+  calib_multiply(q, wave);
+#endif
+  calib_joints_off(q, wave, off, alone);
+  calib_moves(q, wave, off, z, joints);
   for (b = 0; b < CALIB_BELIEFS; ++b) {
     const int first = b * CALIB_WAYS, last = first + CALIB_WAYS - 1;
     calib_real S[6], apart = 0, radius;

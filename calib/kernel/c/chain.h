@@ -47,9 +47,7 @@ static inline void calib_tip_moved(const calib_frame *at, int joint, calib_vecto
 }
 #if @curve@
 
-/* Cosines, then sines, of the multiples of joint values. */
-static inline void calib_multiples(const calib_joints q,
-                                   calib_real wave[CALIB_HARMONICS][2 * CALIB_DOF]) {
+static inline void calib_multiply(const calib_joints q, calib_multiples wave) {
   int i, n;
   calib_waves(CALIB_DOF, q, wave[0], wave[0] + CALIB_DOF);
   for (n = 1; n < CALIB_HARMONICS; ++n)
@@ -61,11 +59,10 @@ static inline void calib_multiples(const calib_joints q,
 }
 
 /* Adds the error curves of all joints to values of the chain, and their derivatives. */
-static inline void calib_curves(const calib_joints q, calib_values value, calib_slopes slope) {
+static inline void calib_curves(calib_multiples wave, calib_values value, calib_slopes slope) {
   enum { LANES = 2 * CALIB_DOF };
-  calib_real wave[CALIB_HARMONICS][LANES], curve[LANES] = {0}, rate[LANES] = {0};
+  calib_real curve[LANES] = {0}, rate[LANES] = {0};
   int i, k, n;
-  calib_multiples(q, wave);
   for (n = 0; n < CALIB_HARMONICS; ++n)
     for (k = 0; k < LANES; ++k) curve[k] += calib_curve[n][k] * wave[n][k];
   for (n = 0; slope && n < CALIB_HARMONICS; ++n)
@@ -105,14 +102,19 @@ static inline void calib_levers(const calib_frame *at, int first,
   }
 }
 
-/* Adds how much each joint bends under the weights, and where slope is not null the derivatives. */
-static inline void calib_sag(const calib_joints q, calib_values value, calib_slopes slope) {
-  calib_frame at[CALIB_CHAIN + 1];
-  calib_real across[CALIB_CHAIN][3] = {{0}}, lever[CALIB_CHAIN][4], moved[CALIB_CHAIN][3];
-  calib_real angle[CALIB_CHAIN];
+/* Frames of the posture at which weights bend joints. */
+static inline void calib_drawn_frames(const calib_joints q, calib_frame *at) {
+  calib_real value[CALIB_CHAIN];
+  calib_mixed(&calib_drawn, q, value, 0);
+  calib_frames(&calib_drawn, value, at);
+}
+
+/* Adds how much each joint bends under the weights, which it moves at the posture that is drawn, and
+ * where slope is not null the derivatives. */
+static inline void calib_sag(const calib_frame *at, calib_motions moved, calib_values value,
+                             calib_slopes slope) {
+  calib_real across[CALIB_CHAIN][3] = {{0}}, lever[CALIB_CHAIN][4];
   int i, j, k;
-  calib_mixed(&calib_drawn, q, angle, 0);
-  calib_frames(&calib_drawn, angle, at); /* at which weights bend it */
   for (i = 0; i < CALIB_CHAIN; ++i)
     if (calib_turns[i]) calib_cross(calib_gravity, at[i].axis, across[i]);
   for (i = 0; i < CALIB_CHAIN; ++i) {
@@ -138,10 +140,15 @@ static inline void calib_posture(const calib_arm *arm, const calib_joints q, cal
   calib_mixed(arm, q, value, slope);
   if (arm->bends) {
 #if @curve@
-    calib_curves(q, value, slope);
+    calib_multiples wave;
+    calib_multiply(q, wave);
+    calib_curves(wave, value, slope);
 #endif
 #if @gravity@
-    calib_sag(q, value, slope);
+    calib_frame drawn[CALIB_CHAIN + 1];
+    calib_motions moved;
+    calib_drawn_frames(q, drawn);
+    calib_sag(drawn, moved, value, slope);
 #endif
   }
   calib_frames(arm, value, at);

@@ -30,7 +30,9 @@ enum {
  * and their derivatives. */
 typedef calib_real calib_joints[CALIB_DOF], calib_place[CALIB_OUT], calib_vector[3];
 typedef calib_real calib_rotation[9], calib_values[CALIB_CHAIN];
-typedef calib_real calib_slopes[CALIB_CHAIN][CALIB_DOF];
+typedef calib_real calib_slopes[CALIB_CHAIN][CALIB_DOF], calib_motions[CALIB_CHAIN][3];
+/* Cosines, then sines, of the multiples of joint values. */
+typedef calib_real calib_multiples[CALIB_HARMONICS][2 * CALIB_DOF];
 
 /* An arm: joint values are mix q + bias, and what curves and loads add where it bends.  Joints move
  * about the third axes of their frames, of which each has its place and turn in the one before. */

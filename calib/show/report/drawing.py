@@ -16,7 +16,7 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from ...common.arrays import Array, Index
-from ...common.wording import clipped, for_people, printable
+from ...common.wording import LONGEST, for_people, one_line, printable
 from ..error_scale import STOPS, UNKNOWN, ErrorScale
 
 WIDTH = 3.65  # inches: half of the page's column, and all of a telephone's
@@ -49,7 +49,7 @@ def named_rows(names: Sequence[str], label: str) -> tuple[Figure, Axes]:
     figure, (ax,) = panels([0.45 + 0.4 * len(names)])
     for row, name in enumerate(names):
         ax.annotate(
-            clipped(printable(name)),
+            one_line(name, LONGEST.name),
             (0.0, row),
             (0, 7),
             xycoords=("axes fraction", "data"),
