@@ -31,6 +31,7 @@ class Finding:
     least_share: float = 0.05
     # share of the way from the first joint to a branching link: a shorter branch is a hand
     hand: float = 0.35
+    giant: float = 30.0  # [m], no arm's links are as long together
     # share of the reach by which chains of one reach differ at most
     alike: float = 0.01
     # [rad], axes that are closer count as parallel, or across

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from ..common.wording import listing, one_line, quoted
 from ..errors import OptionError, RobotError
 from .arm import PlanarArm, SpatialArm, learned_range, notes_of_turns
@@ -26,6 +27,7 @@ from .plane import plane_of
 from .posture import Posture, chain_of, posture_of, with_masses
 from .robot_text import read_robot_text
 from .robots import resolve_robot
+from .spatial_chain import SpatialChain
 from .urdf import Mimic, Range, Urdf
 
 
@@ -148,7 +150,7 @@ def arm_from_urdf(
     check_limits(without_range)
     locked, locked_notes = _locked_joints(urdf, choice, moving, lock)
     turning = {j.name: j.travel for j in without_range if j.revolute}
-    notes += [*locked_notes, *notes_of_turns(turning)]
+    notes += [*locked_notes, *notes_of_turns(turning), *_notes_of_size(chain)]
     travel = tuple(joint.travel for joint in active)
     learned = [learned_range(joint.travel, joint.revolute) for joint in active]
     lower, upper = np.transpose(learned)
@@ -167,6 +169,18 @@ def arm_from_urdf(
         chain=chain,
     )
     return arm.with_range(ranges)
+
+
+def _notes_of_size(chain: SpatialChain) -> list[str]:
+    """Return a note on an arm that is longer than any, whose lengths may be in mm."""
+    places = np.vstack([chain.points, chain.tip])
+    length = float(row_lengths(np.diff(places, axis=0)).sum())
+    if length < FINDING.giant:
+        return []
+    return [
+        f"links of {length:.4g} m in all: lengths in a URDF are in metres; if these are in mm, "
+        "correct them"
+    ]
 
 
 def _moving_joints(

@@ -121,6 +121,11 @@ def test_a_range_narrows_a_joint_within_its_limits_and_mends_those_that_are_miss
     np.testing.assert_array_equal([arm.lower, arm.upper], [[-1, 0], [1, 1]])
 
 
+def test_an_arm_of_giant_links_may_be_one_in_millimetres():
+    notes = arm_from_urdf(chain_urdf(turning(), turning("0 0 1", "300 0 0"))).notes
+    assert any(note.startswith("links of 300") and "in mm" in note for note in notes)
+
+
 @pytest.mark.parametrize(
     "limits", [("-6.3", "6.3"), ("0", "1", ENDLESS), ("-1e16", "INF"), ("-90", "90")]
 )
