@@ -173,7 +173,8 @@ def _positions(
     size = float(np.ptp(x, axis=0).max())
     if arm is None and unit == "m" and size > READING.largest_arm:
         notes.append(
-            f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`"
+            f"the positions extend over {size:.4g} m; if they are in mm or cm, say so, as by "
+            "`unit='mm'`"
         )
     return Readings(x, unit=unit, plane=plane, orientation=orientation), notes
 
