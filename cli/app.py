@@ -29,7 +29,7 @@ INPUTS = (
 """Parameters whose files no output may replace; a model may replace a model."""
 
 FLAGS = ("--json", "--verbose", "-v", "--quiet", "-q")
-"""What every command takes, wherever it stands in the line."""
+"""Options of every command, anywhere in the line."""
 
 ALL = "*"
 """In place of a command's name: all commands with their options."""
@@ -143,7 +143,7 @@ def _summary(help_text: str) -> str:
 
 
 def _not_loaded() -> None:
-    """Stand for a command that is listed alone."""
+    """Represent a command that is only listed."""
 
 
 def _printing(command: Callable[..., Outcome]) -> Callable[..., None]:

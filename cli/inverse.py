@@ -27,7 +27,7 @@ DETAILS = (
     *("position", "quaternion", "distance", "turned"),
     *("expected_error", "model_error"),
 )
-"""Quantities of an answer beside its joints, in the order in which they are printed."""
+"""Quantities of an answer besides its joints, in the order in which they are printed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +144,7 @@ def _target(
 
 
 def _on_plane(query: Query, pixel: Array, height: float) -> Array:
-    """Return the point (3,) [m] of the base frame that a pixel shows, and say it."""
+    """Return the point (3,) [m] of the base frame that a pixel shows, and report it."""
     x: Array = Space.of(query.model).pixels_on_plane(pixel, height)[0]
     coordinates = ", ".join(f"{1e3 * value:.2f}" for value in x.tolist())
     note(f"the pixel shows ({coordinates}) mm of the base frame")
@@ -181,7 +181,7 @@ def answer_table(query: Query, search: Search) -> Outcome:
     if not search.all_branches:
         columns = with_answers(batch, added)
         return query.write(batch, columns, failures)
-    # rows without numbers stand where they stood, between the answers of the others
+    # rows without numbers keep their place between the answers of the others
     index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
     columns = {**with_answers(batch.take(index), added), "row": index + 1}
     return query.write(batch, columns, failures)

@@ -1,4 +1,4 @@
-"""Logs: what a command learns from or compares, babbled or measured, as its options say."""
+"""Logs: what a command learns from or compares, babbled or measured, by its options."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Selection:
 
 @dataclass(frozen=True)
 class LogFormat:
-    """How a log is read, as typed; beside a model what is None is as in the model's own log."""
+    """How a log is read, as typed; with a model None means as in the model's own log."""
 
     columns: Mapping[str, str] | None = None
     unit: str | None = None
@@ -83,7 +83,7 @@ def babble_log(
     change: Sequence[str] | None,
     seed: int,
 ) -> calib.Samples:
-    """Babble in simulation, and say what was assumed."""
+    """Babble in simulation, and report what was assumed."""
     from calib.errors import OptionError
     from calib.samples.simulation import parse_changes
 
@@ -109,7 +109,7 @@ def read_measured_log(
     lens: str | None = None,
     sensor: str = "",
 ) -> calib.Samples:
-    """Read a log, for the robot where there is one, and say what was assumed."""
+    """Read a log, for the robot where there is one, and report what was assumed."""
     from calib.samples.tables import open_source
 
     source = open_source(path)  # once: it may be a pipe
@@ -149,7 +149,7 @@ def read_measured_log(
 def _arm_of_log(
     robot: str, selection: Selection, source: Source, columns: Mapping[str, str]
 ) -> Arm:
-    """Load the arm with its other joints where the log says that they stood."""
+    """Load the arm with its other joints at their values in the log."""
     from calib.samples.header import find_column
     from calib.samples.locked_joints import locked_joint_values
 
@@ -244,7 +244,7 @@ def log_for(
 def _sensor_of_log(model: calib.Model, source: Source) -> str:
     """Name the sensor of a log among a model's: by its column `sensor`, or the file's name.
 
-    It is the first one's where neither says another.
+    It is the first one's where neither names another.
     """
     from calib.samples.tables import names_of_sensors
 

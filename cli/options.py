@@ -28,7 +28,7 @@ def option(flags: str, help_text: str) -> object:
     return Option(*flags.split(), help=help_text)
 
 
-# how every command prints: `cli/app.py` takes these wherever they stand
+# how every command prints: `cli/app.py` takes these anywhere in the line
 Json = Annotated[
     bool, option("--json", "One JSON document on standard output, in SI units.")
 ]
@@ -229,7 +229,7 @@ Planes = Annotated[
     list[str] | None, value("--plane A,B,C,D", "Touched points of one plane.")
 ]
 
-# queries and what else asks a model
+# queries and other uses of a model
 ReadoutKind = Annotated[
     choices.ReadoutWord | None,
     option("--readout", "How to answer: local, or linear without a body."),

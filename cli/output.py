@@ -22,14 +22,14 @@ from calib.common.wording import one_line, printable
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-NO = 3  # exit code of a result that a script should act on; each command says which
+NO = 3  # exit code of a result that a script should act on; each command's help names its own
 _WIDTH = 100  # of lines of words and of tables
 
 Document = Mapping[str, object] | Sequence[object]
 
 _QUOTED = re.compile(r"`([A-Za-z_]\w*)(?:=([^`]*))?`")
 _WORDS = "adapt calib check expected_error homing_offset model_error names point time"
-"""What stands in backquotes without being a parameter that an option sets."""
+"""Words in backquotes that are no parameter which an option sets."""
 _RENAMED = {
     "changes": "--change",
     "log": "--data",
@@ -182,16 +182,16 @@ class Outcome:
 
 @dataclass
 class Speech:
-    """How the command at hand prints, and what it says on standard error."""
+    """How the current command prints, and its notes on standard error."""
 
     as_json: bool = False  # one document on standard output
     verbose: bool = False  # what the answer rests on, too
     quiet: bool = False  # nothing but errors and what a batch leaves unanswered
-    notes: set[str] = field(default_factory=set)  # that were said already
+    notes: set[str] = field(default_factory=set)  # that were printed already
     in_progress: bool = False  # whether a share of the work is shown
 
     def start(self, as_json: bool, verbose: bool, quiet: bool) -> None:
-        """Begin a command, which has said nothing yet."""
+        """Begin a command, which has printed nothing yet."""
         self.as_json = as_json
         self.verbose = verbose
         self.quiet = quiet
@@ -216,7 +216,7 @@ def end_progress() -> None:
 
 
 def say(notes: Iterable[str]) -> None:
-    """Say notes on standard error, each once, unless the result alone is wanted."""
+    """Print notes on standard error, each once, unless the result alone is wanted."""
     for text in notes:
         if text not in SPEECH.notes and not SPEECH.quiet:
             SPEECH.notes.add(text)
@@ -224,7 +224,7 @@ def say(notes: Iterable[str]) -> None:
 
 
 def note(text: str) -> None:
-    """Say something on standard error, in one line."""
+    """Print a line on standard error."""
     end_progress()
     try:
         print(
@@ -271,7 +271,7 @@ def fields(holder: object, *names: str) -> dict[str, object]:
 
 
 def with_decimals(value: float, decimals: int) -> str:
-    """Return a number with so many decimals, never minus zero, or a dash for none."""
+    """Return a number with some decimals, never minus zero, or a dash for none."""
     if not math.isfinite(value):
         return "-"
     return f"{round(value, decimals) + 0.0:.{decimals}f}"

@@ -27,7 +27,7 @@ class OfJoint(NamedTuple):
 
 
 class BadOption(typer.BadParameter):
-    """Wrong usage, told in one line; `value` is what was typed, if an option has a wrong one."""
+    """Wrong usage, as one line; `value` is what was typed, if an option has a wrong one."""
 
     def __init__(
         self, message: str, option: str | None = None, value: str | None = None
@@ -62,7 +62,7 @@ def parser(
     read: Parser[_T],
     accepts: Callable[[_T], bool] = lambda _: True,
 ) -> Parser[_T]:
-    """Return a parser that says what is expected where `read` fails or `accepts` is false."""
+    """Return a parser that states what is expected where `read` fails or `accepts` is false."""
 
     def parse(text: str) -> _T:
         if not isinstance(text, str):

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def is_of_camera(name: str) -> bool:
-    """Whether a name is of pictures or a video."""
+    """Whether a name is that of pictures or a video."""
     is_pattern = bool(set("*?[") & set(name))
     return is_pattern or name.lower().endswith(VIDEOS + PICTURES)
 
@@ -43,7 +43,7 @@ def read_setting(
     tag_size: str | None,
     tag_height: str | None,
 ) -> Setting:
-    """What is in pictures of a tag; a lens that is calibrated is written beside the log."""
+    """What is in pictures of a tag; a lens that is calibrated is written next to the log."""
     from calib.recording.board import CharucoPattern, parse_board, parse_length
     from calib.recording.lens import load_lens
     from calib.recording.reference import MarkLayout
@@ -85,7 +85,7 @@ def with_seen_picture(
     setting: Setting,
     picture: str | None,
 ) -> calib.Samples:
-    """Draw what was seen in pictures or a video; a log in pixels names the photo beside it."""
+    """Draw what was seen in pictures or a video; a log in pixels names the photo next to it."""
     from calib.recording.pictures import list_pictures, read_photo
     from calib.recording.setting import write_overlay
 
@@ -181,7 +181,7 @@ def log_of_pictures(
 def photo_of_log(
     model: calib.Model, log: calib.Samples, data: str
 ) -> calib.Model:
-    """Return a model with the picture that its log names, if it lies beside or below the log."""
+    """Return a model with the picture that its log names, if it lies next to or below the log."""
     from calib.errors import CalibError
 
     name = log.source.get("photo")

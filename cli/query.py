@@ -59,7 +59,7 @@ class PositionFormat:
 
     @classmethod
     def of(cls, unit: str, typed: str | None) -> PositionFormat:
-        """Return the format of positions, which may be typed and printed in a unit of their own."""
+        """Return the format of positions, which may be typed and printed in another unit."""
         if typed is None:
             return cls(unit, 1.0, *for_people(unit))
         factors = METRES if unit in METRES else {unit: 1.0}
@@ -99,7 +99,7 @@ class Files:
 
 @dataclass(frozen=True)
 class Query:
-    """A model that is asked in a frame, and how joints and positions are typed and printed."""
+    """A model to query in a frame, and how joints and positions are typed and printed."""
 
     model: calib.Model
     frame: str  # "sensor" or "base"
@@ -213,7 +213,7 @@ class Query:
         lines: Sequence[str] = (),
         facts: Mapping[str, object] | None = None,
     ) -> Outcome:
-        """Write a table of answers, None for no table, and say which rows fail.
+        """Write a table of answers, None for no table, and report which rows fail.
 
         count : number of rows of the table, if not that of the queries
         key : of the answers in a document that no file has
@@ -267,7 +267,7 @@ def with_answers(batch: Batch, added: Columns) -> Columns:
 
 
 def note_rows(numbers: Sequence[int], count: int, what: str) -> None:
-    """Say what is the matter with some rows, the first of which are named, if there are any."""
+    """Report what is wrong with some rows, if there are any, naming the first."""
     if numbers:
         rows = "row" if len(numbers) == 1 else "rows"
         note(f"{rows} {listing(map(str, numbers))} of {count}: {what}")

@@ -90,7 +90,7 @@ def _view_of(model: calib.Model) -> dict[str, object]:
     if mirror is not None:
         view["mirror"] = mirror < 0
     for parameter in body.parameters():
-        # the arm's own parameters stand in `calib info`; here only what the sensor is
+        # the arm's own parameters are in `calib info`; here only what the sensor is
         if parameter.group.startswith(("view.", "lens")):
             key = parameter.name.partition(".")[2].replace(" ", "_")
             if mirror is not None:  # of a planar arm

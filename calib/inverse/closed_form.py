@@ -65,7 +65,7 @@ class ClosedForm:
     def joints(self, position: Array, rotation: Array) -> Array:
         """Joint values (n, 8, 6) for poses (n, 3), (n, 3, 3); those out of reach come close.
 
-        Every angle that there are two of gets an axis of its own in front.
+        Every angle that has two values gets its own axis in front.
         """
         turn = rotation @ self.rotation.T
         tip_to_wrist = self.meeting - self.tip

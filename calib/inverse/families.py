@@ -26,7 +26,7 @@ class FamilySettings:
     step: float = 0.03  # along a self-motion
     walk: int = 60  # most steps from one solution to another
     arrived: float = 0.3  # of a step: so near to its goal a walk ends
-    same: float = 1e-2  # solutions that are closer are of one family
+    same: float = 1e-2  # solutions that are closer share a family
     rounds: int = 6  # pairs of members between two families that are walked
 
 

@@ -18,7 +18,7 @@ from .ways import Ways, distinct, rank_within
 
 @dataclass(frozen=True)
 class LinkSettings:
-    """How links are followed: lengths are node spacings of the motor map unless said."""
+    """How links are followed: lengths are node spacings of the motor map unless noted."""
 
     step: float = 2.0  # longest first step of a node
     most: int = 60  # proposals of a target
@@ -34,7 +34,7 @@ class LinkSettings:
     ahead: int = 48  # sensory nodes that a single query makes ready
     # of the largest singular value: less is left out of a first step
     flat: float = 1e-2
-    # branches further apart than a node have starts of their own
+    # branches further apart than a node have separate starts
     folded: float = 1e-2
 
 
@@ -60,7 +60,7 @@ class LinkStarts:
     """For each sensory node the joints that lead there: one start per branch.
 
     Every motor node that was ever active with it is linked to it.  Starts are refined and merged
-    when a sensory node is first asked for, and remembered: many targets share them.
+    when a sensory node is first used, and remembered: many targets share them.
     """
 
     def __init__(self, association: Association, newton: Newton) -> None:

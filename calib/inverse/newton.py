@@ -18,7 +18,7 @@ ROUNDING = 1e-13
 
 @dataclass(frozen=True)
 class Stand:
-    """Where joints stand, and what is missing there."""
+    """Current joints, and their residuals."""
 
     x: Array  # (n, k), targets
     u: Array  # (n, dof), joints of the unit box
@@ -191,7 +191,7 @@ class Newton:
     def tangent(self, stand: Stand, wish: Array) -> Array:
         """The move (n, dof) nearest to a wish (n, dof) that leaves gaps as they are.
 
-        A joint beside a limit that the move would push further stays, as of `move`.
+        A joint at a limit that the move would push further stays, as in `move`.
         """
         still = np.zeros(stand.gap.shape)
         damping = np.full(len(wish), SOLVER.easiest)

@@ -42,10 +42,10 @@ class SolverSettings:
     fold: float = 0.1
     twin_reach: float = 0.3  # the far side of a fold is looked for so far away
     probe: float = 1e-4  # step of the derivative of a singular value
-    # an answer so near to what was asked is the nearest
+    # an answer this near to the joints of `near` is the nearest
     near_enough: float = 0.005
     near_enough_spare: float = 0.3  # the same, of redundant joints and of poses
-    margin: float = 0.1  # a start may be so much further away than its answer
+    margin: float = 0.1  # a start may be this much further away than its answer
     drawn: int = 32  # starts all over the ranges where others have failed
     # what is drawn so far beyond a limit is at it: of poses with joints at three limits and more
     # one of 6 lost a way where all were drawn between them, now one of 150
@@ -64,7 +64,7 @@ class SolverSettings:
     # of redundant joints: a third once there is an answer
     spare_tries: int = 60
     # redundant joints start where this times the squared gap of the position, and the
-    # squared distance from the joints asked for, are least: of 1 to 16 the quickest
+    # squared distance from the joints of `near`, are least: of 1 to 16 the quickest
     pull: int = 16
     # Poses: a UR5's branches are nearly all reached with a third as many runs.
     # drawn postures: the nearest to a pose is some .4 rad away; of half as many, and 24 runs, 34

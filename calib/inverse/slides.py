@@ -1,4 +1,4 @@
-"""Slides: redundant joints move along their self-motion towards joints that are asked for."""
+"""Slides: redundant joints move along their self-motion towards the joints of `near`."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Slides:
         return Slides(newton, near, share, pull, shift)
 
     def next(self, stand: Stand, rows: Index, longest: float) -> Index:
-        """Slide some rows of a stand once, and say which have not settled.
+        """Slide some rows of a stand once, and return those that have not settled.
 
         A slide that leaves the target, or on target comes no nearer, is undone.
         """
@@ -132,7 +132,7 @@ class Slides:
         room = np.where(move > 0.0, 1.0 - u, u)
         size = np.abs(move)
         free = self.newton.scale.periodic | (size < 1e-12)
-        # limits hold the joints beside them
+        # limits hold the joints at them
         free |= room <= SOLVER.slack
         size = np.where(free, 1.0, size)
         room = np.where(free, np.inf, room)

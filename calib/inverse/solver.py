@@ -42,7 +42,7 @@ class Nearest:
 
     @staticmethod
     def of(newton: Newton, stand: Stand, near: Array) -> Nearest:
-        """Begin with one way to each target."""
+        """Start with one way to each target."""
         cost = _cost(newton, stand, near)
         return Nearest(newton, near, stand, cost)
 
@@ -96,7 +96,7 @@ class Solver:
 
     newton: Newton
     starts: Starts
-    # whether few starts, and the joints asked for, are led to a target together
+    # whether few starts, and the joints of `near`, are led to a target together
     together: bool = False
     # least singular value of the Jacobian's squares, beside a fold that starts overlook
     folded: float = SOLVER.fold
@@ -166,7 +166,7 @@ class Solver:
         return best.stand
 
     def _try_all_at_once(self, x: Array, near: Array) -> Nearest:
-        """Lead all starts to targets, with the joints asked for where they are close."""
+        """Lead all starts to targets, with the joints of `near` where they are close."""
         newton = self.newton
         count = len(x)
         target, start = self.starts.of(x)

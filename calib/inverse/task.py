@@ -1,4 +1,4 @@
-"""Tasks: what joints are asked for, as residuals of targets and their derivative.
+"""Tasks: what joints have to reach, as residuals of targets and their derivative.
 
 A position of a sensor or of the base frame, a pose, and a pose whose turn about one axis is left
 open are the same to a search: it knows `residual`, how many numbers it has, and its size.
@@ -21,7 +21,7 @@ Evaluate = Callable[[Array], tuple[Array, Array, Array]]
 
 
 class Task(Protocol):
-    """What joints of the unit box are asked for."""
+    """What joints of the unit box have to reach."""
 
     @property
     def size(self) -> float:
@@ -72,12 +72,12 @@ class Poses:
     scale: Scale
     lever: float  # [m], what a radian of turn counts as
     size: float  # [m], the arm's length
-    # axis of the tip, 0 to 2, about which its turn is left open
+    # axis of the tip, 0 to 2, about which it may turn freely
     free: int | None = None
 
     @property
     def count(self) -> int:
-        """Six numbers, five where a turn is left open."""
+        """Six numbers, five where a turn is free."""
         return 6 if self.free is None else 5
 
     @staticmethod
@@ -112,7 +112,7 @@ class Poses:
 def turn_left(start: Array, goal: Array, axis: int | None = None) -> Array:
     """Rotation vectors (n, 3) from orientations (n, 3, 3) to others.
 
-    Where the turn about an axis of the tip is open, the others are those nearest to the first: of
+    Where the turn about an axis of the tip is free, the others are those nearest to the first: of
     all turns about the axis the one after which ``trace(goal' start)`` is largest.
     """
     if axis is not None:

@@ -1,4 +1,4 @@
-"""Ways: joints that are sought for several targets at once, each beside the target's index."""
+"""Ways: joints that are sought for several targets at once, each with its target's index."""
 
 from __future__ import annotations
 

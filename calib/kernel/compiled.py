@@ -67,7 +67,7 @@ class Compiler:
 COMPILER = Compiler()
 
 
-# where the arguments beside joints begin in a question, see ``c/many.h``
+# where the further arguments of a query begin, after its joints, see ``c/many.h``
 PARTS = (16, 20, 24, 27)
 # from how many rows on two threads share them: one takes a millisecond or more
 SHARED_ROWS = 1000
@@ -89,7 +89,7 @@ class Question:
     """What a function of the C source answers to one row."""
 
     function: str
-    sizes: tuple[int, ...]  # of the arguments beside joints
+    sizes: tuple[int, ...]  # of the further arguments
     answer: tuple[int, ...]  # its shape
 
 
@@ -100,12 +100,12 @@ class Buffers:
     call: Callable[[int, int], int]
     addresses: tuple[int, int]  # of question and answer
     joints: Array  # (dof,)
-    arguments: tuple[Array, ...]  # beside joints
+    arguments: tuple[Array, ...]  # besides joints
     answer: Array
 
 
 class Library:
-    """A shared library that answers queries; every thread has buffers of its own."""
+    """A shared library that answers queries; every thread has its own buffers."""
 
     def __init__(
         self,
@@ -291,7 +291,7 @@ def compile_source(text: str, dof: int, outputs: int) -> Library:
 
 
 def _complaint(command: Sequence[str]) -> str:
-    """What a compiler says where it fails; nothing where it does not."""
+    """A compiler's message where it fails; nothing where it does not."""
     try:
         done = subprocess.run(  # noqa: S603
             command,

@@ -1,4 +1,4 @@
-"""The posterior of an arm of more than three joints, small enough to be asked one row at a time.
+"""The posterior of an arm of more than three joints, small enough to evaluate one row at a time.
 
 It holds the directions in which parameters move positions most, and what they leave over of the
 variance of each joint's curve, a function of its value.  Parameters are described by what they
@@ -37,7 +37,7 @@ class CompactSettings:
     rows: int = 400  # joint values by whose positions directions are compared
     # of what parameters move: more is no part of an arm
     unexplained: float = 1e-6
-    # of the largest motion: what moves less is not told apart, by differences of large numbers
+    # of the largest motion: what moves less is lost in differences of large numbers
     least: float = 1e-12
     apart: float = 1e-6  # the same, of how far beliefs are apart
     # rows at a time: a BLAS splits larger products over threads
@@ -228,7 +228,7 @@ def _moves(structure: Structure, belief: Body | Second, q: Array) -> Array:
 def _amounts(basis: Array, moves: Array, least: float) -> Array:
     """Amounts (D, k) of what an arm's parts move (rows, D) that make moves (rows, k)."""
     size = np.linalg.norm(basis, axis=0)
-    # such as the load of a joint that stands upright
+    # such as the load of an upright joint
     still = size < 1e-10 * size.max()
     size = np.where(still, 1.0, size)
     scaled = basis / size
@@ -240,7 +240,7 @@ def _amounts(basis: Array, moves: Array, least: float) -> Array:
 def _split(root: Array, curved: NDArray[np.intp]) -> tuple[Array, Array]:
     """Two roots of a covariance, which add up: of the geometry, and of curves where it is known.
 
-    What rows tell together of a curve and of the geometry, such as its mean and its joint's offset,
+    What rows show of a curve and the geometry together, such as its mean and its joint's offset,
     is in the first one alone.
     """
     geometric = np.delete(np.arange(len(root)), curved)

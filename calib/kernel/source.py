@@ -77,7 +77,7 @@ def braces(values: NDArray[np.generic], single: bool) -> str:
         np.nan_to_num(np.asarray(values, float), nan=3e38), -3e38, 3e38
     )
     text = str(numbers.tolist())
-    if single:  # nine digits tell any two floats apart
+    if single:  # nine digits distinguish any two floats
         text = _NUMBER.sub(lambda match: _nine_digits(match[0]), text)
     return text.replace("], [", "],\n[").translate(_BRACES)
 

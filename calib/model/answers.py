@@ -222,7 +222,7 @@ def _within_reach(model: Parts, bound: Array) -> Array:
 def rows_for(
     values: ArrayLike, names: Sequence[str], what: str, n: int
 ) -> Array:
-    """Rows (n, d) beside `n` others, one of which may stand for all."""
+    """Rows (n, d) to go with `n` others; one may serve all."""
     rows, _ = query_rows(values, names, what)
     if len(rows) == n:
         return rows
@@ -245,7 +245,7 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
     rows = rows_for(near, names, "near", n)
     lower = model.about.lower
     upper = model.about.upper
-    # an encoder may stand a hair beyond a limit; a whole range beyond are other units
+    # an encoder may read a hair beyond a limit; a whole range beyond are other units
     beyond = (rows < 2 * lower - upper) | (rows > 2 * upper - lower)
     out = beyond & ~scale.periodic
     if out.any():
@@ -259,7 +259,7 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
 
 
 def wished_joints(model: Parts, wish: Array, near: ArrayLike | None) -> Array:
-    """Joints [rad or m] of :func:`anchor` (n, dof), by whole turns beside `near`."""
+    """Joints [rad or m] of :func:`anchor` (n, dof), by whole turns next to `near`."""
     q = model.motor.scale.from_unit(wish)
     if near is None:
         return q
@@ -270,7 +270,7 @@ def wished_joints(model: Parts, wish: Array, near: ArrayLike | None) -> Array:
 def motion_of(
     model: Parts, q: ArrayLike, approach: ArrayLike | None = None
 ) -> tuple[Motion, bool]:
-    """The motion that is asked for, and whether it is a single row."""
+    """The motion of a query, and whether it is a single row."""
     names = model.about.joint_names
     rows, single = number_rows(q, names, "joint values")
     if approach is None:

@@ -71,7 +71,7 @@ class Path:
     expected_error: Array
     model_error: Array
     reachable: Mask
-    # (k,), index of the waypoint that each row leads to; the last such row stands on it
+    # (k,), index of the waypoint that each row leads to; the last such row is on it
     waypoint: Index
     # (j,), rows whose joints do not follow from those of the row before: the branch ends there,
     # whichever way the path is followed from its start, or a joint has to turn round at its limit
@@ -79,12 +79,12 @@ class Path:
     # (k,), rows that are left out: a tenth of the workspace and more beyond all that the arm
     # reaches; joints stay as they were
     left_out: Mask
-    # (j,), rows to which the joints turn far while the tip moves little: beside an axis, or where
+    # (j,), rows to which the joints turn far while the tip moves little: near an axis, or where
     # the elbow is stretched
     fast_turns: Index
 
     def __repr__(self) -> str:
-        """Say in a line how many rows there are, what is out of reach, and where it jumps."""
+        """Summarise in a line how many rows there are, what is out of reach, and where it jumps."""
         unreachable = int(np.sum(~self.reachable))
         return (
             f"Path of {len(self.q)} rows: {unreachable} out of reach, "

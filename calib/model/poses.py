@@ -44,7 +44,7 @@ def solve_poses(
     position, quaternion, near, frame : as of :meth:`calib.Model.inverse_pose`
     every : whether all branches of a pose are wanted, the nearest first
     keep : of a position, whether the orientation at `near` is kept as far as the joints allow
-    free : of a pose, the tip's axis "x", "y" or "z" about which its turn is left open
+    free : of a pose, the tip's axis "x", "y" or "z" about which it may turn freely
     bounded : whether the answers' bounds are found, which takes as long as the answers; else NaN
     Raises QueryError if the model knows no arm in space, a value is no number, or a quaternion is
     none.
@@ -84,13 +84,13 @@ def solve_poses(
 
 @dataclass(frozen=True, eq=False)
 class Goals:
-    """Places or poses of the base frame that joints are asked for."""
+    """Places or poses of the base frame that joints have to reach."""
 
     space: Space
     place: Array  # (n, 3) [m]
     rotation: Array  # (n, 3, 3)
     posed: bool  # whether orientations count
-    free: int | None  # axis of the tip about which its turn is left open
+    free: int | None  # axis of the tip about which it may turn freely
 
     def joints(
         self, start: Array, *, every: bool, keep: bool
@@ -151,7 +151,7 @@ def pose_in_sensor(
 
 
 def free_axis(name: str | None) -> int | None:
-    """Index of the tip's axis about which its turn is left open."""
+    """Index of the tip's axis about which it may turn freely."""
     if name is None:
         return None
     check_choice("free", name, "xyz", QueryError)
@@ -168,7 +168,7 @@ def _rotations(quaternion: ArrayLike, n: int) -> Array:
 
 
 def wrong_length(quaternion: ArrayLike, n: int = 1) -> str:
-    """Say which of some quaternions (n, 4) is none by its length; nothing where all are one."""
+    """Name the first of some quaternions (n, 4) that is none by its length; "" for none."""
     rows = rows_for(quaternion, QUATERNION, "quaternion", n)
     length = row_lengths(rows)
     off = np.abs(length - 1.0)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from scipy.spatial import KDTree
 
 _ROWS = 2_000  # poses whose starts are held at a time, 20 MB
-_LONG = 16  # times as many steps of Newton beside a singularity
+_LONG = 16  # times as many steps of Newton near a singularity
 _OVERHANG = 0.1  # [rad] by which the drawing's joints may lie beyond the limits
 _SAME = 1e-3  # of the joints' ranges: ways that slide to one place are one way
 _FAMILIES = 4  # ways of redundant joints to a pose that are answered
@@ -46,7 +46,7 @@ class Reach:
 
     space: Space
     posed: bool
-    free: int | None = None  # axis of the tip about which its turn is left open
+    free: int | None = None  # axis of the tip about which it may turn freely
 
     @staticmethod
     def of(space: Space, *, posed: bool, free: int | None = None) -> Reach:
@@ -201,7 +201,7 @@ class Reach:
         return kernel_for(self.space.model, query, rows) if self.posed else None
 
     def _question(self, target: Array, *, alone: bool = False) -> list[Array]:
-        """What the compiled C is asked of poses, see ``c/many.h``.
+        """The arguments of compiled C for poses, see ``c/many.h``.
 
         alone : whether to begin near the joints alone, rather than at starts, too
         """
@@ -239,7 +239,7 @@ class Postures:
     evaluate: Evaluate
     scale: Scale
     length: float  # [m], of the arm: a radian of turn counts as much
-    columns: tuple[int, ...]  # of a pose (12,), those that a target asks for
+    columns: tuple[int, ...]  # of a pose (12,), those that a target needs
     apart: ClassVar[float] = SOLVER.start_spacing
 
     def of(self, x: Array) -> tuple[Index, Array]:

@@ -66,7 +66,7 @@ class Space:
         """The arm's length [m]."""
         return max(self.structure.chain.reach, 1e-9)
 
-    # What the chain says.
+    # What follows from the chain.
 
     def evaluate(self, q: Array) -> tuple[Array, Array, Array]:
         """Position (n, 3) [m], orientation (n, 3, 3) and Jacobian (n, 6, dof) of the tip.

@@ -21,9 +21,9 @@ class AgreementSettings:
     far: float = 6.0
     rounds: int = 5
     half: int = 8  # motions that one half of the pictures has at least
-    # [rad, m], noise of motions from which each half is tried by itself
+    # [rad, m], noise of motions from which each half is tried alone
     doubtful: tuple[float, float] = (float(np.radians(0.2)), 1e-3)
-    # of the misses: one half by itself fits so much better
+    # share of the misses that one half alone has at most
     better: float = 0.3
     share: float = 0.4  # of the pictures that must agree
     folds: int = 5
@@ -46,7 +46,7 @@ class Agreement:
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether so many motions are as noisy as where camera or board were moved once."""
+        """Whether motions are as noisy as where camera or board were moved once."""
         turn, _, _, shift, *_ = self.fit.noise.error
         most_turn, most_shift = AGREEMENT.doubtful
         is_noisy = turn > most_turn or shift > most_shift
@@ -78,7 +78,7 @@ def consensus(problem: Problem) -> tuple[CornerFit, Mask]:
             "picture, that it is this robot and its tip carries what is in the hand, and that "
             "camera and board were not moved"
         )
-    # one half by itself has to fit far better, since few pictures always fit well
+    # one half alone has to fit far better, since few pictures always fit well
     first = agreements[0]
     best = min(agreements, key=lambda agreement: agreement.score)
     if best.score >= AGREEMENT.better * first.score:

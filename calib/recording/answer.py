@@ -159,7 +159,7 @@ class RigFit:
         return bundle.motions.body(self.fit, bundle.layout, *frames)
 
     def places(self, camera: int) -> tuple[Place, Place]:
-        """Places of what is in the hand and of what stands still, of one camera and its board."""
+        """Places of what is in the hand and of what is at rest, of one camera and its board."""
         body = self.body(camera)
         base = SensorPose.of(body)
         if body is None or base is None:

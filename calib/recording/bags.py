@@ -101,7 +101,7 @@ def _tip_topics(
     tip_topic: str | None,
     frames: Sequence[str] | None,
 ) -> list[str]:
-    """Topics that tell where the tip is: those of tf, where no other does or is asked for."""
+    """Topics with the tip's place: those of tf, where there is no other or it is chosen."""
     tips = sorted(topic for topic, kind in topics.items() if kind == _TF)
     is_other = tip_topic is not None or {*_POSITIONS} & {*topics.values()}
     if not tips or (frames is None and tip_topic not in tips and is_other):
@@ -208,7 +208,7 @@ def _joint_states(
 def _offset(
     stamps: Array, x: Array, times: Array, values: Array
 ) -> tuple[float, list[str]]:
-    """What has to be added to the stamps of positions [s], and what the user should be told."""
+    """What has to be added to the stamps of positions [s], and notes for the user."""
     gap = float(times[0] - stamps[0])
     is_common = min(times[-1], stamps[-1]) > max(times[0], stamps[0])
     track = np.where(finite_rows(x)[:, None], 1e3 * x, np.nan)

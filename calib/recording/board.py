@@ -82,7 +82,7 @@ class Pattern(ABC):
 
     @property
     def half_turn(self) -> Array | None:
-        """The board as it is numbered from its other end (4, 4) [m]; None where tags tell."""
+        """The board as it is numbered from its other end (4, 4) [m]; None where tags show it."""
         return None
 
     def corners(self) -> Array:
@@ -278,7 +278,7 @@ class TagGrid(Pattern):
 
 
 def _is_upward(tags: list[Tag], columns: int) -> bool:
-    """Whether rows of tags run up the page, as the tags' own corners tell."""
+    """Whether rows of tags run up the page, as the tags' own corners show."""
     rows = np.array([tag.number // columns for tag in tags])
     corners = np.array([tag.corners for tag in tags]).reshape(-1, 4, 2)
     down = (corners[:, 3] - corners[:, 0]).sum(axis=0)

@@ -27,7 +27,7 @@ from .pictures import Picture, Shot
 from .reference import Pose, find_pose, frames_of
 
 LEAST = 4
-"""Pictures of the board that tell where it is, and in which another one is looked for."""
+"""Pictures of the board that show where it is, and in which another one is looked for."""
 
 AHEAD = 2.0
 """Diagonals of the board to the point that a log tells; a picture tells where the camera looks ten
@@ -55,8 +55,8 @@ class BoardPictures:
     size: tuple[int, int]  # width and height [px]
     count: int  # pictures, with those that do not show the board
     notes: tuple[str, ...]
-    rows: Index  # (p,), of joints or poses that each is of
-    episodes: Index | None = None  # (p,), the series that each is of
+    rows: Index  # (p,), of joints or poses, one for each
+    episodes: Index | None = None  # (p,), the series of each
     # whether corners are those of boards' poses, which no camera took
     is_of_poses: bool = False
 
@@ -89,7 +89,7 @@ class BoardPictures:
     def log(self, lens: Lens, in_hand: bool) -> Samples:
         """The pictures as a log of poses of what is in the hand, in the frame of the other.
 
-        The point that it tells is ahead of the camera, or in the middle of the board.
+        Its point is ahead of the camera, or in the middle of the board.
         """
         poses = self.poses(lens)
         hand = hand_poses(poses, in_hand)
@@ -133,7 +133,7 @@ def _log_covariance(
 ) -> Array:
     """Covariance (p, 6, 6) of the place of a point (3,) of what is in the hand, and of its turn.
 
-    Both are along the axes of what stands still; a board's turn and shift are along the camera's.
+    Both are along the axes of what is at rest; a board's turn and shift are along the camera's.
     """
     boards = frames_of(poses)
     if in_hand:
@@ -152,7 +152,7 @@ def _log_covariance(
 
 
 def hand_poses(poses: Sequence[Pose], in_hand: bool) -> Array:
-    """What is in the hand (p, 4, 4) [m], seen from what stands still."""
+    """What is in the hand (p, 4, 4) [m], seen from what is at rest."""
     boards = frames_of(poses)
     return inverse(boards) if in_hand else boards
 
@@ -172,7 +172,7 @@ def find_board(
     table : of joints, or its file, one row for each picture; a dataset brings it
     arm : of which joints are read; else those of `names`, which turn
     camera : of a dataset with several
-    Raises LogError if too few pictures show the board; what they show instead is told.
+    Raises LogError if too few pictures show the board; the message names what they show instead.
     """
     if board is None:
         raise OptionError(
@@ -295,10 +295,10 @@ def _instead(looked: Sequence[Picture], board: Pattern) -> str:
 
 
 def with_lens_of(model: Model, log: Samples) -> Samples:
-    """Return a log of the model's board as its camera's lens would have told it.
+    """Return a log of the model's board as its camera's lens would have given it.
 
     A pose is as good as the lens that it was found with: pictures whose lens was calibrated anew
-    stand elsewhere by millimetres, although nothing has moved.
+    are elsewhere by millimetres, although nothing has moved.
     Other logs stay as they are, and so do those of a camera that was refocused.
     """
     made = model.about.options.get("board")

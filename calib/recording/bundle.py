@@ -2,7 +2,7 @@
 
 A point p of a board appears at ``lens(X^-1 M Y p)``, and the board before the camera is the scene
 B = X^-1 M Y.  A camera in the hand has M = (G E)^-1, X the camera in the flange and Y the board in
-the base; a camera that stands still has M = G E, X the camera in the base and Y the board in the
+the base; a camera at rest has M = G E, X the camera in the base and Y the board in the
 flange.  G is the flange in the base, E its error at that motion; besides, each camera's focal
 length may have an error at each motion (autofocus).  Steps of X, Y and G are along their own axes.
 """
@@ -40,7 +40,7 @@ POSE = 6
 
 @dataclass(frozen=True, eq=False)
 class Motions:
-    """Where the flange was, as a controller says; of joints see :mod:`.joint_motions`."""
+    """Where the flange was, as a controller reports; of joints see :mod:`.joint_motions`."""
 
     values: Array  # (n, 4, 4), the flange in the base [m]; of joints (n, dof)
 
@@ -68,7 +68,7 @@ class Motions:
 
 
 class CornerLayout:
-    """Where the unknowns stand: frames, lenses, shapes of boards, the arm; then a motion's errors.
+    """Indices of the unknowns: frames, lenses, shapes of boards, the arm; then a motion's errors.
 
     frames : (cameras + boards, 6);  lenses : (cameras, 9);  shapes : (boards, SHAPE);  arm : (k,)
     size : number s of unknowns;  errors : number e of errors of each motion, its turn, its shift
@@ -138,7 +138,7 @@ class Bundle:
 
     @cached_property
     def layout(self) -> CornerLayout:
-        """Where the unknowns stand."""
+        """Indices of the unknowns."""
         cameras = len(self.in_hand)
         return CornerLayout(cameras, max(self.boards) + 1, self.motions.size)
 
@@ -154,7 +154,7 @@ class Bundle:
         return camera, len(self.in_hand) + self.boards[camera]
 
     def take(self, motions: Index) -> Bundle:
-        """The corners at some motions (k,), which are numbered anew."""
+        """The corners at some motions (k,), which are numbered from 0."""
         rows = np.isin(self.motion, motions)
         return replace(
             self,
@@ -275,7 +275,7 @@ def shape_slopes(points: Array, outline: Array) -> Array:
         heights = [x**i * y**k for i, k in BENDS]
         return flat, np.column_stack(heights)
 
-    # heights beside the plane that fits them, which the board's frame follows
+    # heights over the plane that fits them, which the board's frame follows
     outline_plane, outline_heights = terms(outline)
     level = np.linalg.lstsq(outline_plane, outline_heights, rcond=None)[0]
     plane, heights = terms(points)

@@ -66,7 +66,7 @@ class Linear(NamedTuple):
     def delay(self, rate: float, rate_sd: float) -> tuple[Delay, Array] | None:
         """How late the track is [s], and changes (k + 1,) of parameters and of the clocks' rate.
 
-        None where the rows tell no delay.
+        None where the rows determine no delay.
         """
         return estimate_delay(
             self.residual,

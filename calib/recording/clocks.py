@@ -109,7 +109,7 @@ class _Pair:
         return [float(start + lags[peak] / CLOCK.grid) for peak in best]
 
     def sample(self, clocks: Clocks, count: int) -> TrackRows:
-        """About `count` rows with joints beside them."""
+        """About `count` rows with joints."""
         times = clocks.joints_time(self.t)
         first, last = self.joint_time[[0, -1]]
         inside = np.flatnonzero((times >= first) & (times <= last))
@@ -169,7 +169,7 @@ class _Pair:
 
             # the best clocks, until they settle
             error_before = clocks.error
-            # three neighbouring rows say as much as one; at the ends of a line twice the sd
+            # three neighbouring rows count as one; at the ends of a line twice the sd
             doubt = np.sqrt(3.0) * late.sd * (2.0 if rate else 1.0)
             error = median_length(linear.residual)
             clocks = replace(clocks, error=error, doubt=doubt)

@@ -29,7 +29,7 @@ class CornerFitSettings:
     # [px], noise that corners are credited with at least
     least_corner: float = 0.01
     least_error: float = 1e-6  # [rad, m, 1], the same of the motions' errors
-    # [m]; joints that shift the flange turn it as well, which few pictures do not tell: with five,
+    # [m]; joints that shift the flange turn it as well, which few pictures do not show: with five,
     # the fit saw turns in one of 40 worlds, and intervals covered 88 % of the camera's
     reach: float = 1.0
     # sd of the log of a focal length: less is below the noise of corners, and cost .003 mm of .032
@@ -61,7 +61,7 @@ class CornerPrior:
 
     @property
     def sizes(self) -> Array:
-        """Sd (s,) that the evidence begins with."""
+        """Initial sd (s,) of the search by evidence."""
         sizes = np.full(len(self.mean), np.inf)
         for scale in self.scales:
             sizes[scale.indices] = scale.start
@@ -127,7 +127,7 @@ def solve(
             fit = replace(fit, noise=noise, freedom=freedom)
         if count >= CORNER_FIT.fewest and _is_settled(before, fit.noise):
             break
-    # by the noise before the last step: priors that still shrink say too much
+    # by the noise before the last step: priors that still shrink claim too much
     error = before.error.copy()
     least_turn = error[3] / CORNER_FIT.reach
     error[:3] = np.maximum(error[:3], least_turn)

@@ -73,7 +73,7 @@ def handeye(
     degrees : whether angles of joints or poses are in degrees; of poses it is found by default
     camera : of a dataset with several
     unit, rotation : of the poses; found by default
-    Raises LogError in one line if the pictures tell nothing, OptionError if an option is wrong.
+    Raises LogError in one line if the pictures show nothing, OptionError if an option is wrong.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The flange as joints say: a drawn arm, whose zeros, origins and size the pictures correct."""
+"""The flange by its joints: a drawn arm, whose zeros, origins and size the pictures correct."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ FREE = ("placement", "offset")
 """Groups of the arm's parameters that the pictures correct."""
 
 SIZE_SD = 2e-3
-"""Drawn arms are as large as they say to .2 %."""
+"""Drawn arms have the right size to .2 %."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmBelief(OfStructure):
-    """A drawn arm, with what is in its hand and what stands still, as pictures say."""
+    """A drawn arm, with what is in its hand and what is at rest, as pictures determine them."""
 
     structure: SpatialStructure
     beta: Array  # (d,)
@@ -122,7 +122,7 @@ class JointMotions(Motions):
     ) -> ArmBelief:
         """The fit as a belief whose readings are poses of what is in the hand.
 
-        hand_number, base_number : frames of what is in the hand and of what stands still
+        hand_number, base_number : frames of what is in the hand and of what is at rest
         """
         groups = self.structure.groups
         tool = [*groups["tool.rotation"], *groups["tool"]]

@@ -45,11 +45,11 @@ _FISHEYE = ("equidistant", "fisheye", "kannala")
 _TERMS = 5  # k1, k2, p1, p2, k3
 
 UNSTATED = (0, 0)
-"""Size of pictures where a file says none."""
+"""Size of pictures where a file has none."""
 
 _LEAST_PICTURES = 4  # of a board that a calibration needs
 _DOUBT = 0.03  # share of the focal length that its sd may be
-_TANGENTIAL = 10  # pictures from which a lens that sits askew can be told
+_TANGENTIAL = 10  # pictures from which a lens that sits askew can be found
 
 
 def calibrate_lens(

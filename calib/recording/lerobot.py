@@ -44,10 +44,10 @@ class Rests:
 
     window: float = 0.2  # of which the slowest frame is taken [s]
     speed: float = 0.05  # [rad/s]
-    # [rad]; two rests of one place tell no more than one
+    # [rad]; two rests at one place count as one
     distance: float = float(np.radians(1.0))
     most: int = 80  # frames that are taken
-    least: int = 12  # frames, below which it hardly stands still
+    least: int = 12  # frames, below which it hardly rests
 
 
 RESTS = Rests()
@@ -55,7 +55,7 @@ RESTS = Rests()
 
 @dataclass(frozen=True)
 class Dataset:
-    """What `meta/info.json` says of a data set."""
+    """The contents of a data set's `meta/info.json`."""
 
     root: Path
     version: str
@@ -197,9 +197,9 @@ def read_dataset(
     camera: str | None = None,
     motors: Motors | None = None,
 ) -> tuple[dict[str, JointTable], list[Picture], list[str]]:
-    """Read still frames of a data set, and their joints; notes say what was taken.
+    """Read still frames of a data set, and their joints; notes name what was taken.
 
-    The data set does not say what its numbers are: joints are by all units that they may have.
+    A data set does not state its units: joints are returned by all units that they may have.
 
     joints : their names; all but the gripper where not given
     camera : the feature or the end of its name, such as ``"wrist"``; by default the only one
@@ -297,9 +297,9 @@ def _speed(q: Array, time: Array) -> Array:
 def _frames(
     path: Path, instants: list[tuple[float, int]], near: float
 ) -> list[tuple[int, Picture]]:
-    """Return rows and grey frames of a video that stand within `near` [s] of instants.
+    """Return rows and grey frames of a video that are within `near` [s] of instants.
 
-    instants : times [s] in the video, and the row that each is of
+    instants : times [s] in the video, and the row of each
     """
     waiting = sorted(instants)
     frames: list[tuple[int, Picture]] = []
@@ -315,7 +315,7 @@ def _frames(
 
 @dataclass(frozen=True)
 class Motors:
-    """What `calibration.json` says of each motor of an arm, by name."""
+    """The entries of `calibration.json` for each motor of an arm, by name."""
 
     document: Mapping[str, Mapping[str, int]]
 

@@ -1,4 +1,4 @@
-"""Tables of joints beside pictures, and the picture of each row."""
+"""Tables of joints for pictures, and the picture of each row."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class JointTable:
     time: Array | None  # times of the rows, by the joints' clock (n,) [s]
     pictures: Sequence[str] | None  # names of the rows' pictures
     dropped: int = 0
-    episodes: Index | None = None  # (n,), the series that each row is of
+    episodes: Index | None = None  # (n,), the series of each row
     revolute: Sequence[bool] | None = None  # which joints turn; None: all
 
     @property
@@ -58,11 +58,11 @@ def read_joints(
     degrees: bool = False,
     prismatic: Sequence[str] = (),
 ) -> JointTable:
-    """Read a table of joints; a column `time` [s], or one of pictures, says what a row is of.
+    """Read a table of joints; a column `time` [s], or one of pictures, assigns the rows.
 
     joints : the joints' columns; all columns of numbers but those if not given
     degrees, prismatic : whether joints that turn are in degrees, and which slide [m]
-    Raises LogError if there are no joints, or they look like degrees and are not said to be.
+    Raises LogError if there are no joints, or they look like degrees without a declaration.
     """
     source = open_source(path)
     names = tuple(joint_columns(source.header) if joints is None else joints)

@@ -1,4 +1,4 @@
-"""Next poses: those with the whole board in view that tell most of where camera and board are.
+"""Next poses: those with the whole board in view that best place camera and board.
 
 Boards before the camera are drawn as pictures show them, turned, nearer or farther (`draw`).  Each
 motion is credited with the information that the board's corners would bring there; of them the best
@@ -38,9 +38,9 @@ class DrawSettings:
     # least cosine between the line of sight and the board's normal
     upright: float = 0.5
     lever: float = 0.1  # from what is in the hand to where it is used [m]
-    # of information, over that before any picture, below which a direction tells nothing
+    # of information, over that before any picture, below which a direction is undetermined
     least: float = 1e-2
-    # times the corners' misses, that new ones are credited with: lens and board stay as open as
+    # times the corners' misses, that new ones are credited with: lens and board stay as unsure as
     # they are (in twelve worlds the intervals that came out were .8 to 1.15 of the promised)
     careful: float = 4.0
 
@@ -84,7 +84,7 @@ class ExpectedRig:
         scenes = inverse(frames[1]) @ rig.flange @ frames[0]
         if in_hand:
             scenes = inverse(scenes)
-        else:  # the camera is what stands still
+        else:  # the camera is at rest
             frames = frames[::-1]
             precision = np.roll(precision, POSE, axis=(0, 1))
         turn = max(rig.repeatability["rotation"], 1e-5)
@@ -142,7 +142,7 @@ class ExpectedRig:
         return np.asarray(ahead & upright & inside.all(axis=(1, 2)))
 
     def best(self, motions: Motions, count: int) -> tuple[Index, Array]:
-        """Motions (count,) of some that tell most, one after the other.
+        """The most informative motions (count,) of some, one after the other.
 
         Returns the covariance (count, 6, 6) of steps of what is in the hand after each, too.
         """

@@ -20,11 +20,11 @@ from .rig import HandEye
 
 @dataclass(frozen=True)
 class NoteLimits:
-    """From where on something is told."""
+    """Limits from which something is reported."""
 
     # least spread of the hand's turns [rad]
     turn: float = float(np.radians(7.5))
-    open: float = 0.01  # of an interval [m], beyond which a direction is open
+    open: float = 0.01  # of an interval [m], beyond which it is unknown
     size: float = 4e-3  # of a board's size
     focal: float = 2e-3  # of the focal length of a lens that was given
     doubtful: float = 0.01  # of the focal length, half of its interval
@@ -109,7 +109,7 @@ def _contradicting(rig: HandEye, agreeing: Mask) -> Iterator[str]:
 
 
 def _open(rig: HandEye, agreeing: Mask) -> Iterator[str]:
-    """A direction that the motions hardly tell, and two poses that would."""
+    """A direction that the motions hardly determine, and two poses that would."""
     if max(rig.hand["position_95_up_to_gauge"]) < NOTE_LIMITS.open:
         return
     squares, directions = np.linalg.eigh(rig.covariance[3:6, 3:6])
@@ -150,7 +150,7 @@ def _size(rig: HandEye) -> Iterator[str]:
 
 
 def _posed_boards(fit: CornerFit, rig: HandEye) -> Iterator[str]:
-    """What motions say of boards that were given as poses."""
+    """Notes by motions on boards that were given as poses."""
     if _is_of_another_size(rig):
         off = 100 * (rig.square["said"] / rig.square["measured"] - 1.0)
         side = "long" if off > 0.0 else "short"
@@ -198,7 +198,7 @@ def _lenses(problem: Problem, fit: CornerFit) -> Iterator[str]:
 
 
 def _nearness(rig: HandEye) -> Iterator[str]:
-    """Doubt an eye of which what is in the hand is further off than what stands still."""
+    """Doubt an eye whose thing in the hand is further off than that at rest."""
     hand = float(np.linalg.norm(rig.hand["position"]))
     base = float(np.linalg.norm(rig.base["position"]))
     if hand > max(base, NOTE_LIMITS.near):
@@ -213,7 +213,7 @@ def _nearness(rig: HandEye) -> Iterator[str]:
 def _arm(
     problem: Problem, arm: SpatialArm, fit: CornerFit, rig: HandEye
 ) -> Iterator[str]:
-    """How good the arm is, whether it is this one, and what no picture tells of joints."""
+    """How good the arm is, whether it is this one, and what no picture shows of joints."""
     bundle = problem.bundle
     most_shift, most_turn = NOTE_LIMITS.repeats
     is_loose = rig.repeatability["rotation"] > most_turn

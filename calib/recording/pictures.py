@@ -125,7 +125,7 @@ def read_picture(path: FilePath, *, colour: bool = False) -> Picture:
 
 
 def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[Shot]:
-    """Yield the grey pictures of one camera; say of others why they are left out.
+    """Yield the grey pictures of one camera; warn why others are left out.
 
     Raises LogError if they have several sizes: intrinsics hold for one setting of a camera.
     """
@@ -190,7 +190,7 @@ def take_photo(
 
     path : a picture or a video, whose first frame is taken, by the camera that made the log
     x : (n, 2), positions that should be in it [px]
-    about : what the log tells of its source (`Source.about`)
+    about : the log's description of its source (`Source.about`)
     Raises LogError if it cannot be read, is of another camera, or shows none of the positions.
     """
     about = about or {}

@@ -34,7 +34,7 @@ _TURNS = {
     "matrix": "r11 r12 r13 r21 r22 r23 r31 r32 r33",
     "": "m00 m01 m02 m10 m11 m12 m20 m21 m22",  # beside m03, m13, m23
 }
-"""Columns of a turn by the rotation that they say, but for those of axes such as rx, ry, rz."""
+"""Columns of a turn by the rotation that they mean, except those of axes such as rx, ry, rz."""
 
 # rx, tcp_rx, rot_x, q.x, orientation.x
 _TURN = r"(?<![a-z])[qr][._]?x|rot|orient|quat|euler|rpy|angle"
@@ -57,7 +57,7 @@ class FlangeTable:
     label: str
     numbers: Array  # (n, 3 + k): x, y, z and 3, 4 or 9 numbers of a turn
     pictures: Sequence[str] | None = None  # names of the rows' pictures
-    named: str = ""  # the rotation that the columns' names say
+    named: str = ""  # the rotation that the columns' names mean
     dropped: int = 0  # rows with a missing value
     # what the user states of the poses; by default all readings are tried
     unit: str | None = None
@@ -148,7 +148,7 @@ def _table(source: Source) -> FlangeTable:
 
 
 def _columns(names: set[str]) -> list[tuple[str, list[str]]]:
-    """All ways (rotation, columns) in which a header of small letters says a pose."""
+    """All ways (rotation, columns) in which a header of small letters names a pose."""
     shifts = [["m03", "m13", "m23"]]
     turns = [(rotation, turn.split()) for rotation, turn in _TURNS.items()]
     for name in sorted(names):

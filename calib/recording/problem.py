@@ -35,7 +35,7 @@ class Priors:
     # half diagonals of a board: paper bends by 1 to 2 mm
     bent: tuple[float, float, float] = (5e-3, 1e-5, 5e-2)
     stretched: tuple[float, float, float] = (5e-4, 1e-6, 5e-3)
-    # of its size that a print is off by; beyond, as the evidence says
+    # of its size that a print is off by; beyond, by the evidence
     printed: tuple[float, float] = (3e-3, 0.5)
     motion: tuple[float, float] = (3e-4, 1e-3)  # turn and shift [rad, m]
     focus: float = 2e-3  # of the focal length, from picture to picture
@@ -105,7 +105,7 @@ class Problem:
 def problem_of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
     """The problem of joints and a drawn arm.
 
-    Raises LogError where the pictures are of other joints, or say that the joints are not these.
+    Raises LogError where the pictures are of other joints, or show that the joints are not these.
     """
     rows = _rows(views)
     q = np.zeros((len(rows), arm.dof))
@@ -344,7 +344,7 @@ def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
 
 
 def _lens_scales(view: View, places: Index) -> Iterator[Scale]:
-    """Priors of a lens; the pictures alone tell focal length and centre of one that is fitted."""
+    """Priors of a lens; the pictures alone give focal length and centre of one that is fitted."""
     focal = float(view.first_lens.focal.mean())
     # tangent of the angle at which the corners of the picture appear
     edge = float(np.hypot(*view.size)) / 2 / focal

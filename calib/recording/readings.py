@@ -33,7 +33,7 @@ ORDERS = (*AXES, *map(str.upper, AXES), "ZYZ", "zyz", "ZXZ", "zxz")
 """Orders of three angles about fixed (small) or moving axes."""
 
 NAMES = {"xyz": "rpy", "ZYX": "kuka"}
-"""Orders that have names of their own."""
+"""Orders that have their own names."""
 
 ALIKE = {"fanuc": "rpy"}
 """Other words for a rotation."""
@@ -51,7 +51,7 @@ MAKERS = {
 }
 
 TIED = 2.5
-"""Readings with less than this times the least misfit are not told apart.
+"""Readings with less than this times the least misfit are not distinguished.
 
 Of flanges that turn on the spot, readings that exchange axes of base and flange alike fit as well:
 of 12 rendered sets the next one 1.0 to 1.9 times worse, others 18 times or more.
@@ -67,7 +67,7 @@ _MISSAID = 0.05  # of a board's size, that no print is off by
 
 
 class Convention(TypedDict):
-    """What a table of poses means, as JSON tells it."""
+    """The meaning of a table of poses, for JSON."""
 
     unit: str
     angles: str

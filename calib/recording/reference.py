@@ -1,6 +1,6 @@
 """Reference: marks at known places of a desk, and the frame in metres that they make of pixels.
 
-Each recording tells anew where the frame is before the camera (`find_reference`); rays of pixels
+Each recording determines where the frame is before the camera (`find_reference`); rays of pixels
 are then cut with a plane of it (`PlaneReference`).
 """
 
@@ -30,7 +30,7 @@ class ReferenceSettings:
 
     noise: float = 0.01  # [px]; corners are credited with no less
     moved: float = 0.7  # [px]; marks further off than this are elsewhere
-    stretch: float = 1.5e-3  # growth of the marks that a new focus is told by
+    stretch: float = 1.5e-3  # growth of the marks that shows a new focus
     # share of the pictures in which the marks may be elsewhere
     elsewhere: float = 0.3
 
@@ -245,7 +245,7 @@ def _median_marks(group: Sequence[Marks]) -> dict[int, Array]:
 
 
 def _is_elsewhere(usual: Marks, marks: Marks) -> bool:
-    """Whether marks moved, by their median, or grew by a new focus, which no pose tells."""
+    """Whether marks moved, by their median, or grew by a new focus, which no pose explains."""
     usual_places = np.array([usual[number] for number in marks])
     places = np.array([*marks.values()])
     moved = row_lengths(places - usual_places)

@@ -70,14 +70,14 @@ class HandEye:
 
     Places are of the camera's optical frame (x right, y down, z ahead) or the board's: position
     [m], quaternion (qx, qy, qz, qw) and half-widths of their 95 % intervals, (3,) [m] and
-    (3,) [rad], with what no picture tells and without it.
+    (3,) [rad], with what no picture determines and without it.
     """
 
-    eye: str  # "hand": the first camera is in the hand and the board stands still; or "base"
+    eye: str  # "hand": the first camera is in the hand and the board is at rest; or "base"
     pictures: int
     used: int  # of the first camera's, those that the fit rests on
     hand: Place  # what is in the hand, in the tip's or the flange's frame
-    base: Place  # what stands still, in the base's
+    base: Place  # what is at rest, in the base's
     # mean and largest distance of corners [px]
     reprojection: dict[str, float]
     lens: LensFacts  # of the first camera
@@ -104,7 +104,7 @@ class HandEye:
     body: OfStructure | None = None
 
     def __repr__(self) -> str:
-        """Say in two lines how good the calibration is, and what limits it."""
+        """Summarise in two lines how good the calibration is, and what limits it."""
         return (
             f"HandEye of {self.used} of {self.pictures} pictures, {self.hand_item} in the hand, "
             f"corners {self.reprojection['mean']:.3g} px off on average\n  {self.limited_by}"
@@ -117,7 +117,7 @@ class HandEye:
 
     @property
     def base_item(self) -> str:
-        """What stands still."""
+        """What is at rest."""
         return "board" if self.eye == "hand" else "camera"
 
     @property
@@ -207,7 +207,7 @@ def _line(what: str, place: Place) -> str:
 
 
 def rig_of(document: Mapping[str, Any]) -> HandEye:
-    """The rig that `HandEye.document` told.
+    """The rig of a `HandEye.document`.
 
     Raises KeyError, TypeError, ValueError if it is none.
     """
@@ -255,7 +255,7 @@ def rig_of_model(model: Model) -> HandEye | None:
 
 
 def transform_files(rig: HandEye, path: FilePath) -> dict[Path, str]:
-    """The text of each file: transforms in JSON, and beside it lines and matrices for people."""
+    """The text of each file: transforms in JSON, and lines and matrices for people."""
     base, tip = rig.frames
     places = {f"{rig.hand_item}_frame": (tip, rig.hand)}
     places[f"{rig.base_item}_frame"] = (base, rig.base)

@@ -44,7 +44,7 @@ class Setting:
     board: CharucoPattern | None = None
     tags_at: MarkLayout | None = None
     lens: Lens | None = None  # the camera's
-    # side of the tip's tag [m]; with it, z and the orientation are told too
+    # side of the tip's tag [m]; with it, z and the orientation are measured too
     tag_size: float | None = None
     # of the tip's tag above the board, or the tags on the desk [m]
     tag_height: float = 0.0
@@ -87,7 +87,7 @@ class Setting:
 
     @cached_property
     def layout(self) -> MarkLayout | None:
-        """What positions are told in, if not pixels."""
+        """The frame of positions, if they are not pixels."""
         if self.board is not None:
             return MarkLayout.of_board(self.board)
         return self.tags_at
@@ -135,7 +135,7 @@ class Sightings:
 
     @cached_property
     def reference(self) -> tuple[PlaneReference | None, frozenset[int]]:
-        """What positions are told in, None for pixels; and the pictures in which it is elsewhere.
+        """The frame of positions, None for pixels; and the pictures in which it is elsewhere.
 
         Raises LogError if it is not there, or elsewhere in many.
         """
@@ -146,7 +146,7 @@ class Sightings:
         return find_reference(layout, self.marks, lens, self.setting.tag_height)
 
     def document(self) -> dict[str, object]:
-        """What a log tells of pictures, tag, lens and reference, as plain values."""
+        """A log's description of pictures, tag, lens and reference, as plain values."""
         setting = self.setting
         reference, _ = self.reference
         document: dict[str, object] = {
@@ -225,7 +225,7 @@ def find_sightings(
 
 
 def _refuse_size(name: str, size: tuple[int, int], lens: Lens | None) -> None:
-    """Refuse a picture of another size (width, height) than the lens is of."""
+    """Refuse a picture of another size (width, height) than the lens's."""
     if lens is None or lens.size in (size, UNSTATED):
         return
     raise LogError(
@@ -235,7 +235,7 @@ def _refuse_size(name: str, size: tuple[int, int], lens: Lens | None) -> None:
 
 
 def _reason_of(tips: Sequence[Tag], number: int) -> str:
-    """Why a picture tells no place of the tip's tag; or nothing."""
+    """Why a picture does not place the tip's tag; or nothing."""
     if not tips:
         return f"tag {number} not seen"
     if len(tips) > 1:

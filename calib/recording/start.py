@@ -65,7 +65,7 @@ def find_start(flange: Array, view: View, unit: str | None = None) -> RigStart:
 def find_starts(
     flanges: Array, view: View, unit: str | None = None
 ) -> list[RigStart]:
-    """Solve for camera and board; where the motions tell no lengths, with the board as stated.
+    """Solve for camera and board; where the motions have no lengths, with the board as stated.
 
     A flange that turns on the spot fits in any unit: then it is as far from its base as usual.
 
@@ -85,7 +85,7 @@ def find_starts(
         units.append(possible)
         usual_units.append([_nearest(max(distance, 1e-9) / USUAL, possible)])
 
-    # a metre as the motions tell it, or as the board's stated size does
+    # a metre by the motions, or by the board's stated size
     metres = np.array([METRES[name] for (name,) in usual_units])
     by_motions = _solve(flanges, view, units, None)
     by_board = _solve(flanges, view, usual_units, metres)
@@ -114,7 +114,7 @@ def _solve(
     """Camera X and board Y of flange poses (m, n, 4, 4), in closed form.
 
     units : of which each reading's lengths may be
-    metres : (m,), of the boards, in the flange's unit; None where the motions tell it
+    metres : (m,), of the boards, in the flange's unit; None where the motions determine it
     """
     motions = inverse(flanges) if view.in_hand else flanges
     boards = np.broadcast_to(view.boards, motions.shape)
@@ -129,7 +129,7 @@ def _solve(
     forms = _robust_closed_form(motions, boards, points[::every], metres)
     placed = forms.boards
     if half_turn is not None:
-        # the first picture tells from which end boards are numbered
+        # the first picture sets the end from which boards are numbered
         first = turned[:, :1]
         placed = np.where(first[:, :, None], placed @ half_turn, placed)
         turned = turned ^ first

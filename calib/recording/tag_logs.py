@@ -105,7 +105,7 @@ def log_video(
 ) -> Samples:
     """Make a log from a video, of any format that FFmpeg (PyAV) reads; see `log_pictures`.
 
-    joints : with times, by a clock of their own
+    joints : with times, by their own clock
     time_offset : [s], added to the video's times; found if not given
     still : [rad/s or m/s], every frame in which no joint moves faster is a row; without it the
         median of each rest is
@@ -178,7 +178,7 @@ def log_video(
 
 
 def _rests(when: Array, track: Array, slow: Mask) -> list[Index]:
-    """The frames of each rest: joints and tag stand still for a few frames.
+    """The frames of each rest: joints and tag do not move for a few frames.
 
     when : (n,) [s];  track : (n, 2), the tag [px];  slow : (n,), frames in which no joint moves
     """
@@ -191,7 +191,7 @@ def _rests(when: Array, track: Array, slow: Mask) -> list[Index]:
         last = when[run[-1:]] - SETTLE
         settled = run[(when[run] >= first) & (when[run] <= last)]
         if len(settled) >= REST.least:
-            # the arm may still swing where its joints stand: only frames near the median count
+            # the arm may still swing while its joints rest: only frames near the median count
             places = track[settled]
             away = places - np.median(places, axis=0)
             rests.append(settled[row_lengths(away) < REST.shake])
@@ -241,7 +241,7 @@ def _median_tag(tags: Sequence[Tag]) -> Tag:
 
 
 def _check_motion(q: Array, sightings: Sightings, what: str) -> None:
-    """Raise LogError for a recording in which the arm, or the tag alone, stands still."""
+    """Raise LogError for a recording in which the arm, or the tag alone, does not move."""
     if np.ptp(q, axis=0).max() < 2e-3:
         raise LogError(f"the arm never moves in {what}: nothing to learn from")
     if np.linalg.norm(np.ptp(sightings.pixels, axis=0)) < REST.still:

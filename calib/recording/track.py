@@ -24,7 +24,7 @@ class TrackSettings:
     farthest: int = 3
     # rows that a recording needs for that
     fewest: int = 18
-    # frames whose median says where the tip is
+    # frames whose median is the tip's place
     window: int = 7
     # blocks of neighbouring rows, held out in turn
     blocks: int = 8

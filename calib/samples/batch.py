@@ -1,4 +1,4 @@
-"""Batch: a table of queries, with what stands beside them."""
+"""Batch: a table of queries, with its further columns."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def read_batch(
     more: Sequence[Sequence[str]],
     column_of: Mapping[str, str],
 ) -> Batch:
-    """Read a batch of queries and all that stands beside them; bad rows do not stop it.
+    """Read a batch of queries and its further columns; bad rows do not stop it.
 
     more : groups of names of which those count that the table has as a whole
     column_of : columns that have other names, by what they hold; the batch has the latter

@@ -31,7 +31,7 @@ FOCAL = 0.7
 FOCAL_SD = 0.24
 CENTRE_SD = 0.04
 K1_SD = 0.3
-# a calibrated lens that bends otherwise than k1 can say by more than this [px] is fitted again
+# a calibrated lens that differs from one of k1 alone by more than this [px] is fitted again
 _BENT = 0.3
 
 
@@ -47,7 +47,7 @@ class Camera:
 
 
 def camera_of(about: Document, pixels: ArrayLike) -> Camera:
-    """Return the camera of pixels (n, 2), from what their log says of it or from their extent.
+    """Return the camera of pixels (n, 2), as their log describes it or by their extent.
 
     about : may hold "lens", as `calib.samples.lens.Lens.to_json` writes it, or "size" of pictures
     Raises LogError if the lens is impossible, or pixels lie outside of its pictures.

@@ -1,4 +1,4 @@
-"""Cells: what stands in the rows of a log, and the sound ones among these rows.
+"""Cells: the contents of a log's rows, and the sound ones among these rows.
 
 Rows are left out in this order: those that miss a number; those outside of chosen ranges, into
 which others are wrapped; those in which the sensor saw nothing, for which joints have to be right.
@@ -32,7 +32,7 @@ class Cells(RowArrays):
 
     label: str  # what messages call the log
     total: int  # rows that the log has, or that are held of it
-    # NaN where no number stands
+    # NaN where there is no number
     q: Array  # (n, dof) [rad or m], joint values
     x: Array  # (n, m), positions; none in a log of touches alone
     orientation: Array  # (n, 4) quaternions, (n, 3) angles or (n, 0)
@@ -88,7 +88,7 @@ def sound_cells(
 ) -> Cells:
     """Read a log's sound rows, see above.  Raises LogError if it has none.
 
-    ranges : that some joints were asked for [rad or m]
+    ranges : chosen by the user for some joints [rad or m]
     """
     cells = read_cells(source, roles, joints)
     complete = complete_rows(cells, roles)

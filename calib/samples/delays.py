@@ -69,7 +69,7 @@ class Trajectory:
 
     @property
     def is_continued(self) -> Mask:
-        """Whether each row but the last goes on to the next one without a pause (n - 1,)."""
+        """Whether each row but the last leads to the next one without a pause (n - 1,)."""
         step = np.diff(self.time)
         later = step > 0
         usual = np.median(step[later]) if later.any() else 0.0
@@ -142,7 +142,7 @@ def estimate_delay(
 
     residual, velocity : (n, m), measured less predicted positions, and the velocity of the
         predicted ones, NaN where unknown [unit, unit/time]
-    columns : (n, m, k), derivative by parameters that are fitted beside, such as a clock's rate
+    columns : (n, m, k), derivative by parameters that are fitted as well, such as a clock's rate
     precision, pull : (k,), their prior precision, and how far they are below their prior mean
     play : (n, m, j), what else could explain the residual: the better explanation counts
     Returns the delay and how the parameters change with it (k,), None where nothing moves.
@@ -194,7 +194,7 @@ def _delay_sd(
     blocks = [block.sum() for block in np.array_split(scores, DELAY.blocks)]
     white = np.linalg.norm(by_rows) * np.sqrt(variance)
     noise = max(float(np.linalg.norm(blocks)), float(white))
-    # what the prior leaves open no exact row tells: along one line a delay is an offset
+    # exact rows do not settle all that the prior leaves: along one line a delay is an offset
     return float(np.hypot(noise, np.linalg.norm(by_target[size:])))
 
 

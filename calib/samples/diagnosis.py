@@ -1,7 +1,7 @@
 """Diagnosis of a log: mistakes in its columns and units, found by a predictor of its positions.
 
 Interpretations of the rows are tried in turn.  One that a predictor explains far better than the
-log as it stands is a finding; where the predictor's frame stands does not matter.
+log itself is a finding; the place of the predictor's frame does not matter.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ PosePredict = Callable[[Array], tuple[Array, Array]]
 def diagnose(
     samples: Samples, predict: Predict, pose: PosePredict | None = None
 ) -> list[Finding]:
-    """Find what is wrong with a log, the gravest first; empty where it fits as it is.
+    """Find what is wrong with a log, the gravest first; empty where it fits.
 
     predict : positions of an arm that may differ from the log's by some percent, in the log's unit
     pose : where known, positions and orientations of the arm; a tool of unknown size may hide a
@@ -140,7 +140,7 @@ def _wrong_unit(
 
 
 def _wrong_joints(fit: _PositionFit, rows: Samples) -> Finding | None:
-    """The simplest interpretation of the joints that fits far better than the log as it stands."""
+    """The simplest interpretation of the joints that fits far better than the log itself."""
     size = spread(rows.x)
     as_it_is = fit.misfit(rows.q)
     if as_it_is <= DIAGNOSIS.small * size:
@@ -216,7 +216,7 @@ def _angle_left(drawn: Array, frame: Array, quaternions: Array) -> float:
 
 
 def unit_hint(ratio: float, unit: str) -> str:
-    """Return what a log's scale against its model's says of its unit, as the end of a message.
+    """Return what a log's scale against its model's suggests of its unit, as the end of a message.
 
     ratio : of the log's positions to the model's, both taken to be in `unit`
     """

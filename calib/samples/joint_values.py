@@ -36,9 +36,9 @@ def check_joint_values(
     label: str = "joint values",
     error: type[CalibError] = LogError,
 ) -> None:
-    """Refuse joint values that can only be of another unit than was said.
+    """Refuse joint values that can only be of another unit than declared.
 
-    Values a little outside of the range pass: whoever uses them says what becomes of them.
+    Values a little outside of the range pass: their user decides what becomes of them.
 
     q : (n, dof) [rad or m], joint values; rows that are not finite are passed over
     lower, upper : (dof,) [rad or m], the joints' learned range
@@ -60,7 +60,7 @@ class JointColumn:
     label: str  # what messages call the table
     name: str
     revolute: bool
-    limits: Range | None  # the arm's, or what the user asked for [rad or m]
+    limits: Range | None  # the arm's, or the user's choice [rad or m]
     factor: float = 1.0  # rad or m of the column's unit
     error: type[CalibError] = LogError
 
@@ -179,7 +179,7 @@ def columns_of_joints(
     *,
     degrees: bool,
 ) -> list[JointColumn]:
-    """Return the columns of a log's joints, with the arm's limits, or the ranges asked for.
+    """Return the columns of a log's joints, with the arm's limits, or the user's ranges.
 
     columns : of the joints; without an arm those in a unit of lengths slide, too
     """

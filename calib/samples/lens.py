@@ -1,4 +1,4 @@
-"""Lens: nine numbers of a camera that say where a direction appears in its pictures."""
+"""Lens: nine numbers of a camera that map directions to its pictures."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class Lens:
 
     @staticmethod
     def from_json(document: Mapping[str, Any]) -> Lens:
-        """The lens that `to_json` told.
+        """The lens of a `to_json`.
 
         Raises KeyError, TypeError, ValueError if it is none.
         """

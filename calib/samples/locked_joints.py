@@ -1,4 +1,4 @@
-"""Locked joints: where those that are not active stood while a log was recorded."""
+"""Locked joints: the values of those that are not active while a log was recorded."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def locked_joint_values(
     degrees: bool,
     prismatic: Sequence[str],
 ) -> tuple[dict[str, float], list[str]]:
-    """Find where the locked joints stood while a log was recorded.
+    """Find the values of the locked joints while a log was recorded.
 
     columns, degrees, prismatic : as of `read_log`
     names : joints that are not active. Those without a column are passed over.

@@ -55,17 +55,17 @@ def read_log(
     are left out, counted in `Samples.dropped` and described in `Samples.notes`. Positions may be
     in the sensor's own unit and axes; of x, y, z the plane is fitted. A log may be of any length:
     of one with more than 200,000 rows so many are read, evenly spread. Rows stay in the order of
-    the file.  A column `point`, and optionally `setup`, says which socket the tip touched: x, y, z
+    the file.  A column `point`, and optionally `setup`, is the socket that the tip touched: x, y, z
     are known coordinates of it in its fixture's frame, and in a row without a point what a sensor
     measured.
 
     path : CSV or Parquet; `-` reads CSV from standard input
-    arm : gives the joints' names and limits; its kinematics tell other units, exchanged columns and
+    arm : gives the joints' names and limits; its kinematics show other units, exchanged columns and
         a lag, and are never learned from
     joints : without an arm, the joints' columns, from base to tip
     columns : other names of columns, ``{"x": "cam_u", "elbow": "joint_2"}``
     degrees : whether joints that turn are logged in degrees; `ranges` are in rad still
-    unit : of the positions; what the log says of itself if not given, else m
+    unit : of the positions; if not given what the log declares, else m
     ranges : the range of a joint [rad or m], before the arm's limits; rows outside are left out
     prismatic : without an arm, the joints that slide
     outputs : coordinates that a position has, as a model of this arm has them; without it, and
@@ -213,7 +213,7 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
 
 
 def _unit(source: Source, roles: Roles, unit: str | None) -> str:
-    """Return the unit of the positions: as typed, or what the log says of itself."""
+    """Return the unit of the positions: as typed, or as the log declares."""
     stated = common_unit(roles.columns(roles.axes)) or source.unit
     if unit is not None and stated not in (None, unit):
         raise LogError(

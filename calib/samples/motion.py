@@ -1,4 +1,4 @@
-"""Motion: the joints row by row, and what of their way matters for where the tip stands."""
+"""Motion: the joints row by row, and what of their way matters for the tip's place."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Motion(RowArrays):
     # (n, dof), sign of each joint's last motion: 1, -1, or 0 where it is not known
     side: Array | None = None
     time: Array | None = None  # (n,), when each row was taken [s]
-    episode: Array | None = None  # (n,), the series each row is of
+    episode: Array | None = None  # (n,), the series of each row
 
     def __len__(self) -> int:
         return len(self.q)
@@ -104,7 +104,7 @@ def gaps_between(when: Array, time: Array, max_gap: float) -> dict[str, Mask]:
 
 @dataclass(frozen=True, eq=False)
 class Visits:
-    """Which rows stand at a pose that was measured again, and in which visit to it."""
+    """Which rows are at a pose that was measured again, and in which visit to it."""
 
     rows: Index  # (k,), rows at such poses
     pose: Index  # (k,), number of each row's pose, from 0
@@ -141,7 +141,7 @@ def pose_index(q: Array) -> Index:
         return _label_numbers(place)
     lengths = distance[:, 1:].ravel()
     # rows of one pose that was often read are each other's neighbours alone: of the next pose
-    # only their middles tell how far away it is
+    # only their middles show how far away it is
     middles = group_means(_joined(neighbour, is_close), distinct)
     if len(middles) > 1:
         between = cKDTree(middles).query(middles, k=2, p=np.inf)[0]

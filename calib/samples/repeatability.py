@@ -1,7 +1,7 @@
 """Repeatability: how far readings at one pose scatter, the sensor's share and the arm's apart.
 
-A pose that was measured again tells the noise without any model.  Readings that follow each other
-while the arm stands are one visit: they differ by the sensor's noise alone.  Visits to one pose
+A pose that was measured again shows the noise without any model.  Readings that follow each other
+while the arm rests are one visit: they differ by the sensor's noise alone.  Visits to one pose
 differ by the arm's return as well.  With readings r of visits v to poses p, along each axis::
 
     x_pvr = mean_p + return_pv + noise_pvr
@@ -29,7 +29,7 @@ MOST_MEDIANS = 8.0
 
 @dataclass(frozen=True)
 class Repeatability:
-    """Standard deviations along an axis; NaN where the log cannot tell one.
+    """Standard deviations along an axis; NaN where the log cannot determine one.
 
     Attributes
     ----------
@@ -175,7 +175,7 @@ def at_poses(samples: Samples) -> Samples:
     """Return a row for each pose, in the order in which the log shows them.
 
     Its joints and readings are means of those there; what else is known of the row is that of the
-    first one.  A log without repeats stays as it is.
+    first one.  A log without repeats stays unchanged.
     """
     index = samples.pose_index
     if samples.poses == len(samples):

@@ -37,7 +37,7 @@ COVARIANCE = tuple(
 turn [rad] about the sensor's axes, `cov_x_x`, `cov_x_y`, .. `cov_rz_rz`."""
 
 FURTHER = ("time", "episode")
-"""Columns that say when a row was taken, and of which series it is."""
+"""Columns with the time and the series of a row."""
 
 ROUNDING = 0.01
 """A quaternion's length may differ from 1 by this much: files round to a few digits."""
@@ -54,7 +54,7 @@ class Roles:
     # names that columns have in the file where they differ
     column_of: Mapping[str, str]
     pixels: bool  # whether x and y are columns u and v
-    touched: bool  # whether rows tell which socket the tip was in
+    touched: bool  # whether rows name the socket that the tip was in
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -72,7 +72,7 @@ def find_roles(
     joints: Sequence[str] | None,
     columns: Mapping[str, str],
 ) -> Roles:
-    """Decide what to read; or say which choices there are.
+    """Decide what to read; or raise the choices that there are.
 
     The joints are those of the arm, or else `joints`; `columns` are other names of columns. z is
     among the axes where the log has one.
@@ -123,7 +123,7 @@ def _check_names(columns: Mapping[str, str], choices: Sequence[str]) -> None:
 def _orientation_columns(present: set[str], typed: set[str]) -> tuple[str, ...]:
     """The columns of an orientation, of a quaternion where there are both forms.
 
-    A form that is typed in part is one, too: `Source.read` says what it misses.
+    A form that is typed in part is one, too: `Source.read` reports what it misses.
     """
     for parts in (QUATERNION, ANGLES):
         if present.issuperset(parts) or {*parts} & typed:

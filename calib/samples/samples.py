@@ -49,22 +49,22 @@ class Readings(RowArrays):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LogFile(RowArrays):
-    """What a file, or the pictures that rows were made of, say beside the rows."""
+    """Facts on a file, or on the pictures behind its rows, besides the rows."""
 
-    # (n,), numbers of the rows, counted below the header from 1, which stand where it is empty
+    # (n,), numbers of the rows, by default counted below the header from 1
     rows: Index = field(default_factory=lambda: np.empty(0, np.intp))
     # columns that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict)
     degrees: bool = False  # whether turning joints are in degrees there
-    source: Document = field(default_factory=dict)  # what it says of itself
-    in_time: bool = False  # whether the user said how late positions are
+    source: Document = field(default_factory=dict)  # its description of itself
+    in_time: bool = False  # whether the user stated how late positions are
     # (n,), names of what each row was made of
     pictures: NDArray[np.str_] | None = None
     pixels: Array | None = None  # (n, 2), of a tag in them [px]
     dropped: int = 0  # rows that missed a value
     # rows without what a sensor saw: zeros, or no orientation
     left_out: int = 0
-    notes: tuple[str, ...] = ()  # what the user should be told, one line each
+    notes: tuple[str, ...] = ()  # notes for the user, one line each
 
     @property
     def common_sd(self) -> float:
@@ -184,7 +184,7 @@ class Samples(LogFile, Readings, Motion):
 
     @cached_property
     def pose_index(self) -> Index:
-        """Number of the pose that each row stands at, (n,): rows at one pose share it."""
+        """Number of the pose of each row, (n,): rows at one pose share it."""
         return np.arange(len(self)) if self.simulation else pose_index(self.q)
 
     @property
@@ -250,7 +250,7 @@ def babble(
 
     arm : the arm, from `calib.load_arm`; `arm.with_range` has a part of its range
     n : number of samples
-    seed : of the random numbers. Joint values, noise and outliers draw from streams of their own,
+    seed : of the random numbers. Joint values, noise and outliers draw from separate streams,
         so that other noise leaves the joint values as they are.
     noise : standard deviation of the sensor along each axis [m]
     changes : what differs from the arm as described, such as `"elbow.length=+20%"`

@@ -19,7 +19,7 @@ class LogReading:
     most_turns: float = 4.0
     # share of the extent by which positions of a planar arm may leave their plane (rms)
     out_of_plane: float = 0.02
-    # a sensor that moves by so many of its last digits from row to row never reads the same twice
+    # a sensor that moves by this many of its last digits from row to row never reads the same twice
     # while the joints move by this share of their mean step: 600 rows of a path with six held runs
     # of 12 missed by 1 mm and showed backlash, .014 without them
     fine: float = 20.0
@@ -34,7 +34,7 @@ class LockedJoint:
     """Motion of a locked joint."""
 
     locked: float  # [rad or m], beyond which it takes part
-    still: float  # [rad or m], beyond which it is told
+    still: float  # [rad or m], beyond which it is reported
     most_rows: float = 0.02  # share of the rows that may be wrong readings
 
 
@@ -63,7 +63,7 @@ class Diagnosis:
     # rows below which a similarity in space, or a tool of unknown size, explains nearly anything
     fewest_rows: int = 8
     tool_rows: int = 39
-    # an interpretation is told where its misfit is below this share of the log's own: arms with
+    # an interpretation is reported where its misfit is below this share of the log's own: arms with
     # links off by a tenth and offsets by 8 deg stay above it, exchanged columns below .1
     far_better: float = 0.2
     # shares of the extent below which kinematics are right but for two exchanged columns, and
@@ -90,8 +90,8 @@ class DelaySettings:
 
     # median steps of time beyond which two rows are not one motion
     longest_pause: float = 5.0
-    fewest_rows: int = 20  # that tell a delay
-    # a delay is corrected beyond so many sds, if it explains this share of the squared residuals:
+    fewest_rows: int = 20  # that determine a delay
+    # a delay is corrected beyond this many sds, if it explains this share of the squared residuals:
     # real series of poses at rest stay below .02, a clock that is 1 ms late at 1 rad/s of a UR5
     # measured to .1 mm explains .9
     clear: float = 5.0

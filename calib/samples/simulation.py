@@ -58,7 +58,7 @@ PARTS = {
     "tip": {"offset": Rule("0.01,0.02 [m]", math.isfinite, numbers=2)},
     "sensor": OF_SENSOR,
 }
-"""What can change beside the joints."""
+"""What can change besides the joints."""
 
 IN_SPACE = ("scale", "outliers")
 """Changes of the sensor that an arm in space can have."""
@@ -159,7 +159,7 @@ def _values(what: str, value: str, relative: bool) -> tuple[float, ...]:
 class Simulation:
     """An arm and a sensor, altered by changes, that can be measured.
 
-    A joint's encoder reads q. The joint itself stands at `gear * q + offset`, less the
+    A joint's encoder reads q. The joint itself is at `gear * q + offset`, less the
     backlash, or wherever `lock` holds it, and trembles by its `noise`. The sensor sees
     the tip mirrored, scaled, rotated and shifted, in that order, about the plane's origin.
 
@@ -201,7 +201,7 @@ class Simulation:
                     f"{words} is for planar arms; of an arm in space the joints, {possible} can "
                     "change"
                 )
-        _ = self.true_arm  # an impossible change of geometry is told here
+        _ = self.true_arm  # an impossible change of geometry is refused here
 
     @cached_property
     def true_arm(self) -> Arm:
@@ -249,7 +249,7 @@ class Simulation:
     def measure(self, q: ArrayLike, rng: Generator) -> Array:
         """Return what the sensor reads while the arm goes through `q`, row by row; see `exact`.
 
-        Noise of the joints, noise of the sensor and outliers have streams of their own, children of
+        Noise of the joints, noise of the sensor and outliers have separate streams, children of
         `rng`: more of one leaves the others as they are. Backlash depends on the order of the
         rows. An outlier is a point anywhere in the box around the workspace.
         """
@@ -285,7 +285,7 @@ class Simulation:
         return cls(arm, data["noise"], data["changes"])
 
     def _behind_gears(self, q: ArrayLike) -> Array:
-        """Where the joints stand when their encoders read `q`."""
+        """The joints' true values when their encoders read `q`."""
         theta = np.asarray(q, dtype=np.float64)
         return theta * self._by_joint("gear", 1.0) + self._by_joint("offset")
 

@@ -65,7 +65,7 @@ class Touches(RowArrays):
         """Touches of sockets that rows name by setup and point (n, 2).
 
         x : (n, 3), known coordinates of the points in their fixtures [m], NaN where not known;
-            points of one setup are apart by so much
+            points of one setup are apart by as much
         """
         touched = points[:, 1] != ""
         sockets = sorted({*map(tuple, points[touched])})

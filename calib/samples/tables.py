@@ -29,19 +29,19 @@ if TYPE_CHECKING:
     import polars as pl
 
 Document = Mapping[str, Any]
-"""What a file says of itself, as JSON."""
+"""A file's description of itself, as JSON."""
 
 PARQUET = (".parquet", ".pq")
 RECORDINGS = (".bag", ".db3", ".mcap")
 
 COMMENT = "# calib "
-"""Begins the line above the header of a CSV file that says what holds for all rows, as JSON."""
+"""Begins the line above the header of a CSV file with what holds for all rows, as JSON."""
 
 KEY = "calib"
-"""Names the entry of a Parquet file's metadata that says the same."""
+"""Names the entry of a Parquet file's metadata with the same."""
 
 SENSOR = "sensor"
-"""Column that says which sensor measured a row."""
+"""Column that names the sensor of a row."""
 
 _ROW = "\0row"  # column with the number of each row, counted below the header from 1
 _NUMBER = r"^\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*$"
@@ -63,7 +63,7 @@ class Source:
 
     label: str  # what errors call it
     table: pl.DataFrame  # text from CSV; with numbers of the rows
-    # what the file says of all its rows, see `write_table`
+    # what holds for all rows, see `write_table`
     about: Document
 
     @property
@@ -101,7 +101,7 @@ class Source:
         return self.table.select(list(names))
 
     def texts(self, name: str) -> list[str]:
-        """Read a column as text, "" where nothing stands."""
+        """Read a column as text, "" where it is empty."""
         cells = self.read([name])[name].cast(str).fill_null("")
         return cells.str.strip_chars().to_list()
 
@@ -109,7 +109,7 @@ class Source:
         """Read a column of times (n,) [s]: numbers, or dates as text; NaN where it has neither.
 
         Numbers are in the unit that the column's name states; without it, those of a clock that
-        counts from 1970 tell theirs by their size.
+        counts from 1970 show theirs by their size.
         """
         import polars as pl
 
@@ -152,7 +152,7 @@ class Source:
 def open_source(path: str | os.PathLike[str] | Source) -> Source:
     """Read a CSV or Parquet file.
 
-    `-` reads CSV from standard input.  A table that is open stays as it is, so that a pipe, which
+    `-` reads CSV from standard input.  An open table is returned itself, so that a pipe, which
     can be read only once, serves several readers.
     Raises LogError if there is no such file, or no header in it.
     """
@@ -206,7 +206,7 @@ def _content(file: Path, label: str) -> bytes:
 
 
 def _parse(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
-    """The rows of a CSV or Parquet file, and what it says of itself."""
+    """The rows of a CSV or Parquet file, and its description of itself."""
     import polars as pl
 
     try:
@@ -231,7 +231,7 @@ def _parse(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
 
 
 def _read_text(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
-    """The rows of a CSV file, and what it says above its header."""
+    """The rows of a CSV file, and the line above its header."""
     import polars as pl
 
     if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
@@ -280,7 +280,7 @@ def _refuse_long_rows(content: bytes, separator: str, label: str) -> None:
 
 
 def _with_points(table: pl.DataFrame) -> pl.DataFrame:
-    """A table whose decimals have commas, with points; any other as it is."""
+    """A table whose decimals have commas, with points; any other unchanged."""
     import polars as pl
 
     number = r"^\s*[-+]?\d*{}\d+(?:[eE][-+]?\d+)?\s*$"
@@ -349,7 +349,7 @@ def write_table(
     frame = pl.DataFrame(dict(columns))
     document = json.dumps(about, sort_keys=True) if about else ""
     if Path(path).suffix.lower() in PARQUET:
-        # by way of memory: what Polars says of a full disk is no OSError
+        # by way of memory: Polars' error of a full disk is no OSError
         content = io.BytesIO()
         frame.write_parquet(
             content, metadata={KEY: document} if document else None

@@ -1,7 +1,7 @@
 """Deviations of an arm from its drawing, and how far each moves the tip.
 
-Motions of the tip that several parameters share are told once: a minimal set of parameters, in
-the order of `_ORDER`, stands for all others (zeros before turned origins, lengths before shifts).
+Motions of the tip that several parameters share are reported once: a minimal set of parameters, in
+the order of `_ORDER`, represents all others (zeros before turned origins, lengths before shifts).
 """
 
 from collections.abc import Iterator
@@ -149,7 +149,7 @@ def _motions_of_tip(model: Model, body: Body) -> Array:
 def _moving(indices: Index, sizes: Array, units: NDArray[np.str_]) -> Index:
     """Of parameters those that move the tip as others of their unit do.
 
-    One that hardly moves it would stand for others with hundreds of times their values.
+    One that hardly moves it would represent others with hundreds of times their values.
     """
     largest = {unit: sizes[indices[units == unit]].max() for unit in units}
     least = [SETTINGS.hardly * largest[unit] for unit in units]

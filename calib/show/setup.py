@@ -1,4 +1,4 @@
-"""Setup: what stands around an arm and what it carries: camera, board, sensor frame."""
+"""Setup: what is around an arm and what it carries: camera, board, sensor frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from ..recording.rig import HandEye, frame_of, rig_of_model
 from .workspace import extent
 
 SENSOR = "sensor frame"
-"""Name of the frame that positions are told in."""
+"""Name of the frame of positions."""
 
 _FRUSTUM = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1))
 _OUTLINE = ((0, 1), (1, 2), (2, 3), (3, 0))

@@ -198,7 +198,7 @@ def _rows_of_training(model: Model) -> StudiedRows | None:
     """Fresh samples of a simulation, or the rows that are kept of a log; None without any."""
     simulation = simulation_of(model)
     if simulation is not None:
-        # the points that its errors in `train` and `info` are of
+        # the points of its errors in `train` and `info`
         q, x = fresh_points(simulation, model.about.seed)
         held_out = x - model.forward(q)
         rng = np.random.default_rng(model.about.seed)

@@ -96,11 +96,11 @@ def adapt(
 
 
 def _improvement(result: calib.Adaptation, path: str, rows: str) -> list[str]:
-    """Say how much better the new model is, what changed, and what limits it."""
+    """Report how much better the new model is, what changed, and what limits it."""
     before, after = _errors(result)
     lines = [f"{path}: {before} before, {after} after, {rows}"]
     for change in result.changed:
-        if change.cause != "unknown":  # which a note has told
+        if change.cause != "unknown":  # which a note has reported
             lines.append(f"changed: {change.words}")
     limit = "limited by noise; more rows help most"
     if result.coverage < 0.9:  # rows at random miss some of it, too

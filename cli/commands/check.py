@@ -72,7 +72,7 @@ def check(
 
 
 def _verdict(verdict: calib.Verdict, adapt: str) -> list[str]:
-    """Say what the rows tell, what to do, and what limits the answer."""
+    """Report what the rows show, what to do, and what limits the answer."""
     limit = (
         f"limited by noise: these {verdict.samples} rows show changes from "
         f"{with_unit(verdict.smallest, verdict.unit)} on; more rows show smaller ones"

@@ -74,7 +74,7 @@ def correct(
     }
     answered = finite_rows(result.q)
     refused = result.exceeded.any() and not answered.any()
-    # of changes that are all beyond the limit their sizes are told
+    # where all changes are beyond the limit, their sizes are reported
     shown = np.flatnonzero(answered if answered.any() else result.reachable)
     change = {}
     sizes = []

@@ -90,8 +90,8 @@ def evaluate(
 
 
 def _warnings_of_log(result: calib.Evaluation) -> list[str]:
-    """Say in one line that the rows of a log miss a model's own bound far too often."""
-    if result.bound_holds is not False:  # or too few rows say nothing
+    """State in one line that the rows of a log miss a model's own bound far too often."""
+    if result.bound_holds is not False:  # or there are too few rows
         return []
     return [
         f"THE BOUND DOES NOT HOLD: the model does not hold for this log, its 95 % bound covers "
@@ -100,7 +100,7 @@ def _warnings_of_log(result: calib.Evaluation) -> list[str]:
 
 
 def _standard(model: calib.Model, log: calib.Samples | None) -> Iso9283:
-    """Test the poses of a log by the standard, and say where it falls short."""
+    """Test the poses of a log by the standard, and report where it falls short."""
     from calib.use.iso9283 import iso9283
 
     if log is None:

@@ -145,7 +145,7 @@ def export(
 
 
 def _c_header(path: str, text: str, tables: int, *, single: bool) -> File:
-    """The C header, whose tables have so many bytes."""
+    """The C header, and the size of its tables in bytes."""
     kind = "float" if single else "double"
     sizes = f"tables of {tables / 1024:.1f} kB, {len(text) / 1e3:.0f} kB text"
     # names of joints may hold any letter, a C99 compiler need not take them in comments

@@ -185,7 +185,7 @@ def _check_pictures(
 
 
 def _noise(rows: Samples) -> str:
-    """The noise that pictures told, in words; none where they did not."""
+    """The noise of pictures, in words; none where they show none."""
     factor, unit = for_people(rows.unit)
     noise = factor * float(rows.source["noise"])
     return f", noise {noise:.2g} {unit}" if noise else ""

@@ -157,7 +157,7 @@ def plan(
 
 
 def _flange_poses(rig: str, output: str, count: int, seed: int) -> Outcome:
-    """Write flange poses that tell most of what a rig left open."""
+    """Write the flange poses that best determine what a rig left open."""
     import numpy as np
 
     from calib.arm.rotations import quaternion_of

@@ -83,7 +83,7 @@ def _result(name: str, setting: Setting, folder: Path) -> tuple[str, Result]:
 def _text(table: Table) -> TextTable:
     rows = [[_cell(value) for value in row] for row in table.rows]
     words = sum(isinstance(value, str) for value in table.rows[0])
-    # small lattices have no numbers of the paper beside theirs
+    # small lattices have no numbers of the paper to compare with
     filled = [
         k for k in range(len(table.header)) if any(row[k] for row in rows)
     ]

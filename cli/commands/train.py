@@ -170,7 +170,7 @@ def _check_sources(
 
 
 def _outcome(model: calib.Model, path: str) -> Outcome:
-    """Say how well a model does that was written to a file."""
+    """Report how well a model does that was written to a file."""
     from calib.use.evaluate import as_made
 
     about = model.about
@@ -213,7 +213,7 @@ def _check_same_origin(path: str, log: calib.Samples) -> None:
         old = calib.load(path)
         origin = (log.arm.urdf if log.arm else "", bool(log.simulation))
         if origin == (old.about.urdf, old.about.source == "simulation"):
-            # the first row tells logs apart
+            # the first row distinguishes logs
             first = None if old.rows is None else old.rows.q[:1]
             if first is None or np.array_equal(first, log.q[:1]):
                 return

@@ -79,7 +79,7 @@ class Canvas:
         return drawn
 
     def place(self, path: str, transforms: Array) -> None:
-        """Put what is below a path where a transform (4, 4) says, or move it through many."""
+        """Place what is below a path by a transform (4, 4), or move it through many."""
         first = transforms if transforms.ndim == 2 else transforms[0]
         self.places[path] = first.T.ravel().tolist()
         if transforms.ndim == 3 and np.ptp(transforms, axis=0).max() > 1e-9:

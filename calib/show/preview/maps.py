@@ -1,4 +1,4 @@
-"""Maps of a scene: both lattices, the links between them, and the words beside them."""
+"""Maps of a scene: both lattices, the links between them, and their labels."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LINK = "#2f9e44"
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """The box beside the workspace in which the joints' ranges are drawn."""
+    """The box next to the workspace in which the joints' ranges are drawn."""
 
     corner: Array  # (3,), where every joint is at the lower end of its range
     edges: Array  # (k, 3), where the first two or three joints lead, over their whole range
@@ -47,7 +47,7 @@ class Panel:
 def draw_maps(
     canvas: Canvas, model: Model, places: Array, panel: Panel, scale: ErrorScale
 ) -> None:
-    """Draw both maps, coloured by their errors; of arms in space they are off until asked for.
+    """Draw both maps, coloured by their errors; of arms in space they are off until chosen.
 
     places : (nodes, 3), of the sensory map
     """

@@ -1,4 +1,4 @@
-"""Scene: an arm or a rig with what stands around it, its rows, its bound and its maps, in layers.
+"""Scene: an arm or a rig with its surroundings, its rows, its bound and its maps, in layers.
 
 What is to be drawn is a `Subject`, found from a model and a log; `data_of_model` decides where the
 camera stands and has one function after the other draw its layer on a `Canvas`.
@@ -62,7 +62,7 @@ class Subject:
     placements: list[Placement]  # of each sensor
     motion: Motion
     things: list[Thing]  # camera, board, sockets, frames
-    robot: Robot | None  # None where no URDF says what to draw
+    robot: Robot | None  # None without a URDF to draw
     poses: dict[str, Array]  # (frames, 4, 4) of each link of the robot
 
     @classmethod
@@ -229,7 +229,7 @@ def _draw_rows(
     front: Array,
     scale: ErrorScale,
 ) -> None:
-    """Draw the rows that a sensor measured; of a simulation, whose maps tell more, on demand."""
+    """Draw the rows that a sensor measured; of a simulation, whose maps show more, on demand."""
     if study.rows is not None:
         about = study.model.about
         layer = f"Rows {about.sensor}".strip()

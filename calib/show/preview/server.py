@@ -149,7 +149,7 @@ class _Server(ThreadingHTTPServer):
 
 class _Handler(BaseHTTPRequestHandler):
     server: _Server
-    timeout = 5.0  # a connection that says nothing for so long is closed [s]
+    timeout = 5.0  # a connection that is silent for this long is closed [s]
 
     def do_GET(self) -> None:
         """Send the page."""

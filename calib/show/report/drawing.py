@@ -101,7 +101,7 @@ def colour_bar(
     label: str,
     scale: ErrorScale | None = None,
 ) -> None:
-    """Add a bar that tells what the colours mean, with the ticks of a scale of errors."""
+    """Add a bar with the meaning of the colours, with the ticks of a scale of errors."""
     bar = figure.colorbar(
         image, ax=axes, label=label, location="bottom", pad=0.02, aspect=30
     )
@@ -129,7 +129,7 @@ def draw_lattice(
 
 
 def to_svg(figure: Figure, name: str, words: str) -> str:
-    """Return a figure as SVG for a page; `words` say what it shows."""
+    """Return a figure as SVG for a page; `words` describe it."""
     svg = to_file(figure, "svg").decode("utf-8")
     svg = svg[svg.index("<svg") :]
     for ink, page in _OF_PAGE.items():

@@ -55,7 +55,7 @@ def accuracy(study: Study) -> Figure | None:
 def causes(study: Study) -> Figure | None:
     """What is off: each deviation by how far it moves the tip, with its interval."""
     largest = study.certain[: SETTINGS.deviations]
-    if study.suffix or not largest:  # told with the first sensor
+    if study.suffix or not largest:  # shown with the first sensor
         return None
     names = [deviation.words for deviation in largest]
     sizes = []
@@ -186,7 +186,7 @@ def coverage(study: Study) -> Figure | None:
 
 
 def joints(study: Study) -> Figure | None:
-    """What rows say of each joint's error, with the learned error curve and its band."""
+    """Each joint's error by the rows, with the learned error curve and its band."""
     rows = study.rows
     body = study.model.body
     about = study.model.about
@@ -200,7 +200,7 @@ def joints(study: Study) -> Figure | None:
     offsets = structure.groups["offset"]
     slope = structure.linearise(q, body.beta, offsets)[1]
     levers = np.linalg.norm(slope[:, : structure.blocks[0]], axis=1)
-    # a tip on a joint's axis says nothing of that joint: its errors were told as 40 rad
+    # a tip on a joint's axis shows nothing of that joint: its errors were given as 40 rad
     moves = levers.max(axis=0) > SETTINGS.hardly * levers.max()
     turning = np.flatnonzero(np.asarray(structure.revolute) & moves).tolist()
     if not turning:

@@ -56,7 +56,7 @@ def figure_of(figure: Figure, name: str, caption: str) -> str:
 
 
 def text_of(text: str) -> str:
-    """A text for the page; what stands in backticks is typed, no number has an exponent."""
+    """A text for the page; code is in backticks, no number has an exponent."""
     text = re.sub(
         r"\d[\d.]*e[-+]\d+", lambda match: number(float(match[0]), 2), text
     )

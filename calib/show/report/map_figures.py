@@ -93,7 +93,7 @@ def _u_matrices(maps: Map | Association) -> Figure:
     for ax, (name, som) in zip(axes, parts.items(), strict=True):
         shape = som.lattice.shape
         if len(shape) == 1:
-            # a graph: its nodes have no place but where they stand
+            # a graph: its nodes have no place but their own
             x, y = _two_coordinates(ax, som, name).T
             shown = ax.scatter(x, y, 4, som.spacings, linewidths=0.0)
             colour_bar(

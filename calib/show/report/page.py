@@ -293,7 +293,7 @@ def _report_rig(rig: HandEye, path: FilePath) -> str:
 
 
 def verdict_of_rig(rig: HandEye) -> str:
-    """Where what is carried and what stands still are, with intervals, in a sentence each."""
+    """The places of what is carried and of what is at rest, with intervals, in a sentence each."""
     sentences = []
     for line in rig.lines()[:2]:
         words = re.sub(r", quaternion \(.*\) ±", ", turned ±", line.strip())

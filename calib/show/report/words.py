@@ -14,7 +14,7 @@ from ..study import Study
 
 def verdict(studies: Sequence[Study]) -> str:
     """What changed, how accurate the model is for each sensor, and the arm as delivered."""
-    # an adaptation is of all sensors
+    # an adaptation covers all sensors
     changes = dict.fromkeys(_changes(study) for study in studies)
     sentences = list(filter(None, changes))
     for study in studies:
@@ -25,7 +25,7 @@ def verdict(studies: Sequence[Study]) -> str:
 
 
 def _changes(study: Study) -> str:
-    """What a log says of the arm, or what an adaptation has learned."""
+    """What a log shows of the arm, or what an adaptation has learned."""
     verdict = study.evaluation.verdict
     history = study.model.history
     if verdict is not None:
@@ -34,7 +34,7 @@ def _changes(study: Study) -> str:
     elif history:
         start = "Since it was learned: "
         words = [str(change["words"]) for change in history[-1]["changed"]]
-        # the model's own intervals stand below: those of the log are wider
+        # the model's own intervals follow below: those of the log are wider
         words = [re.sub(r" ± [\d.]+", "", text) for text in words]
     else:
         return ""
@@ -68,7 +68,7 @@ def _noise(study: Study) -> list[str]:
         return []
     bound = float(np.median(bounds))
     evaluation = study.evaluation
-    # else the rows do not tell noise and errors of the model apart
+    # else the rows do not distinguish noise and errors of the model
     is_smaller = bound < evaluation.within.get("p95", 0.0)
     if not (is_smaller and evaluation.bound_holds):
         return []
