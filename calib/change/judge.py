@@ -168,7 +168,9 @@ def _verdict_on_body(
     evidence = replace(evidence, explanations=explanations)
     # touches have no order of their own
     if rows.cause is None and (evidence.fired or tests.noisier):
-        step = find_step(evidence.best, logged_observations, logged.u)
+        step = find_step(
+            evidence.best, logged_observations, logged.u, noise.system.noisy
+        )
         if step is not None:
             evidence = replace(evidence, step=int(logged.log.rows[step]))
     evidence = with_orientations(evidence, systems, correlation_time)

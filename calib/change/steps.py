@@ -27,7 +27,7 @@ from .explanation import Explanation
 from .noise import FALSE_ALARM, sd_of_changes
 from .rows import LEAST_ROWS, OUTLIER, Observations
 from .significance import neighbours_apart_in_time
-from .system import SYSTEM, Nuisance, System
+from .system import SYSTEM, NoisyJoint, Nuisance, System
 
 
 @dataclass(frozen=True)
@@ -55,20 +55,24 @@ class _Step(NamedTuple):
 
 
 def find_step(
-    explanation: Explanation, observations: Observations, u: Array
+    explanation: Explanation,
+    observations: Observations,
+    u: Array,
+    noisy: NoisyJoint | None,
 ) -> int | None:
     """The first of the rows after a change within a log, None where there may be none.
 
     explanation : the best of the whole log
     observations : all rows of the log, in the order of time
     u : (n, dof), their joints in the unit box
+    noisy : a joint whose encoder is noisy: its few large rows are no step
     """
     rows = spread_rows(len(u), SYSTEM.rows)
     starts = _starts(u[rows])
     if not len(starts):
         return None
     reference = replace(explanation.reference, beta=explanation.beta)
-    system = System(reference, observations.some(SYSTEM.rows))
+    system = System(reference, observations.some(SYSTEM.rows), noisy)
     # rows that contradict all others count for little
     limit = OUTLIER * float(np.median(np.abs(system.y)))
     y = np.clip(system.y, -limit, limit)
