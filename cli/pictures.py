@@ -110,7 +110,7 @@ def need_joints(source: str, joints: object) -> None:
 
     if joints is None and not is_dataset(source):
         raise BadOption(
-            "--joints-file FILE is missing: pictures need the joints beside them"
+            "--joints-file FILE is missing: pictures need the arm's joints"
         )
 
 

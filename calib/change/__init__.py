@@ -5,7 +5,7 @@ In the order of `judge`, each file after those that it needs::
     causes        what may have changed, by how much, in which words
     frame         the old belief in the frame of the log
     rows          those of a log that count, and that do not contradict all others
-    system        these beside a belief, linear in all that may have changed
+    system        these against a belief, linear in all that may have changed
     noise         its size, that of one encoder, and a joint's play
     significance  which group of parameters explains more than chance, and how the bound holds
     explanation   a set of causes fitted to the log, and the posterior under it

@@ -104,7 +104,7 @@ def adapt(
 
 
 def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
-    """The belief of the verdict as a model, where held-out rows say that it is better."""
+    """Return the verdict's belief as a model, where held-out rows show that it is better."""
     update = verdict.update
     evidence = verdict.evidence
     if update is None or evidence is None:
@@ -149,7 +149,7 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
 def _without_model(
     verdict: Verdict, evidence: Evidence, update: Update
 ) -> Adaptation:
-    """What the update says of the rows, before there is a model of it."""
+    """Notes of the update on the rows, before there is a model of it."""
     if evidence.is_attributed:
         correction = update.explanation.name
         kept = _groups_kept(evidence, update.explanation.groups)

@@ -46,7 +46,7 @@ class AdaptationSettings:
     wide: float = 0.5
     # cells along each joint, for the share of the range that a log measured
     cells: int = 5
-    # imagined samples that tell what is usual after an adaptation
+    # imagined samples that set what is usual after an adaptation
     baseline: int = 6000
     # rows that the readouts are evaluated on
     evaluated: int = 500
@@ -77,19 +77,19 @@ class Adaptation:
     correction : str
         What was corrected, in words.
     changed : tuple of Cause
-        What changed, as `check` says of the same log.
+        What changed, as `check` reports of the same log.
     kept : tuple of str
         What was left as it was.
     coverage : float
         Share of the learned range that the log measured.
     notes : tuple of str
-        What the user should be told.
+        Notes for the user.
     everywhere : bool
-        Whether the rows span the learned range; otherwise `improved` speaks of their own region.
+        Whether the rows span the learned range; otherwise `improved` concerns their own region.
     left_out : int
         Rows of the log that are wrong, or outside of what the model has learned.
     verdict : Verdict or None
-        What the log says of the old model.
+        The verdict of the log on the old model.
     """
 
     model: Model
@@ -112,7 +112,7 @@ class Adaptation:
         return replace(self, notes=(*self.notes, note))
 
     def __repr__(self) -> str:
-        """Say in two lines whether it helped, and what was corrected."""
+        """Summarise in two lines whether it helped, and what was corrected."""
         verdict = (
             "improved" if self.improved else "not improved, the old model stays"
         )
@@ -244,7 +244,7 @@ def _baseline(model: Model, learned: MeasuredRows, distance: Array) -> Baseline:
 def _event(
     improved: Adaptation, method: str, frame: Alignment | None
 ) -> Document:
-    """What the history of a model keeps of an adaptation, beside what the model was before."""
+    """The record of an adaptation in a model's history, next to what the model was before."""
     old = improved.model  # still the old one
     about = old.about
     usual = about.errors.get(old.default_readout)
@@ -270,7 +270,7 @@ def _event(
 
 
 def _errors(model: Model, rows: LogRows, residual: Array) -> ErrorTable:
-    """Errors of all readouts; held-out residuals (k, m) tell those of the default one."""
+    """Errors of all readouts; held-out residuals (k, m) give those of the default one."""
     readout = model.default_readout
     evaluated = spread_rows(len(rows), ADAPTING.evaluated)
     motion = Motion(rows.q[evaluated])

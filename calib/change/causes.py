@@ -30,7 +30,7 @@ without noise."""
 ANYWHERE = 20.0
 CALM_WAVES = 0.7
 WAVE_SIZES = (CREEP_WAVES, CALM_WAVES, 4.0)
-"""Joints' waves, of unknown size, that a log may show beside every change: sd of their curves, over
+"""Joints' waves, of unknown size, that a log may show besides any change: sd of their curves, over
 that of its prior.  With the least alone, waves of 2 mrad along a line were taken for lengths and a
 lens.  Each is as likely before: a prior uniform in the logarithm of a size (Jeffreys).  An arm that
 has not changed may show calm ones: .25 mrad are what a model of 400 rows had not learned of a real
@@ -49,7 +49,7 @@ class Cause:
     cause: str
     group: str  # of parameters, such as ``"view.rotation"`` or ``"offset"``
     words: str  # the change in words
-    # size of the change, None where no number tells it
+    # size of the change, None where it has no number
     value: float | None = None
     interval: tuple[float, float] | None = None  # 95 % interval of the value
     unit: str = ""  # unit of the value
@@ -73,7 +73,7 @@ class Group(NamedTuple):
     freed: float  # of one that has changed
     creep: float = 0.0  # between two logs of an arm that has not
     built: float = 0.0  # of an arm as it was built, from its drawing
-    # of what an adaptation leaves as it was; "" where that is not told
+    # of what an adaptation leaves unchanged; "" without a note
     kept: str = ""
     changed: str = "{name} changed by {size}"
     whole: bool = False  # whether all of its parameters are one cause
@@ -128,7 +128,7 @@ GROUPS = {
         creep=1e-4,
         built=1e-3,
         kept="the joints' gains",
-        changed="{joint} moves {size} further than it says",
+        changed="{joint} moves {size} further than its encoder reads",
     ),
     "coupling": Group(
         freed=0.03,
@@ -207,7 +207,7 @@ SETS = (
 def single_causes(
     structure: Structure, cause: str | None = None, waves: Indices | None = None
 ) -> dict[str, Indices]:
-    """Return the parameters of each cause that may stand alone.
+    """Return the parameters of each cause that may occur alone.
 
     cause : {"sensor", "joints", "offsets"}, if it is known that only these may have changed;
         "offsets" are the joints' zeros and the frame
@@ -310,8 +310,8 @@ def as_built(body: Body) -> Body:
     if isinstance(structure, SpatialStructure):
         sd[structure.shifts[0]] = 0.0
         sd[structure.turns[0]] = 0.0
-    # What the samples left open stays correlated: along the gauge of a chain without a drawing,
-    # deviations alone, of radians, would say that nothing was learned.
+    # What samples did not determine stays correlated: along the gauge of a chain without a drawing,
+    # deviations alone, of radians, would look as if nothing was learned.
     wrong = np.flatnonzero(sd)
     body = replace(body, second=None)
     return body.with_covariance(wrong, np.diag(sd[wrong] ** 2))
@@ -368,7 +368,7 @@ def _sd_of_groups(
             most = np.where(is_turn, TURN, SHIFT)
             prior = structure.prior((name,)).sd[indices]
             sd[indices] *= np.minimum(prior, most)
-    # what a free frame already says: the first length
+    # what a free frame already covers: the first length
     loose = np.isin(lengths, body.active)
     if loose[1:].any() and not loose[0]:
         sd[lengths[0]] = 0.0

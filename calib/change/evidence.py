@@ -1,6 +1,6 @@
 """Evidence: the tests, the bound and the explanations of a log, weighed together.
 
-Orientations say how the tool is turned beside them.
+Orientations then show how the tool is turned.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class EvidenceSettings:
     discrete: float = 2.0
     # sizes of a change that no cause names, over what the rows are missed by
     unnamed: tuple[float, ...] = (1.0, 2.0, 4.0)
-    # most rows that tell how the tool is turned
+    # most rows used to find how the tool is turned
     tool_rows: int = 600
 
 
@@ -57,7 +57,7 @@ EVIDENCE = EvidenceSettings()
 
 @dataclass(frozen=True)
 class ToolTurn:
-    """How the tool of a log is turned, beside what a belief says."""
+    """How the tool of a log is turned, relative to a belief."""
 
     # statistic over its threshold; 0 where nothing can be compared
     score: float = 0.0
@@ -97,7 +97,7 @@ def tool_turn(
     """Compare orientations with those that parameters (d,) predict.
 
     deviation : (d,), standard deviations of the parameters, which may turn the tool, too; the
-        sensor may be turned then: positions tell that less well
+        sensor may be turned then: positions show that less well
     """
     from scipy.special import chdtri
 
@@ -131,7 +131,7 @@ def tool_turn(
 def _fit_to_poses(
     rows: LogRows, orientation: Array, structure: Structure, prior: Prior
 ) -> Fit:
-    """The parameters by the rows' orientations; of their positions nothing is asked."""
+    """The parameters by the rows' orientations alone, without their positions."""
     turns = logarithm(matrix_of(orientation))
     poses = np.hstack([rows.x, turns])
     floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)
@@ -143,7 +143,7 @@ def _fit_to_poses(
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What a log says of a belief.
+    """The evidence of a log about a belief.
 
     Its properties follow from one another in their order; those below `best` need explanations.
     """
@@ -170,7 +170,7 @@ class Evidence:
 
     @property
     def test_score(self) -> float:
-        """Largest score of what says that something changed, above 1 if it did."""
+        """Largest score of the tests for a change, above 1 if something changed."""
         score = max(self.tests.score, self.bound.test.score)
         if self.reference.has_discrete_cause:
             score = max(score, EVIDENCE.discrete)
@@ -207,7 +207,7 @@ class Evidence:
 
     @cached_property
     def is_one_place(self) -> bool:
-        """Whether the tip hardly moves beside what the mean of the rows leaves to the noise."""
+        """Whether the tip hardly moves compared with the noise of the rows' mean."""
         predicted = self.rows.predicted
         moved = median_length(predicted - np.median(predicted, axis=0))
         noise = median_length(self.best.residual) / math.sqrt(len(predicted))
@@ -252,7 +252,7 @@ class Evidence:
 
     @cached_property
     def tool(self) -> ToolTurn:
-        """How the tool is turned beside the best explanation of the positions, as far as sure."""
+        """How the tool is turned given the best explanation of the positions, as far as sure."""
         structure = self.reference.structure
         if self.is_attributed:
             best = self.best
@@ -319,7 +319,7 @@ def with_orientations(
 
 
 def _by_orientations(evidence: Evidence) -> tuple[Explanation, ...]:
-    """The explanations, first the best change by which the tool stands as it should."""
+    """The explanations, first the best change that explains the tool's turn, too."""
     structure = evidence.reference.structure
     changes = [e for e in evidence.explanations if e.causes]
     least = evidence.best.evidence - MARGIN

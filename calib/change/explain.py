@@ -51,7 +51,7 @@ class SearchSettings:
     # nats by which one more cause must better the evidence: without it waves of 8 mrad in a corner
     # were an offset and a gain
     nats_better: float = 1.0
-    # most times that sets are compared, each where the system is linear anew
+    # most times that sets are compared, each after a new linearisation
     rounds: int = 3
     # most explanations of a round that are fitted to convergence
     fits: int = 8
@@ -84,7 +84,7 @@ def _order(candidate: Candidate | Explanation) -> tuple[float, tuple[str, ...]]:
 
 
 class Information(NamedTuple):
-    """What rows tell of k parameters over their standard deviations, for l sizes of the noise.
+    """Information of rows about k parameters over their sds, for l sizes of the noise.
 
     All is divided by the correlation_time.
     """
@@ -120,7 +120,7 @@ class PlaceOfSet(Place):
 
 
 class Search:
-    """Sets of causes of a log beside a reference.
+    """Sets of causes of a log against a reference.
 
     free_groups : those free in every set: a frame that was fitted to the log, a turned tool
     correlation_time : of the rows; likelihoods are raised to the power 1 / of it
@@ -180,7 +180,7 @@ class Search:
         self.informations: dict[float, Information] = {}
 
     def information(self, wave_size: float) -> Information:
-        """What rows tell, beside waves of a size, of all that may be free."""
+        """Information of rows about all that may be free, given waves of a size."""
         if wave_size not in self.informations:
             self.informations[wave_size] = self._information(wave_size)
         return self.informations[wave_size]
@@ -345,7 +345,7 @@ def explain(
 ) -> tuple[Explanation, ...]:
     """Return sets of causes with their evidence, the best first.
 
-    systems : the log beside the belief as it was, and in the frame that fits the log best where
+    systems : the log against the old belief, and in the frame that fits the log best where
         that is far
     correlation_time : of the rows
     calm : whether no test fired: the causes are not searched then

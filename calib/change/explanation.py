@@ -113,7 +113,7 @@ class Explanation:
 
     @property
     def is_no_change(self) -> bool:
-        """Whether it says that the arm and its sensor are as they were."""
+        """Whether arm and sensor are unchanged in it."""
         return self.wave_size <= CALM_WAVES and not len(self.indices)
 
     @property
@@ -138,7 +138,7 @@ def groups_at(structure: Structure, indices: Indices) -> tuple[str, ...]:
 
 
 def with_least_waves(explanations: Sequence[Explanation]) -> Explanation:
-    """The best, with the least waves that the evidence hardly tells from its own."""
+    """The best, with the least waves that the evidence hardly distinguishes from its own."""
     best = explanations[0]
     least = best.evidence - NATS
     alike = [
@@ -153,7 +153,7 @@ def with_least_waves(explanations: Sequence[Explanation]) -> Explanation:
 class PosteriorSettings:
     """How a posterior is found."""
 
-    # contiguous blocks of rows that are held out in turn, each of which tells a gain
+    # contiguous blocks of rows that are held out in turn, each of which gives a gain
     blocks: int = 5
     # most steps to the best fit
     steps: int = 60
@@ -180,7 +180,7 @@ class Posterior:
     """The posterior of u and w after a log.
 
     residual : (m,), standard deviation of the log's own smooth residual [unit]
-    system : the rows beside the reference
+    system : the rows against the reference
     scale : standard deviation of e, of rows that err together, in `Reference.sizes`
     active : (p,), parameters that u changes
     r : (p, number of u), R

@@ -111,7 +111,7 @@ class Reference:
 
     @property
     def residual_sd(self) -> Array:
-        """Standard deviation (m,) [unit] of the residual that a log may have of its own."""
+        """Standard deviation (m,) [unit] of a log's own residual."""
         least = LEAST_OWN * np.asarray(self.structure.extents)
         return np.maximum(self.body.tau, least)
 
@@ -278,7 +278,7 @@ class _Placement(NamedTuple):
         return not low < self.ratio < high
 
     def cost(self, extent: float) -> float:
-        """The misfit beside that of others: each further freedom must halve what is left."""
+        """The misfit for a comparison: each further freedom must halve what is left."""
         freedom = len(self.sense.causes) + int(self.in_other_unit)
         misfit = max(self.misfit, PLACING.exact * extent)
         return float(misfit / PLACING.better**freedom)
@@ -326,7 +326,7 @@ def _stuck(structure: Structure, beta: Array) -> Iterator[_Sense]:
 def _camera_anew(
     structure: SpatialStructure, old: Array, q: Array, z: Array
 ) -> Array:
-    """Parameters (d,) of a camera that stands anywhere, its lens and the arm as they were."""
+    """Parameters (d,) with a camera that may be anywhere, its lens and the arm unchanged."""
     # brings SciPy's linear algebra
     from ..body.frame_starts import best_frame
     from ..body.rows import Rows

@@ -59,7 +59,7 @@ def judge(
     free: str = "all",
     learn: bool = True,
 ) -> Verdict:
-    """Tell what a log says of a model.
+    """Judge a model by a log.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def _verdict_on_body(
     logged: LogRows, cause: str | None, learn: bool
 ) -> Verdict:
     """The verdict on a model with a body."""
-    # 1. y: the rows beside the belief that a changed arm starts from, in the frame of the log
+    # 1. y: the rows against the belief that a changed arm starts from, in the frame of the log
     prior = as_built(logged.body)
     if cause == "offsets":
         prior = as_drawn(logged.body)
@@ -290,7 +290,7 @@ def check(
 def _episodes(
     model: Model, log: Samples, cause: str | None
 ) -> tuple[Episode, ...]:
-    """The verdict on each series of a log that tells them apart."""
+    """The verdict on each series of a log that names them."""
     if log.episode is None:
         return ()
     episodes: list[Episode] = []

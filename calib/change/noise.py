@@ -1,6 +1,6 @@
 """Noise: its most likely size where all may have changed, one encoder's, and a joint's play.
 
-They are told before any test: as the noise is estimated, a group has the chance of an F test.
+They are estimated before any test: as the noise is estimated, a group has the chance of an F test.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .system import CREEP_SHARE, SYSTEM, NoisyJoint, Nuisance, System
 
 # Share of undisturbed logs for which `check` may call anything changed, after Bonferroni
 FALSE_ALARM = 1e-3
-# Noise over the usual one from which it is told, where it is no chance, and one encoder's is looked
+# Noise over the usual one from which it is reported, if no chance, and one encoder's is looked
 # for: that of a log's body is a Student scale, up to 30 % less than the deviation of series C
 NOISIER = 1.5
 
@@ -42,7 +42,7 @@ class NoiseFit:
     residual: Array
     # of these [rows]: rows that err together count once
     correlation_time: float
-    # degrees of freedom: directions of the rows that tell the noise
+    # degrees of freedom: directions of the rows that determine the noise
     freedom: float
     # whether a joint has a wave, as it may be of an arm that has not changed
     is_wavy: bool = False
@@ -182,7 +182,7 @@ class PlaySettings:
 
     # share of the play that a model knows by which that may be wrong: 20 mrad were learned as 19.1
     play_share: float = 0.1
-    # least share of a joint's rows from either side, or nothing tells its play
+    # least share of a joint's rows from either side that determines its play
     least_share: float = 0.1
     # least share of the squared residuals that a play explains
     least_explained: float = 0.06
@@ -201,20 +201,20 @@ class Play:
     score: float  # above 1 it is no chance, nor an error of what the model knows of it
 
     def taken_up(self, observations: Observations) -> Observations:
-        """The observations of joints where they stand with this play."""
+        """The observations at the joints' true values under this play."""
         q = observations.q - self.half * observations.side
         return replace(observations, q=q)
 
 
 def find_play(noise: NoiseFit, approach: Approach | None) -> Play | None:
-    """Find the joint whose play explains most beside all that may have changed; None for chance.
+    """Find the joint whose play explains most besides all that may have changed; None for chance.
 
-    A joint stands by half its play from where it stands coming from the other side.  Each row has
+    A joint is off by half its play, towards the side from which it came.  Each row has
     f and r, what K does not follow of -slope * side and of the residual::
 
         half = sum f r / sum f^2,    statistic = (sum f r)^2 / sum (f r - mean f r)^2
 
-    noise : of the log, beside all that may have changed
+    noise : of the log, given all that may have changed
     approach : the play that the model knows
     """
     system = noise.system
@@ -230,7 +230,7 @@ def find_play(noise: NoiseFit, approach: Approach | None) -> Play | None:
     # an encoder that is noisy moves the tip along the same slope, to either side
     variance = len(products) * products.var(axis=0) + 1e-300
     statistic = total**2 / (variance * noise.correlation_time)
-    # the model learned its own from rows, too, with an error that the number of these tells
+    # the model learned its own from rows, too, with an error that depends on their number
     statistic /= 1.0 + _rows_beside_training(system)
     may_play = _from_both_sides(side)
     may_play &= half > 0.0

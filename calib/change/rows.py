@@ -1,4 +1,4 @@
-"""Rows: those of a log that count beside a model, with what the model predicts of them."""
+"""Rows: those of a log that are compared with a model, with its predictions."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ class RowSettings:
 
     # share of the positions' spread: rows that are missed by less are not read wrongly
     near: float = 0.1
-    # share of a joint's range below which it is said how little was covered
+    # share of a joint's range below which a note says how little was covered
     corner: float = 0.5
     # spread of rows across, over that of the learned range, from which they are not along a line:
-    # the joints of series C hang together, .29
+    # the joints of series C are correlated, .29
     line: float = 0.2
     # joints all over the learned range at which predictions are compared
     probes: int = 120
@@ -63,15 +63,15 @@ ROWS = RowSettings()
 
 @dataclass(frozen=True, eq=False)
 class LogRows(RowArrays):
-    """Rows of a log beside a model; repeated rows count once."""
+    """Rows of a log with a model's predictions; repeated rows count once."""
 
     model: Model
     log: Samples  # their joints and positions, as they were logged
-    q: Array  # (n, dof), where they stand: with the play that the model knows taken up [rad or m]
+    q: Array  # (n, dof), true values: with the play that the model knows taken up [rad or m]
     unit: str  # unit of the log's positions
     shared: float  # standard deviation that all positions share [unit]
     predicted: Array  # (n, m), positions that the model predicts [unit]
-    bound: Array  # (n,), 95 % bound on each row as the model tells it, infinite for none [unit]
+    bound: Array  # (n,), the model's 95 % bound on each row, infinite for none [unit]
     wrong: int  # rows that contradict the others and were left out
     lost: int  # these, and rows outside of what the model has learned
     notes: tuple[str, ...]
@@ -141,7 +141,7 @@ class LogRows(RowArrays):
         return np.asarray(about.lower + u * (about.upper - about.lower))
 
     def sound(self, sound: Mask) -> LogRows:
-        """Return the rows that do not contradict all others, and say how many do."""
+        """Return the rows that do not contradict all others, and a note on those that do."""
         strays = int(np.count_nonzero(~sound))
         if not strays:
             return self
@@ -155,7 +155,7 @@ class LogRows(RowArrays):
 
 
 def rows_of(model: Model, log: Samples) -> LogRows:
-    """Put a log of at least ten different rows of the same arm beside a model.
+    """Compare a log of at least ten different rows of the same arm with a model.
 
     Raises LogError if the log is not of this arm, too short, or looks wrong.
     Raises ModelError if the model keeps no baseline.
@@ -232,7 +232,7 @@ def different_rows(log: Samples) -> Index:
 def _misreadings(rows: LogRows) -> list[str]:
     """Notes on rows that were read wrongly, and on joints that cover little of their range.
 
-    Units, mirrors, signs and clocks are causes that the judgement itself tells.
+    Units, mirrors, signs and clocks are causes that the judgement itself finds.
     """
     model = rows.model
     log = replace(rows.log, unit=model.about.unit)
@@ -320,7 +320,7 @@ class Observations(RowArrays):
     shared: float = 0.0
 
     def some(self, most: int) -> Observations:
-        """Return at most so many rows, evenly spread."""
+        """Return at most `count` rows, evenly spread."""
         return self.take(spread_rows(len(self.q), most))
 
 

@@ -1,10 +1,10 @@
-"""Significance: F tests of groups of parameters, each beside what an unchanged arm may show.
+"""Significance: F tests of groups of parameters, each given what an unchanged arm may show.
 
 For the columns X of a group and C = K + s^2 I::
 
     d = (X' C^-1 X)^-1 X' C^-1 y,    y' C^-1 X d / k ~ F(k, f)    where nothing changed
 
-k are the directions that the rows tell apart, f the degrees of freedom that they leave to the noise
+k are the directions that the rows determine, f the degrees of freedom that they leave to the noise
 (`Statistics.noise_freedom`).  The noise s is the most likely one where all groups may have
 changed, or where one encoder is noisy: as it is estimated, a group has the chance of an F test.
 """
@@ -36,7 +36,7 @@ from .system import CREEP_SHARE, NoisyJoint, Nuisance, Statistics
 class SignificanceSettings:
     """When something is no chance."""
 
-    # share of logs in which the smallest change that is told would be found
+    # share of logs in which the smallest change that is reported would be found
     power: float = 0.9
     # times the noise of a change that rows have to be able to show: 10 rows of two joints, which
     # hardly tell the noise, show those of 11 to 37 times on, 12 rows 4 times
@@ -59,7 +59,7 @@ LASTING = 10  # rows over which noise may last
 NOISE = "a noisier sensor or encoder, "
 NO_NOISE = "no noise, wrong rows, another sensor's or an unknown change, "
 SHOWN = {"scale": "sensor scale", "tilt": "sensor tilt"}
-"""Groups whose names alone do not say that they are the sensor's."""
+"""Groups whose names do not show that they are the sensor's."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class GroupTest:
     # chance of such rows where nothing changed, after Bonferroni
     p_value: float
     statistic: float = 0.0  # twice the gain in log likelihood
-    freedom: int = 1  # degrees of freedom: directions that the rows tell apart
+    freedom: int = 1  # degrees of freedom: directions that the rows determine
     # [unit], root mean square displacement, over the learned range, of the smallest change of the
     # parameter that these rows show best which they would show nine times in ten
     smallest: float = 0.0
@@ -137,11 +137,11 @@ def groups_of(
 
 @dataclass(frozen=True)
 class FTests:
-    """F tests of columns beside the noise s and K."""
+    """F tests of columns against the noise s and K."""
 
     statistics: Statistics
     noise: float  # s
-    # degrees of freedom: directions of the rows that tell the noise
+    # degrees of freedom: directions of the rows that determine the noise
     noise_freedom: float
     correlation_time: float  # of the rows
     count: int  # tests, of which one may fire by chance
@@ -149,7 +149,7 @@ class FTests:
     def of_groups(
         self, groups: dict[str, Indices], moves: Array
     ) -> list[GroupTest]:
-        """Test groups of the columns; what the rows tell nothing of is left out.
+        """Test groups of the columns; those that the rows do not determine are left out.
 
         moves : (k,), root mean square displacement by one of each parameter [unit]
         """
@@ -172,7 +172,7 @@ class FTests:
 
         moves : (k,), root mean square displacement by one of each [unit]
         """
-        # directions S^-1 V that the rows tell apart, of the matrix S V diag(values) V' S
+        # directions S^-1 V that the rows determine, of the matrix S V diag(values) V' S
         precision = np.diag(matrix)
         scale = np.sqrt(np.maximum(precision, 1e-300))
         values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
@@ -228,7 +228,7 @@ def moves_of(structure: Structure, beta: Array, probes: Array) -> Array:
 def group_tests(noise: NoiseFit, probes: Array) -> GroupTests:
     """Test every group against the belief as the model knows it.
 
-    noise : of the observations beside that belief
+    noise : of the observations under that belief
     probes : (p, dof), joints all over the learned range
     """
     system = noise.system
@@ -260,7 +260,7 @@ class BoundTest:
     beyond: float  # share of them; those that contradict all others are, too
     usual: float  # median of the bounds [unit]
     test: GroupTest  # the chance of so many by noise
-    # whether each row is missed by about as much, and by itself
+    # whether each row is missed by about as much, independently
     may_be_noise: bool
     # whether rows of like joints err alike by most of the scatter
     repeats: bool
@@ -292,7 +292,7 @@ def bound_test(
     shared_variance: Array | float,
     tests: GroupTests,
 ) -> BoundTest:
-    """Count the rows beyond the 95 % bound, beside what a noisier sensor or encoder would do.
+    """Count the rows beyond the 95 % bound, against what a noisier sensor or encoder would do.
 
     rows : n of them that do not contradict all others
     limit : (n,), the bound of each row [unit]

@@ -5,9 +5,9 @@ of some rows on (`significance` has the same for a whole log)::
 
     g = y' C^-1 X (X' C^-1 X)^-1 X' C^-1 y,    g / y' C^-1 y ~ Beta(k / 2, (f - k) / 2)  by chance
 
-with k directions of X, and f of the rows that tell the noise.  C holds whatever may have changed
+with k directions of X, and f of the rows that determine the noise.  C holds all that may have changed
 before the log, and a smooth residual of all that the best explanation leaves: rows whose joints
-were elsewhere, early and late, tell no time.
+were elsewhere, early and late, show no step.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def find_step(
 
 
 def _starts(u: Array) -> Index:
-    """Rows from which on a change may be told, where joints (n, dof) are alike before and after.
+    """Rows from which on a change can be found, where joints (n, dof) are alike before and after.
 
     Along a path without return a change of time is one of place.
     """
@@ -159,7 +159,7 @@ def _steps(
         for indices in causes.values():
             at = np.searchsorted(free, indices)
             block = matrix[np.ix_(at, at)]
-            # directions that no row tells
+            # directions that no row determines
             block[np.diag_indices(len(at))] += 1e-9 * np.trace(block) + 1e-300
             amplitudes = np.asarray(
                 np.linalg.solve(block, vector[at]), dtype=float

@@ -45,7 +45,7 @@ class SystemSettings:
     least_noise: float = 1e-2
     # least usual noise, in `Reference.sizes`: that of an exact model
     exact_noise: float = 1e-3
-    # variance of an axis, over that of the noise, which no test tells
+    # variance of an axis, over that of the noise, that no test can show
     least_variance: float = 1e-10
 
 
@@ -57,7 +57,7 @@ NoisyJoint = tuple[int, float]
 
 
 class System:
-    """Observations beside a reference, in noises: N numbers, of n rows and m outputs.
+    """Observations less a reference, in noises: N numbers, of n rows and m outputs.
 
     y : (N,), residuals
     x : (N, d), columns of all parameters
@@ -128,7 +128,7 @@ class System:
         return residual, self.whiten(columns)
 
     def log_columns(self, sd: Array) -> Array:
-        """Columns (N, r) of what a log shows of its own: a smooth residual, and a shared frame.
+        """Columns (N, r) of a log's own deviations: a smooth residual, and a shared frame.
 
         sd : (m,), standard deviation of the smooth residual [unit]
         """
@@ -148,7 +148,7 @@ class System:
 
 
 def system_of(reference: Reference, observations: Observations) -> System:
-    """The system of at most so many observations as tests need."""
+    """The system of at most as many observations as tests need."""
     return System(reference, observations.some(SYSTEM.rows))
 
 
@@ -156,7 +156,7 @@ def system_of(reference: Reference, observations: Observations) -> System:
 class Statistics:
     """Sufficient statistics of residuals y (N,), columns X (N, k) and K = U diag(v) U'.
 
-    So much is the same whether rows are at hand or were forgotten one by one.
+    This part is the same whether rows are at hand or were forgotten one by one.
     """
 
     count: float  # N

@@ -38,7 +38,7 @@ class UpdateSettings:
     # most rows that are fitted as training fits them: of 10,719 of series A all are as good within
     # .2 %
     rows_of_training: int = 2000
-    # size of what a log may have of its own, times the usual one: with that alone 40 rows of
+    # size of a log's own residual, times the usual one: with that alone 40 rows of
     # another mounting made errors elsewhere 1.25 times as large
     own_residual: float = 4.0
     # score from which a change is beyond doubt: then a belief moves as the usual size says, with
@@ -193,7 +193,7 @@ def _is_trainable(evidence: Evidence, explanation: Explanation) -> bool:
     if evidence.observations.shared:
         return False
     if isinstance(structure, PlanarStructure):
-        # Waves of joints that nobody measured say that it is no arm as drawn; along a line, or in
+        # Waves of joints that nobody measured mean: no arm as drawn; along a line, or in
         # a corner, they would be taken for all else.
         return (
             evidence.score > 1.0
@@ -226,7 +226,7 @@ def _update_by_training(evidence: Evidence, explanation: Explanation) -> Update:
 def _drawn_as_believed(
     structure: PlanarStructure, body: Body
 ) -> PlanarStructure:
-    """The structure of a measured arm whose drawing is what a belief says."""
+    """The structure of a measured arm with a belief as its drawing."""
     old = body.beta
     groups = structure.groups
     drawing = PlanarDrawing(
@@ -243,7 +243,7 @@ def _drawn_as_believed(
 def _as_uncertain(body: Body, best: Explanation, evidence: Evidence) -> Body:
     """The belief with how far explanations are apart that the evidence does not rule out.
 
-    Rows of a joint that did not move, or in a corner, hardly tell lengths from offsets: one of
+    Rows of a joint that did not move, or in a corner, hardly separate lengths from offsets: one of
     them alone was wrong by 2 mm elsewhere, under a bound of .5 mm.  Two causes pay twice for their
     number: of those within 3 nats alone bounds in corners covered 40 %.  Where a change without a
     name is as likely, or a corner's rows scatter more than usual beside the best explanation, the

@@ -1,4 +1,4 @@
-"""The verdict: what a log says of a model."""
+"""The verdict of a log on a model."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Episode:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Verdict:
-    """What a log says of a model.
+    """The verdict of a log on a model.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Verdict:
     score : float
         Largest score of a test: above 1 something changed.
     notes : tuple of str
-        What else the user should be told.
+        Further notes for the user.
     rows : LogRows
         The rows that count, with the model's predictions.
     tests : GroupTests
@@ -61,7 +61,7 @@ class Verdict:
     bound : BoundTest
         The rows beyond the bound, and the chance of so many.
     update : Update or None
-        The belief with what the rows tell, and held-out errors before and after; None for maps
+        The belief updated by the rows, and held-out errors before and after; None for maps
         without a body, and where nothing changed and nothing was to be learned.
     evidence : Evidence or None
         The workings; None for maps without a body.
@@ -132,7 +132,7 @@ class Verdict:
 
     @property
     def fired(self) -> list[GroupTest]:
-        """Those above their threshold, the most telling first."""
+        """Those above their threshold, the most significant first."""
         above = [group for group in self.groups if group.score > 1.0]
         # of scores beyond all numbers the statistic decides
         return sorted(above, key=lambda group: (-group.score, -group.statistic))
@@ -185,7 +185,7 @@ class Verdict:
 
     @property
     def adapts(self) -> bool:
-        """Whether held-out rows say that `adapt` re-calibrates the model."""
+        """Whether held-out rows show that `adapt` re-calibrates the model."""
         return self.update is not None and self.update.improved
 
     @property
@@ -207,7 +207,7 @@ class Verdict:
         )
 
     def __repr__(self) -> str:
-        """Say the verdict, its causes and its notes, a line each."""
+        """The verdict, its causes and its notes, a line each."""
         head = f"Verdict: {self.words}, score {self.score:.3g} (threshold 1), {len(self.rows)} rows"
         return "\n  ".join([head, *self.explanations, *self.notes])
 
@@ -240,7 +240,7 @@ class Verdict:
 
 
 def verdict_on_maps(rows: LogRows) -> Verdict:
-    """The verdict on a model without a body: its rows beside its bound."""
+    """The verdict on a model without a body: its rows against its bound."""
     noise = rows.model.baseline.noise if rows.model.baseline else 0.0
     limit = SHARED_ERRORS * rows.bound
     usual = float(np.median(rows.distance))

@@ -7,7 +7,7 @@ joint's curve.  Their columns X are tested as any group's (`significance`)::
 
 f are the degrees of freedom of the noise, which is estimated with the wave in it.
 
-An encoder's noise differs from row to row where the joint stands alike; a wave does not.
+An encoder's noise differs from row to row at one joint value; a wave does not.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class WaveSettings:
     # standard deviations by which it has to be larger
     clear: float = 2.0
     # share of what a wave does from which another one does the same, and nats by which it has to
-    # explain the rows less: rows in a corner do not tell the waves of 8 and 9 cycles apart
+    # explain the rows less: rows in a corner do not distinguish waves of 8 and 9 cycles
     alike: float = 0.5
     nats: float = 5.0
 
@@ -68,7 +68,7 @@ class Wave:
 def with_waves(noise: NoiseFit) -> NoiseFit:
     """A larger noise less the waves of joints, found one by one, the clearest first.
 
-    A wave has to be no chance beside the noise of one joint's encoder, too.
+    A wave has to be no chance under the noise of one joint's encoder, too.
     """
     if not noise.is_larger:
         return noise
@@ -95,7 +95,7 @@ class WaveFits(NamedTuple):
     matrix: Array  # (w, 2, w, 2), X' C^-1 X
     covariances: Array  # (w, 2, 2)
     amplitudes: Array  # (w, 2), of cosine and sine [rad]
-    # (w,), twice the gain in log likelihood of each beside the noise
+    # (w,), twice the gain in log likelihood of each over the noise
     gains: Array
     # (w,), gain in log likelihood where the noise is what each leaves
     nats: Array
@@ -122,7 +122,7 @@ class WaveFits(NamedTuple):
 
 
 def _fits_of(noise: NoiseFit, x: Array) -> WaveFits:
-    """Fits of columns (N, w, 2) beside a noise."""
+    """Fits of columns (N, w, 2) under a noise."""
     count = x.shape[1]
     columns = x.reshape(len(x), 2 * count)
     statistics = noise.nuisance.statistics(noise.system.y, columns)
@@ -144,7 +144,7 @@ def _fits_of(noise: NoiseFit, x: Array) -> WaveFits:
 
 
 def _clearest_wave(noise: NoiseFit) -> Wave | None:
-    """The wave of the least chance beside a noise, None where that may be chance."""
+    """The wave of the least chance under a noise, None where that may be chance."""
     system = noise.system
     indices = _indices_of_waves(system.reference)
     if not len(indices):

@@ -1,6 +1,6 @@
 """Words: what changed between a model and a log, as causes in numbers and sentences.
 
-What a log cannot tell apart is said with the cause that was named: a sensor that was turned about
+What a log cannot distinguish is reported with the named cause: a sensor that was turned about
 the first joint's axis and that joint's offset; a sensor that shows all larger and longer links.
 """
 
@@ -36,7 +36,7 @@ REPEATING = ", and no noise: rows of like joints err alike"
 class WordSettings:
     """What is worth a word."""
 
-    # standard deviations from which a parameter is said to have changed
+    # standard deviations from which a parameter counts as changed
     clear: float = 2.6
     # share of the largest displacement from which a cause is named
     matters: float = 0.05
@@ -51,7 +51,7 @@ _WHICH = "are the same to this log: give `cause='joints'` or `cause='sensor'` if
 def causes_of(
     evidence: Evidence, play: Play | None
 ) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
-    """Return the causes of a log, the largest first, and notes on what it cannot tell apart.
+    """Return the causes of a log, the largest first, and notes on what it cannot distinguish.
 
     Where nothing changed, more noise, a play and a turned tool are the only causes there may be.
     """
@@ -267,7 +267,7 @@ def _wave(
 def _half_width(evidence: Evidence, best: Explanation, k: int) -> float:
     """Half of the 95 % interval of a parameter's change.
 
-    It holds what the other explanations say that the evidence hardly tells from the best: rows
+    It holds the other explanations that the evidence hardly distinguishes from the best: rows
     that show a sum of two changes do not show each.
     """
     half = Z95 * float(best.deviation[k])
@@ -282,9 +282,9 @@ def _half_width(evidence: Evidence, best: Explanation, k: int) -> float:
 def _of_parameter(
     evidence: Evidence, best: Explanation, k: int, part: Indices
 ) -> Cause:
-    """A cause that one parameter tells.
+    """A cause of one parameter.
 
-    part : all parameters that it tells of
+    part : all parameters that it covers
     """
     label = best.reference.structure.labels[k]
     old = float(evidence.prior.beta[k])

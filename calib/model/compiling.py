@@ -73,7 +73,7 @@ def _check_answers(model: Parts, kernel: Library) -> None:
     expected = model.predictor.value(model.motor.scale.to_unit(q))
     away = np.abs(x - expected)[valid == 1]
     if (away > ALIKE * model.sensory.scale.span).any():
-        raise OptionError("the compiled C does not say the same")
+        raise OptionError("the compiled C does not agree with NumPy")
 
 
 def kernel_for(model: Parts, query: Query, rows: int) -> Library | None:

@@ -192,9 +192,7 @@ def find_board(
         unit, table = next(iter(tables.items()))
         notes.append(f"joints of {table.label} are read as {unit}")
     elif table is None:
-        raise OptionError(
-            "pictures need the joints beside them: expected `joints`"
-        )
+        raise OptionError("pictures need the arm's joints: expected `joints`")
     if not isinstance(table, JointTable):
         table = read_joints(table, names, degrees=degrees, prismatic=prismatic)
     if isinstance(pictures, (str, os.PathLike)):
@@ -329,7 +327,7 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
     hand = hand_poses(poses, in_hand)
     turns = turn_of(hand)
     note = (
-        f"poses are told with the model's lens: of these pictures alone the focal length was "
+        f"poses are computed with the model's lens: of these pictures alone the focal length was "
         f"{growth:+.2%} off it"
     )
     return replace(

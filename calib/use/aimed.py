@@ -88,7 +88,7 @@ def at_point(
     body = None if isinstance(source, Arm) else source.body
 
     def best(q: Array, count: int) -> Index:
-        """Postures (count,) of some (n, dof) that tell most of the arm."""
+        """The postures (count,) of some (n, dof) that are most informative about the arm."""
         if body is None:
             groups = ("tool", "placement", "offset")
             tip = whitened_jacobian(structure, beta, q, groups, AIMING.play)

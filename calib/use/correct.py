@@ -27,7 +27,7 @@ _UNREACHED = np.zeros(1, dtype=bool)
 
 @dataclass(eq=False)  # frozen fields would take as long to set as C to answer
 class Corrected:
-    """Corrected joint values, one row each; what is not asked for is not found."""
+    """Corrected joint values, one row each."""
 
     given: Array  # (n, dof) [rad or m], joint values that are right for the nominal arm
     # (n, dof) [rad or m], what to command; where the real arm cannot get there what comes nearest
@@ -214,7 +214,7 @@ def _by_kernel(model: Model, q: ArrayLike) -> Corrected | None:
         inside = kernel.ask("forward", nearest[0])
         if inside is None or not inside[1]:
             return None
-    # a strict model says no instead of a search
+    # a strict model refuses instead of searching
     reachable = _REACHED if sure == 1 else _UNREACHED
     given = np.array([q], dtype=float)
     return Corrected(given, nearest, reachable, *shared)

@@ -61,16 +61,16 @@ class Evaluation:
         the expected error bounds, of those "answered" (a share, all where it is not there). Empty
         where it is not known.
     notes : tuple of str
-        What the user should be told of the samples.
+        Notes for the user on the samples.
     touch : dict
         Of touches: "scatter" of the tips about their sockets' means, in all and by "points", and
         stated and predicted "distances" [m]. Empty for other samples.
     residuals : Residuals or None
         The errors row by row; None for those of the training.
     learned : int
-        Rows of the log that the model has learned, and which tell nothing of its errors.
+        Rows of the log that the model has learned, and which show nothing of its errors.
     verdict : Verdict or None
-        What a log says of the model, whose rows were evaluated; None of fewer than ten.
+        The verdict of the log on the model, whose rows were evaluated; None of fewer than ten.
     """
 
     errors: ErrorTable
@@ -94,7 +94,7 @@ class Evaluation:
         return holds(self.within, self.rows)
 
     def __repr__(self) -> str:
-        """Say in a line how well each readout predicts."""
+        """Summarise in a line how well each readout predicts."""
         means = (
             f"{readout} {directions['forward']['distance']['mean']:.3g}"
             for readout, directions in self.errors.items()
@@ -115,8 +115,8 @@ def evaluate(
         samples of the simulated arm, and a model of a log repeats the errors on the rows
         that were held out in contiguous blocks while it was trained.
     frame : {"kept", "free"}
-        Whether the sensor's frame is found anew for `samples`, as where a tracker was set up
-        again: "free" gives the errors after that, and says by how much it moved.
+        Whether the sensor's frame is fitted again to `samples`, as where a tracker was set up
+        again: "free" gives the errors after that, and by how much it moved.
 
     Returns
     -------
@@ -144,14 +144,14 @@ def evaluate(
         evaluation = _evaluation(model, residuals, source, left_out)
         return replace(evaluation, touch=scatter)
 
-    # what the model has learned tells nothing of its errors
+    # rows that the model has learned show nothing of its errors
     is_learned = learned_rows(model, samples)
     learned = int(np.count_nonzero(is_learned))
     notes: list[str] = []
     if learned and len(samples) - learned < TESTING.fewest:
         note = (
             f"the model has learned {learned} of these {len(samples)} rows, so that they do not "
-            "tell its errors: those of rows that were held out while it was trained follow"
+            "show its errors: those of rows that were held out while it was trained follow"
         )
         training = as_made(model)
         left_out += training.left_out + len(samples) - learned
@@ -160,7 +160,7 @@ def evaluate(
         )
     if learned:
         notes.append(
-            f"{learned} of these rows were learned by the model and tell nothing of it"
+            f"{learned} of these rows were learned by the model and show nothing of its errors"
         )
         samples = samples.take(~is_learned)
         source += " that were not learned"
@@ -227,7 +227,7 @@ def _residuals(model: Model, samples: Samples) -> Residuals:
 def _evaluation(
     model: Model, residuals: Residuals, source: str, lost: int = 0
 ) -> Evaluation:
-    """The evaluation that residuals tell, beside `lost` rows that were left out before."""
+    """The evaluation of residuals; `lost` rows were left out before."""
     return Evaluation(
         errors=summarise(residuals),
         rows=len(residuals.x),
@@ -241,7 +241,7 @@ def _evaluation(
 def learned_rows(model: Model, samples: Samples) -> Mask:
     """Whether each row of a log (n,) is one that a model has learned.
 
-    A reading has so many digits that no other row has the same.
+    Readings have enough digits that no two rows have the same.
     """
     rows = model.rows
     width = samples.x.shape[1]

@@ -122,7 +122,7 @@ def static_transforms(model: Model) -> list[dict[str, object]]:
 
     The child is the frame that the log names, as a bag does. A camera's frame is optical: x right,
     y down, z ahead. Of a model of pictures of a board both transforms: what is in the hand in
-    the tip's frame, what stands still in the root link's; a board's origin is in its corner.
+    the tip's frame, what is at rest in the root link's; a board's origin is in its corner.
 
     Raises OptionError if the model knows no sensor in space.
     """
@@ -137,7 +137,7 @@ def static_transforms(model: Model) -> list[dict[str, object]]:
     root = parse_robot(about.urdf, about.robot).root
     board = about.options.get("board")
     if board:
-        mount = hand_pose(body)  # of the point that the log tells
+        mount = hand_pose(body)  # of the point in the log
         hand = replace(
             mount, position=mount.position - mount.rotation @ board["point"]
         )

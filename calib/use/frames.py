@@ -1,4 +1,4 @@
-"""Frames: how a sensor's lies to the robot's, and what is assumed where nothing says so."""
+"""Frames: how a sensor's lies to the robot's, and what is assumed where that is unknown."""
 
 from ..common.scale import METRES
 from ..model.alignment import Alignment
@@ -15,7 +15,7 @@ _TOUCHED = "no touch tells the first joint's offset nor where the base stands: b
 
 
 def frame_is_free(model: Model) -> bool:
-    """Whether nothing says how the sensor's frame lies to the robot's root link.
+    """Whether it is unknown how the sensor's frame lies to the robot's root link.
 
     Positions of a simulation are in the root link's plane; those of a log are in the sensor's
     own frame, unless the model was trained with the view "base".
@@ -25,7 +25,7 @@ def frame_is_free(model: Model) -> bool:
 
 
 def assumption(model: Model) -> str:
-    """What is assumed of a model where nothing says how the sensor's frame lies."""
+    """The assumption of a model about an unknown frame of its sensor."""
     # in the base's frame without the option: the arm touched points, there is no sensor
     touched = model.body is not None and model.body.structure.view == "base"
     if touched:

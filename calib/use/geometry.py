@@ -55,10 +55,10 @@ class Geometry:
         )
 
     def offsets(self) -> dict[str, Quantity]:
-        """Return where the nominal arm stands when joints read zero [rad or m].
+        """Return the nominal arm's joint values when the encoders read zero [rad or m].
 
         A turn of a joint's origin about its axis, or a shift along the axis of a joint that
-        slides, is the same as an offset: their sum is told, with the interval of the sum.
+        slides, is the same as an offset: their sum is given, with the interval of the sum.
         """
         offsets = {}
         for k, name in enumerate(self.arm.joint_names):

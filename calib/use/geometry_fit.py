@@ -100,7 +100,7 @@ def fit_geometry(model: Model, *, drawn: bool = False) -> Geometry:
 
     Unknown are the joints' offsets and places (of an arm in space six numbers for each joint
     origin), and with a free frame the sensor's place and, for other units than m, its scale.  The
-    prior settles what the data cannot tell apart, such as an offset and a turned link; the
+    prior settles what the data cannot distinguish, such as an offset and a turned link; the
     intervals hold that freedom.
 
     model : it must have a URDF
@@ -189,7 +189,7 @@ def fit_in_space(
         np.sqrt(covariance[last, last]) >= PRIOR_SHARE * fit.scales["offset"]
     )
     if not simulated and arm.revolute[-1] and untold:
-        # nothing tells the last joint's offset apart from the probe's place
+        # nothing distinguishes the last joint's offset from the probe's place
         covariance[last] = covariance[:, last] = 0.0
         covariance[last, last] = (np.pi / Z95) ** 2
     return Geometry(
@@ -228,7 +228,7 @@ def _spatial_readings(
         view = "rigid"
     seen = structure.with_sensor(view=view)
     if view == "pose":
-        # orientations tell turns of the tool and of the wrist that positions leave open
+        # orientations determine turns of the tool and of the wrist that positions do not
         turns = seen.predict(points.q, body.beta)[:, points.x.shape[1] :]
         return seen, body.beta, np.hstack([points.x, turns])
     return seen, body.beta if structure.view == view else None, points.x
@@ -325,7 +325,7 @@ def _maximum(
 
 
 def _covariance(fit: Fit) -> Array:
-    """Covariance (d, d) of a fit's parameters a, with what no URDF can say.
+    """Covariance (d, d) of a fit's parameters a, with what no URDF can express.
 
     Gears, loads and curves c that it leaves out bend it.  Of the posterior C of both together its
     part of a, and how far a would move if c were fitted, too::

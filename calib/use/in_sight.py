@@ -74,7 +74,7 @@ def in_sight(
         )
 
     def best(q: Array, count: int) -> Index:
-        """Rows (count,) of postures (n, dof) that tell most of the camera."""
+        """Rows (count,) of postures (n, dof) that are most informative about the camera."""
         motions = JointMotions(q, structure.with_sensor(view="pose"))
         return rig.best(motions, count)[0]
 
@@ -146,7 +146,7 @@ def guessed_rig(
 
 
 def rig_of_model(source: Arm | Model) -> ExpectedRig:
-    """The rig of a model of pictures, by its body and what it says of board and lens.
+    """The rig of a model of pictures, by its body, board and lens.
 
     Raises OptionError of others.
     """
@@ -163,7 +163,7 @@ def rig_of_model(source: Arm | Model) -> ExpectedRig:
         body.beta[np.stack([groups["tool.rotation"], groups["view.rotation"]])]
     )
     shifts = body.beta[np.stack([groups["tool"], groups["view.shift"]])]
-    # the tool is the point that logs tell of what is in the hand
+    # the tool is the point of the hand that logs measure
     shifts[0] -= turns[0] @ described["point"]
     hand, view = rigid(turns, shifts)
     base = inverse(view)

@@ -4,8 +4,8 @@ A pose is attained n times at x_j, about its barycentre b.  Commanded was c::
 
     AP = |b - c|,    l_j = |x_j - b|,    RP = mean(l) + 3 sd(l)
 
-A controller that trusts the drawing commands where the drawing says that the joints lead (as
-delivered); one that corrects its joints by the model, where the model says so (as corrected).
+A controller that trusts the drawing commands joints by the drawing's kinematics (as
+delivered); one that corrects its joints, by the model's (as corrected).
 """
 
 from contextlib import suppress
@@ -22,10 +22,10 @@ from ..samples.samples import Samples
 from .wanted import Wanted
 
 POSES = 5
-"""Poses that the standard asks for."""
+"""Poses that the standard requires."""
 
 CYCLES = 30
-"""How often the standard asks to go to each."""
+"""How often the standard requires to go to each."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def _pose_tests(model: Model, samples: Samples) -> tuple[list[PoseTest], int]:
 
 
 def _shortfalls(tests: list[PoseTest], repeated: int) -> list[str]:
-    """Where a test falls short of the standard, of poses of which so many were repeated."""
+    """Where a test falls short of the standard, given its number of repeated poses."""
     cycles = min(test.cycles for test in tests)
     notes = []
     if len(tests) < repeated:

@@ -14,17 +14,17 @@ from .geometry_fit import fit_geometry
 
 # the register `Homing_Offset` holds a sign and eleven bits
 _LARGEST_OFFSET = 2047
-_MOST_DOUBT = math.radians(10.0)  # a zero with a wider interval is not told
+_MOST_DOUBT = math.radians(10.0)  # a zero with a wider interval is not reported
 
 RANGES_MOVE = "the ends of the motors' ranges move with their zeros: drive to them with care"
-"""What whoever writes corrected zeros should be told."""
+"""A note for whoever writes corrected zeros."""
 
 
 def zeros_of(model: Model) -> dict[str, Quantity]:
-    """Return the zeros of the joints that the log tells, with the drawing's geometry trusted.
+    """Return the zeros of the joints that the log determines, with the drawing's geometry trusted.
 
     The first joint's is one with the sensor's frame, the last one's often with a turn of what is
-    in the hand: those are not told.
+    in the hand: those are left out.
     """
     offsets = fit_geometry(model, drawn=True).offsets()
     return {
@@ -39,9 +39,9 @@ def with_corrected_zeros(
 ) -> tuple[str, dict[str, int]]:
     """Return LeRobot's calibration with corrected zeros, and by how many ticks each moved.
 
-    A Feetech motor tells `Present_Position = Actual_Position - Homing_Offset`, whatever its
-    `drive_mode` (huggingface/lerobot, src/lerobot/motors/feetech): a joint that stands `offset`
-    further than it tells needs a homing offset that is so much smaller.  The range stays, since its
+    A Feetech motor reports `Present_Position = Actual_Position - Homing_Offset`, whatever its
+    `drive_mode` (huggingface/lerobot, src/lerobot/motors/feetech): a joint that is `offset`
+    further than it reports needs a homing offset smaller by as much.  The range stays, since its
     middle is the zero.
 
     path : of `calibration.json`

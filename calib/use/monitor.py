@@ -38,7 +38,7 @@ class MonitorSettings:
     # samples that are remembered: older ones fade by a factor of e
     window: float = 200.0
     every: int = 10  # samples between two judgements
-    ahead: int = 2  # samples after one that tell whether it is an outlier
+    ahead: int = 2  # samples after one that show whether it is an outlier
     nodes: int = 20  # of the model's own residual
     # largest autocorrelation from sample to sample that is counted
     most_alike: float = 0.99
@@ -74,7 +74,7 @@ class State(NamedTuple):
     score: float  # largest of a test; 0 while there are too few samples
     # [unit], standard deviation per axis of what no change explains; NaN before it is known
     noise: float
-    # the most telling group of parameters, where one fired
+    # the most significant group of parameters, where one fired
     fired: tuple[str, ...]
     # [samples], by which positions come later than joints: no change of the arm
     delay: float = 0.0
@@ -167,7 +167,7 @@ class Monitor:
 
 
 class _News:
-    """What each sample tells beside those before it.
+    """What each sample adds to those before it.
 
     A share c of the noise is the model's own error, which poses that are near have in common: what
     readings there differ by is the rest.  They know a share s of that error, and s / c is how many
@@ -184,7 +184,7 @@ class _News:
         self._last: tuple[Array, Array] | None = None
 
     def of(self, q: Array, rest: Array) -> Array:
-        """Weights (b,) of samples at joints (b, dof), of 1 for one at a pose of its own.
+        """Weights (b,) of samples at joints (b, dof), of 1 for one at a new pose.
 
         rest : (b, m), residuals over the usual noise, without what a late clock does
         """
@@ -334,7 +334,7 @@ class _Equations:
     def _delay_of(self, y: Array, late: Array) -> float:
         """Delay by the latest samples, residuals (b, m) over what a late clock does (b, m).
 
-        Of least absolute deviations: samples at rest hardly tell it, nor does a wrong detection.
+        Of least absolute deviations: samples at rest hardly change it, nor does a wrong detection.
         """
         size = np.linalg.norm(late, axis=1)
         size = np.maximum(size, 1e-150)
@@ -354,7 +354,7 @@ class _Equations:
         return np.asarray(rest / excess[:, None])
 
     def most_telling(self) -> GroupTest:
-        """The most telling of the tests of all groups."""
+        """The most significant of the tests of all groups."""
         weight = self._weight
         independent = weight**2 / self._squares
         alike = self._alike
@@ -378,7 +378,7 @@ class _Equations:
         usual_square = 2.0 * max(freedom, 1.0) * usual**2
         alike = 1.0 - float(square) / usual_square
         self._alike = min(max(alike, 0.0), MONITOR.most_alike)
-        # each group beside that noise
+        # each group against that noise
         products = Statistics.of_gram(count, gram, self._nuisances)
         tests = FTests(products, size, freedom, 1.0, len(self._groups))
         groups = tests.of_groups(self._groups, self._moves)

@@ -1,4 +1,4 @@
-"""Planning: safe poses to measure, that tell most, in an order that moves the joints little.
+"""Planning: safe and most informative poses, in an order that moves the joints little.
 
 Where a belief of the body is known, each pose shrinks the posterior most (D-optimal, Fedorov 1972;
 for robots Borm and Menq 1991). Else they are as far apart as can (Gonzalez 1985).
@@ -62,7 +62,7 @@ class Plan(ReadOnly):
     why : tuple of str
         How the poses were chosen, in words.
     notes : tuple of str
-        What the user should be told.
+        Notes for the user.
     """
 
     joint_names: tuple[str, ...]
@@ -77,7 +77,7 @@ class Plan(ReadOnly):
     notes: tuple[str, ...]
 
     def __repr__(self) -> str:
-        """Say in lines how many poses there are, how they were chosen, and what to look out for."""
+        """Summarise how many poses there are, how they were chosen, and what to look out for."""
         head = f"Plan of {', '.join(self.joint_names)}"
         return "\n  ".join([head, *self.why, *self.notes])
 
@@ -137,7 +137,7 @@ def plan(
     start : (dof,) array [rad or m], optional
         Where the arm is before the first pose: zero, clipped into the ranges, where not given.
     touch : (x, y, z), optional [m]
-        A point in the base frame that the tip is to touch from all poses: those that tell most.
+        A point in the base frame that the tip is to touch from all poses, the best ones.
     handeye, eye : Pattern or str, {"hand", "base"}, optional
         A board that a camera is to see in all poses, from many sides, as `handeye` takes them.
         At `start` it is in the middle of the picture; the camera in the hand looks along the z
@@ -190,7 +190,7 @@ def plan(
             allowed += f" and above {above:g} m"
         raise OptionError(f"{allowed}; ask for fewer, or allow more")
 
-    # those that tell most, on a short way
+    # the most informative ones, on a short way
     chosen = q[candidates.best(q, n)]
     postures = np.vstack([begin, chosen])
     # by the span alone: the upper end of a whole turn is not its lower end to a cable
@@ -233,17 +233,17 @@ def _plan_of_route(
 def all_over(
     source: Arm | Model, space: PoseSpace, rng: np.random.Generator
 ) -> Candidates:
-    """Postures all over the ranges, of which those that tell most are chosen."""
+    """Postures all over the ranges, of which the most informative are chosen."""
     q = space.candidates(rng)
     if isinstance(source, SpatialArm):
-        # never measured: the prior says what is unknown
+        # never measured: the prior alone counts
         structure = structure_of(source, "rigid")
         frame = ("view.rotation", "view.shift", "tool")
         groups = (*frame, "placement", "offset", "elastic", "curve")
         beta = structure.neutral()
 
         def best(q: Array, count: int) -> Index:
-            """Postures (count,) of some (n, dof) that tell most of the arm."""
+            """The postures (count,) of some (n, dof) that are most informative about the arm."""
             by_pose = whitened_jacobian(
                 structure, beta, q, groups, PLANNING.noise
             )
@@ -283,7 +283,7 @@ def shortest_tour(distances: Array) -> Index:
     """Order points so that the way from the first one through all others is short.
 
     Nearest neighbours first, then 2-opt (Croes 1958: a stretch is turned round) until it gains
-    nothing. The way is open: it does not return.
+    nothing. The way does not return to its start.
 
     distances : (n, n), symmetric; the way starts at row 0
     Returns (n,), a permutation that begins with 0.

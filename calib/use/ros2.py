@@ -32,7 +32,7 @@ _TEMPLATES = {
 def write_ros2_package(model: Model, folder: FilePath) -> list[Path]:
     """Write a package that `colcon build` takes, and return its files.
 
-    Its node corrects whole trajectories, publishes where the sensor (and a board) is, and tells by
+    Its node corrects whole trajectories, publishes where the sensor (and a board) is, and shows by
     diagnostics whether the last minutes' rows still fit the model.
 
     model : with a URDF, which trajectories are corrected from

@@ -27,11 +27,11 @@ class PlanningSettings:
     faces: int = 1000
     # joints of which all corners are candidates
     corners: int = 8
-    # postures that tell which links always meet
+    # postures that show which links always meet
     compared: int = 100
     # share of these in which links meet that are built so
     always: float = 0.9
-    # motion below which a joint's origin stands still [m]
+    # motion below which a joint's origin is at rest [m]
     stands: float = 1e-6
 
 
@@ -97,9 +97,9 @@ class CorrectionSettings:
 class FittingSettings:
     """How the geometry is fitted and written."""
 
-    # nodes of a model without rows, at which it is asked
+    # nodes at which a model without rows is evaluated
     nodes: int = 500
-    # independent answers of maps alone, whose errors hang together: of 500 nodes that were taken as
+    # independent answers of maps alone, whose errors correlate: of 500 nodes that were taken as
     # independent, links' intervals left out the true lengths in 11 of 12 cases, by up to four times
     # their halves
     patches: int = 5

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from .evaluate import Evaluation
 
 _EXACT = 1e-9  # share of the extent below which an error is rounding
-_POINTS = 200  # of the learned range at which the bound is asked
-_UNEVEN = 2.0  # so many times wider in its worst tenth than in its best, a bound tells of few rows
+_POINTS = 200  # of the learned range at which the bound is evaluated
+_UNEVEN = 2.0  # a bound this many times wider in its worst tenth than in its best shows few rows
 _NOISY = 0.7  # of the bound on readings: noise is the larger part where the model's own is smaller
 _MOST = 3  # findings that are printed; `calib info` has all
 
@@ -54,7 +54,7 @@ def accuracy_as_made(model: Model) -> str:
 
 
 def bound_warnings(about: About) -> list[str]:
-    """Say in one line that the rows that a model was tested on contradict its own bound."""
+    """State in one line that the rows that a model was tested on contradict its own bound."""
     if about.bound_holds:
         return []
     rows = "fresh samples" if about.source == "simulation" else "rows held out"
@@ -71,7 +71,7 @@ def bound_warnings(about: About) -> list[str]:
 
 
 def differences_from_drawing(model: Model) -> str:
-    """Return in one line what differs from the drawing, or what a log told without one."""
+    """Return in one line what differs from the drawing, or what a log determined without one."""
     from .geometry_fit import body_with_zeros
 
     about = model.about
@@ -79,7 +79,7 @@ def differences_from_drawing(model: Model) -> str:
     if body is None:
         return "found: no kinematic body under the maps"
     nothing = "an arm of these joints, without a drawing to compare it with"
-    # parts of the lines of `Body.describe` that are left out: calib info tells of both
+    # parts of the lines of `Body.describe` that are left out: calib info has both
     untold = ["`expected_error`", "origin moved"]
     if about.urdf:
         nothing = "nothing that differs from the drawing by more than these rows can show"
@@ -97,7 +97,7 @@ def differences_from_drawing(model: Model) -> str:
 
 
 def _where_joints_differ(body: Body) -> Body:
-    """Return the body as if no row had told of joints that are within their intervals as drawn."""
+    """Return the body with joints as drawn where that is within their intervals."""
     from ..body.covariance import Z95
 
     structure = body.structure
@@ -119,7 +119,7 @@ def limiting_factor(model: Model, errors: Errors) -> str:
     simulated = about.source == "simulation"
     if model.body is None:
         more = "more samples (-n)" if simulated else "more rows"
-        return f"limited by maps that stand alone; {more} and a larger `size` help most"
+        return f"limited by maps without a body; {more} and a larger `size` help most"
     if simulated:
         if mean < _EXACT * float(np.linalg.norm(model.sensory.scale.span)):
             return "limited by rounding alone: the model holds all that was simulated"

@@ -108,7 +108,7 @@ def _refuse_other_robots(names: list[str], axes: Array, drawn: Array) -> None:
 def _points(points: Array, axes: Array) -> Array:
     """Return the points (6, 3) [m] of the axes at which the description places the joints.
 
-    Shoulder and upper arm where their axes meet, the forearm beside the upper arm, each wrist joint
+    Shoulder and upper arm where their axes meet, the forearm by the upper arm, each wrist joint
     where the next axis crosses.
 
     points : (6, 3) [m], any of each axis

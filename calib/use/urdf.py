@@ -41,7 +41,7 @@ def corrected_urdf(geometry: Geometry) -> str:
     displacement that of the joint which carries the tip.
 
     Raises RobotError if the geometry does not describe the model to `MOST_UNEXPLAINED` of its
-    reach, or the tip has no joint of its own that could be moved.
+    reach, or the tip has no own joint that could be moved.
     """
     share = geometry.residual / geometry.reach
     if not share <= MOST_UNEXPLAINED:

@@ -1,6 +1,6 @@
 """Wanted: where the nominal arm would be, which a correction brings the real one to.
 
-The nominal arm is the one that the URDF draws.  `Wanted.target` and `Wanted.pose` say where it has
+The nominal arm is the one that the URDF draws.  `Wanted.target` and `Wanted.pose` are where it has
 its tip at some joint values; `Wanted.solve` finds joint values at which the real arm has it there.
 """
 
@@ -44,7 +44,7 @@ _POSITIONS = (
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """The nominal arm, as the sensor would see it, beside the model of the real one."""
+    """The nominal arm, as the sensor would see it, and the model of the real one."""
 
     model: Model
     free: bool  # whether the sensor's frame was fitted
@@ -54,7 +54,7 @@ class Wanted:
     # whether the user wants the tool's orientation kept
     keeps_orientation: bool = True
     # where a reading is not all that has to be met: the tool's pose of an arm with six joints, or
-    # the tip's place before a camera, whose pixel does not say how far away the tip is
+    # the tip's place before a camera, whose pixel does not determine how far away the tip is
     space: Space | None = None
 
     @classmethod

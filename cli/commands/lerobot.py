@@ -99,7 +99,7 @@ def lerobot(
     line = f"{output}: {len(offsets)} zeros corrected"
     unknown = [name for name in arm.joint_names if name not in offsets]
     if unknown:
-        line += f"; {' and '.join(unknown)} stay, since no picture tells theirs"
+        line += f"; {' and '.join(unknown)} stay, since no picture shows theirs"
     warnings = standing.bound_warnings(learned.about)
     lines: list[Line] = [*warnings, line, TextTable(header, rows)]
     return Outcome(document, lines, code=NO if warnings else 0)

@@ -152,7 +152,7 @@ def test_c_that_knows_less_than_numpy_does_not_answer(monkeypatch):
     model = cold(in_space())
     header = Header.of(replace(model, body=replace(model.body, beta=0.99 * model.body.beta)))
     monkeypatch.setattr(Header, "of", lambda _: header)
-    assert "not say the same" in model.warm_up()
+    assert "not agree with NumPy" in model.warm_up()
     assert not model.warm
 
 

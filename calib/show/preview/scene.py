@@ -42,7 +42,7 @@ _JOINT = "#59636e"
 _MEASURED = "#1c7ed6"
 _PREDICTED = "#e8590c"
 _THING = "#0c8599"
-NO_ARM = "the arm is not drawn: no URDF came with this model, or its maps stand alone"
+NO_ARM = "the arm is not drawn: no URDF came with this model, or its maps have no body"
 
 
 class Motion(NamedTuple):

@@ -85,7 +85,7 @@ def largest_cause(study: Study) -> str:
         words = verdict.main_cause
         return f"{one_line(words[0].upper() + words[1:])}."
     if study.model.body is None:
-        return "Not told: maps without a body have no parameters to compare with a drawing."
+        return "Not known: maps without a body have no parameters to compare with a drawing."
     if study.certain:
         deviation = study.certain[0]
         effect = quantity(deviation.effect, study.model.about.unit)
@@ -105,7 +105,9 @@ def still_true(study: Study) -> str:
         )
     within = evaluation.within
     if "covered" not in within:
-        return "Not known: `calib check MODEL --data LOG` with ten rows tells."
+        return (
+            "Not known: `calib check MODEL --data LOG` with ten rows shows it."
+        )
     answered = within.get("answered", 1.0)
     rows = f"{evaluation.rows:,} rows"
     if study.log is not None:
