@@ -5,7 +5,7 @@ of some rows on (`significance` has the same for a whole log)::
 
     g = y' C^-1 X (X' C^-1 X)^-1 X' C^-1 y,    g / y' C^-1 y ~ Beta(k / 2, (f - k) / 2)  by chance
 
-with k directions of X, and f of the rows that determine the noise.  C holds all that may have changed
+with k directions of X, and f of the rows that show the noise.  C holds all that may have changed
 before the log, and a smooth residual of all that the best explanation leaves: rows whose joints
 were elsewhere, early and late, show no step.
 """
