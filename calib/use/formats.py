@@ -141,12 +141,12 @@ def static_transforms(model: Model) -> list[dict[str, object]]:
         hand = replace(
             mount, position=mount.position - mount.rotation @ board["point"]
         )
-        carried, standing = ("camera", "board")
-        if board["eye"] == "base":
-            carried, standing = ("board", "camera")
+        seen_from_base = board["eye"] == "base"
+        in_hand = "board" if seen_from_base else "camera"
+        at_rest = "camera" if seen_from_base else "board"
         places = {
-            f"{carried}_frame": (about.tip, hand),
-            f"{standing}_frame": (root, sensor),
+            f"{in_hand}_frame": (about.tip, hand),
+            f"{at_rest}_frame": (root, sensor),
         }
     else:
         camera = is_camera(body.structure.view)
