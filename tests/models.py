@@ -108,9 +108,10 @@ def of_a_third(n: int, waves: float, seed: int = 0):
     Joints err by waves [rad]; the noise is 20 um; others are 400 joint values within that third.
     """
     arm = calib.load_arm("six_axis")
-    middle, half = (arm.lower + arm.upper) / 2, 0.15 * (arm.upper - arm.lower)
-    limits = np.transpose([middle - half, middle + half]).tolist()
-    third = dict(zip(arm.joint_names, map(tuple, limits), strict=True))
+    limits = zip(arm.joint_names, arm.lower.tolist(), arm.upper.tolist(), strict=True)
+    third = {
+        name: (0.65 * low + 0.35 * high, 0.35 * low + 0.65 * high) for name, low, high in limits
+    }
 
     def exact(q):
         return arm.forward(q + waves * np.sin(9 * q + np.arange(6)))
@@ -174,8 +175,9 @@ def two_link_inverse(x: np.ndarray, sign: float) -> np.ndarray:
 def bytes_of(model: calib.Model) -> bytes:
     """Return the content of a model's file."""
     with TemporaryDirectory() as folder:
-        model.save(Path(folder) / "m.calib")
-        return (Path(folder) / "m.calib").read_bytes()
+        path = Path(folder) / "m.calib"
+        model.save(path)
+        return path.read_bytes()
 
 
 def draw(model: calib.Model, n: int, seed: int = 0, margin: float = 0.0) -> np.ndarray:
@@ -240,7 +242,8 @@ def six():
     # uncertain too, in another posture of gravity
     active = np.concatenate([structure.groups[group] for group in groups])
     root = rng.normal(0, 1e-5, (len(active), 9))
-    return replace(drawn, body=replace(drawn.body, beta=beta, active=active, root=root))
+    body = replace(drawn.body, beta=beta, active=active, root=root)
+    return replace(drawn, body=body)
 
 
 def of_the_drawing(body) -> np.ndarray:
@@ -268,7 +271,9 @@ def in_plane():
     covariance[: len(root), : len(root)] = root @ root.T
     covariance[curves, curves] = rng.uniform(0, 1e-8, len(curves))
     shared = rng.normal(0, 1e-4, (structure.size, 5))  # what couples curves with all
-    root = np.linalg.cholesky(covariance + shared @ shared.T)
-    body = replace(drawn.body, structure=structure, beta=beta, root=root, second=None)
-    body, bounds = replace(body, active=np.arange(structure.size)), np.zeros(drawn.motor.size)
+    body = replace(
+        drawn.body, structure=structure, beta=beta, active=np.arange(structure.size),
+        root=np.linalg.cholesky(covariance + shared @ shared.T), second=None,
+    )  # fmt: skip
+    bounds = np.zeros(drawn.motor.size)
     return replace(drawn, body=body, bounds=bounds, model_bounds=bounds)

@@ -49,11 +49,13 @@ def unpacked(text: str, kind: str) -> np.ndarray:
 
 def objects(data: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """What is drawn, by path, with the points and colours of each as arrays (n, 3)."""
-    kinds = {"points": "<f4", "tints": "u1"}
     found = {}
     for drawn in data["objects"]:
-        arrays = {n: unpacked(drawn[n], kinds[n]).reshape(-1, 3) for n in kinds if n in drawn}
-        found[drawn["path"]] = drawn | arrays
+        each = dict(drawn)
+        for name, kind in (("points", "<f4"), ("tints", "u1")):
+            if name in each:
+                each[name] = unpacked(each[name], kind).reshape(-1, 3)
+        found[each["path"]] = each
     return found
 
 

@@ -164,7 +164,7 @@ def test_rows_that_say_more_than_a_model_of_a_few_are_learned_as_training_does()
         real = log.q + 3e-4 * np.sin(9 * log.q + np.arange(6))
         return replace(log, x=log.x + SIX.forward(real) - SIX.forward(log.q), arm=None)
 
-    adapted = calib.adapt(calib.train(rows(30, 1), size=4), rows(300, 51))
+    adapted = calib.adapt(calib.train(rows(30, 1), size=4), rows(150, 51))
     error, covered = errors(adapted.model, rows(400, 9, noise=0.0))
     assert adapted.improved
     assert error < 8e-5  # .18 mm before, .11 by the update alone

@@ -78,15 +78,11 @@ def test_mutual_links_are_the_same_in_both_directions(pair):
     np.testing.assert_allclose(there[kept], (i.T @ j)[kept], rtol=1e-6)
 
 
-def test_a_node_that_was_hardly_active_has_hardly_a_link_and_a_branch_has_no_seam():
+def test_a_node_that_was_hardly_active_has_hardly_a_link():
     one = csr_array(np.array([[1.0]]))
     faint = csr_array(np.array([[1e-3]]))
     assert link(one, faint).toarray()[0, 0] == pytest.approx(1e-3, rel=1e-3)
     assert link(one, one).toarray()[0, 0] == pytest.approx(1 - np.exp(-1), rel=1e-6)
-    motor = line([0.05, 0.35, 0.65, 0.95], periodic=True)
-    pair = linked(motor, line([0.2, 0.8], d=2), [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])
-    said = pair.inverses(np.array([[0.2, 0.0]]), np.array([[0.9]]))["activity"][0, 0]
-    assert min(said % 1.0, -said % 1.0) < 0.05
 
 
 def line(places, periodic=False, d=1):
@@ -113,11 +109,14 @@ def active(u, nodes):
     return np.exp(-((u - nodes) ** 2) / (BANDWIDTH * (nodes[1] - nodes[0])) ** 2)
 
 
-def test_the_winner_answers_with_its_strongest_partner_and_activity_with_a_weighted_mean():
+def test_the_winner_answers_with_its_strongest_partner():
     said = FORKED.forward(np.array([[0.2], [0.7]]), "winner")
     assert said.tolist() == [[0.9, 0.0], [0.4, 0.0]]
     said = ONE_TO_ONE.inverses(np.array([[0.3, 0.0], [0.9, 0.0]]), np.full((2, 1), 0.5))["winner"]
     assert said.tolist() == [[0.5], [1.0]]
+
+
+def test_activity_answers_with_the_mean_of_the_partners_weighted_through_the_links():
     u = np.array([[0.3], [0.5]])
     shares = active(u, np.array([0.0, 1.0])) @ [[0.2, 0.0, 0.7], [0.4, 0.5, 0.0]]
     expected = shares @ [0.1, 0.4, 0.9] / shares.sum(axis=1)
@@ -135,7 +134,9 @@ def test_the_winner_answers_with_its_strongest_partner_and_activity_with_a_weigh
         ([0.55, 1.0], 0.9, 0.875 * 0.25 + 0.9 * 0.75),
     ],
 )
-def test_the_branch_near_to_the_wish_answers_and_none_is_averaged(wishes, winner, activity):
+def test_the_branch_near_to_the_wish_answers_and_branches_are_never_averaged(
+    wishes, winner, activity
+):
     # motor nodes 4, 5 and 35, 36 of 41 reach one position, the middle one another
     links = np.zeros((41, 2))
     links[[4, 5, 35, 36], 0] = 1.0, 0.5, 0.25, 0.75
@@ -144,6 +145,13 @@ def test_the_branch_near_to_the_wish_answers_and_none_is_averaged(wishes, winner
     said = branching.inverses(np.array([[0.2, 0.0]] * 2), np.array(wishes)[:, None])
     np.testing.assert_allclose(said["winner"], winner, rtol=1e-6)
     np.testing.assert_allclose(said["activity"], activity, rtol=1e-6)
+
+
+def test_a_branch_across_the_seam_of_a_turn_is_one_branch():
+    motor = line([0.05, 0.35, 0.65, 0.95], periodic=True)
+    pair = linked(motor, line([0.2, 0.8], d=2), [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])
+    said = pair.inverses(np.array([[0.2, 0.0]]), np.array([[0.9]]))["activity"][0, 0]
+    assert min(said % 1.0, -said % 1.0) < 0.05
 
 
 @pytest.mark.parametrize("rule", ["batch", "online"])

@@ -81,12 +81,15 @@ def test_each_node_has_the_least_squares_fit_with_weights_that_end_at_its_radius
         np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
 
 
-def test_weights_have_slopes_where_many_nodes_stand_on_a_point_and_are_smooth_in_their_share():
+def test_weights_have_slopes_where_many_nodes_stand_on_a_point():
     """Of 12 rows a map's nodes stand on these: 0 over 0 stopped `train --body none`."""
     place = np.array([[0.1, 0.1]])
     blend = Blend(replace(grid(5), units=np.repeat(place, 25, axis=0)), place)
     np.testing.assert_allclose(blend.weight, 0.25)
     np.testing.assert_array_equal(blend.tilt(), 0.0)
+
+
+def test_nodes_with_models_count_smoothly_by_their_share():
     weight = np.array([[0.2, 0.8], [0.35, 0.65], [0.4, 0.6], [0.45, 0.55], [0.6, 0.4]])
     speaking = np.tile([True, False], (5, 1))
     answers = model_weights(weight, speaking)[:, 0]
@@ -164,7 +167,7 @@ def test_a_defect_is_mended_and_nothing_is_said_far_from_it():
     assert np.linalg.norm(held[mine], axis=1).mean() < 0.5 * before[near].mean()
 
 
-def test_what_a_late_clock_leaves_or_chance_brings_is_not_learned(monkeypatch):
+def test_what_a_late_clock_leaves_is_not_learned():
     """Log of 20 ms late positions: local models made .27 mm into 2.3 mm."""
     t = np.arange(N) * 0.01
     u = 0.5 + 0.4 * np.stack([np.sin(0.7 * t) * np.cos(0.13 * t), np.sin(0.9 * t + 1)], axis=1)
@@ -172,6 +175,9 @@ def test_what_a_late_clock_leaves_or_chance_brings_is_not_learned(monkeypatch):
     assert follows_the_motion(u, late + noise())
     assert chosen(u, late + noise())[0].models.degree == -1
     assert not follows_the_motion(u, bump(u) + noise())
+
+
+def test_a_gain_within_what_chance_brings_is_not_believed(monkeypatch):
     u = points(N)
     assert chosen(u, bump(u) + noise())[0].models.degree >= 0
     strict = replace(SELECTION, total_gain=1e9)

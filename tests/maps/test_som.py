@@ -83,6 +83,13 @@ def test_samples_that_are_none_are_refused_in_one_line(x, message):
     refused(LogError, message, SOM((3, 3), rule="online").fit_pair, x, x)
 
 
+def test_the_winner_is_found_across_the_seam_of_a_whole_turn():
+    ring = network([[0.05], [0.5], [0.95]], (3,), box(True))
+    distance, index = ring.nearest(np.array([[0.99], [0.01], [1.02], [-0.03], [0.4]]))
+    assert index[:, 0].tolist() == [2, 0, 0, 2, 1]
+    np.testing.assert_allclose(distance[:, 0], [0.04, 0.04, 0.03, 0.02, 0.1], atol=1e-12)
+
+
 @pytest.mark.parametrize("turning", [[False, False], [True, False]])
 def test_a_few_places_are_answered_without_scipy_as_by_its_tree(turning, monkeypatch):
     rng = np.random.default_rng(3)
@@ -97,22 +104,22 @@ def test_a_few_places_are_answered_without_scipy_as_by_its_tree(turning, monkeyp
     np.testing.assert_allclose(found[0], wanted[0], rtol=1e-12, atol=1e-15)
 
 
-def test_errors_are_in_own_units_and_count_no_neighbours_and_the_winner_is_found_across_a_seam():
+def test_quantization_error_is_the_mean_distance_in_own_units():
     scale = Scale.of_range(np.array([0.0, -5.0]), np.array([2.0, 5.0]), (False, False))
     square = network([[0, 0], [0, 1], [1, 0], [1, 1]], (2, 2), scale)
     # a fifth of the width beside the first node; a tenth of the height below the last
     x = [[0.4, -5.0], [2.0, 4.0]]
     assert square.quantization_error(x) == pytest.approx((0.4 + 1.0) / 2)
     assert square.quantization_error(square.weights) == 0.0
+
+
+def test_topographic_error_counts_samples_between_nodes_that_are_no_neighbours():
+    # a line of four nodes folded over: nodes 0 and 3 lie side by side
     folded = network([[0.0, 0.0], [0.5, 0.0], [0.5, 0.4], [0.0, 0.1]], (4,))
     fold, middle = [0.0, 0.05], [0.3, 0.0]
     assert folded.topographic_error([fold]) == 1.0
     assert folded.topographic_error([middle]) == 0.0
     assert folded.topographic_error([fold, middle, middle, middle]) == 0.25
-    ring = network([[0.05], [0.5], [0.95]], (3,), box(True))
-    distance, index = ring.nearest(np.array([[0.99], [0.01], [1.02], [-0.03], [0.4]]))
-    assert index[:, 0].tolist() == [2, 0, 0, 2, 1]
-    np.testing.assert_allclose(distance[:, 0], [0.04, 0.04, 0.03, 0.02, 0.1], atol=1e-12)
 
 
 shapes = st.lists(st.integers(2, 6), min_size=1, max_size=3).map(tuple)

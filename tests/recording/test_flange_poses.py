@@ -60,23 +60,32 @@ def test_what_a_table_means_is_found(rotation, tmp_path):
     refused(OptionError, "rotation", world.solve, table, rotation="other")
 
 
-def test_few_pictures_fit_one_reading_threads_leave_no_trace_and_misses_are_of_others():
+def test_few_pictures_fit_one_reading_although_three_of_them_fit_any():
     for count, seed in itertools.product((4, 5), (1, 3, 5, 19)):
         convention = World(seed, seed % 2 == 0, count=count).solve().convention
         assert not convention["inverse"]
-        assert convention["ratio"] > 5.0  # although three pictures fit any reading
+        assert convention["ratio"] > 5.0
+
+
+def test_few_pictures_leave_room_for_turns_that_they_cannot_tell():
     inside = []
     for seed in range(28, 40):
         world = World(seed, seed % 2 == 0, count=5)
         inside.append(world.misses(world.solve()).reshape(2, 6)[:, 3:] < 1.0)
     assert np.mean(inside) > 0.9
+
+
+def test_threads_of_opencv_leave_no_trace():
     threads = cv2.getNumThreads()
     cv2.setNumThreads(4)
     lenses = {World(3).shots().lens().parameters.tobytes() for _ in range(8)}
     assert cv2.getNumThreads() == 4
     cv2.setNumThreads(threads)
     assert len(lenses) == 1
-    # the poses' own noise makes .9 px; six pictures in one fit miss by .6
+
+
+def test_misses_are_told_of_pictures_that_took_no_part_in_the_fit():
+    """The poses' own noise makes .9 px; six pictures in one fit miss by .6."""
     rms = [World(seed, seed % 2 == 0, count=6).solve().held_out["rms"] for seed in range(1, 7)]
     assert 0.85 < np.mean(rms) < 1.3
 
@@ -105,7 +114,7 @@ def test_a_board_stated_in_another_unit_is_measured_and_no_unit_of_poses(factor)
     assert (misses(rig.hand, world.camera) < 1.5).all()
 
 
-def test_pictures_at_one_pose_are_one_measurement_and_wrong_rows_are_left_out():
+def test_pictures_at_one_pose_are_one_measurement_of_the_arm():
     world, rng = World(1, count=8), np.random.default_rng(0)
     rig = world.solve()
     world.flange = np.tile(world.flange, (3, 1, 1))
@@ -118,6 +127,9 @@ def test_pictures_at_one_pose_are_one_measurement_and_wrong_rows_are_left_out():
     three = World(1, count=3)
     three.flange, three.corners = np.tile(three.flange, (2, 1, 1)), [three.corners[0] * 2]
     refused(LogError, "of 3 poses of the arm: expected 4", three.solve)
+
+
+def test_rows_that_are_wrong_are_left_out_and_a_late_table_is_refused():
     world = World(4)
     wrong = world.flange.copy()
     wrong[-1, :3, 3] += (0.02, -0.01, 0.03)
@@ -129,13 +141,16 @@ def test_pictures_at_one_pose_are_one_measurement_and_wrong_rows_are_left_out():
     refused(LogError, "late or early: those", world.solve, np.roll(world.flange, 1, axis=0))
 
 
-def test_a_lens_that_refocuses_and_a_stretched_board_are_part_of_the_fit_and_blur_is_told():
+def test_a_lens_that_refocuses_and_a_stretched_board_are_part_of_the_fit():
     for what, size in (("focus", 5e-3), ("stretch", 4e-3)):
         world = World(1, **{what: size})
         rig = world.solve()
         assert ("focal length changes by 0." in " ".join(rig.notes)) == (what == "focus")
         assert max(rig.hand["position_95"]) < 1e-3
         assert (misses(rig.hand, world.camera) < 2.0).all()
+
+
+def test_blurred_pictures_are_no_autofocus():
     world, rng = World(2), np.random.default_rng(7)
     world.corners = [[seen + rng.normal(0.0, 3.0, seen.shape) for seen in world.corners[0]]]
     notes = " ".join(world.solve().notes)
@@ -251,17 +266,23 @@ def test_planned_poses_show_the_board_and_tell_what_is_promised(in_hand, tmp_pat
     assert after < 1.2 * np.max(done.document["position_95"][-1])
 
 
-def test_mirrors_and_turns_about_one_axis_are_refused_and_poses_of_the_board_alone_are_enough():
+def test_mirrored_pictures_are_refused():
     world = World(1)
     mirrored = [corners * (-1, 1) + (SIZE[0], 0) for corners in world.corners[0]]
     world.corners[0] = [c.reshape(6, 9, 2)[:, ::-1].reshape(-1, 2) for c in mirrored]
     refused(LogError, "mirrored", world.solve)
+
+
+def test_turns_about_one_axis_are_refused_with_what_would_tell():
     refused(LogError, "turns about one axis alone", World(3, axes=(0.0, 0.0, 1.0)).solve)
     world = World(3)
     seen = world.boards
     seen[:, :3, :3] = seen[0, :3, :3]
     flange = np.linalg.inv(world.camera @ seen @ np.linalg.inv(world.placed))
     refused(LogError, "does not turn", calib.handeye, poses=flange, boards=seen, eye="hand")
+
+
+def test_poses_of_the_board_alone_are_enough():
     world = World(1)
     seen, rng = world.boards, np.random.default_rng(0)
     rig = calib.handeye(poses=world.flange, boards=seen, eye="hand")

@@ -67,12 +67,15 @@ def test_camera_and_board_are_found_from_pictures(in_hand):
     assert abs(found.lens["focal"] - rig.lens[0]) < 2.0 + found.lens["focal_95"]
 
 
-def test_what_pictures_show_and_a_wrong_reading_are_told_and_a_camera_is_known_across_its_sight():
+def test_what_pictures_without_the_board_show_is_told():
     rig, pictures, joints = shots(True)
     few, some = pictures[:6], replace(joints, q=joints.q[:6])
     flipped = [np.ascontiguousarray(picture[:, ::-1]) for picture in few]
     refused(LogError, "mirrored", handeye, rig.arm, flipped, some, SPEC, "hand")
     refused(LogError, "7x5", handeye, rig.arm, few, some, "5x7:24mm:18mm:5x5_100", "hand")
+
+
+def test_a_wrong_reading_is_named():
     rig = Rig(True, seed=1, pictures=12)
     for words, q in (
         ("columns are exchanged", rig.q[:, [0, 2, 1, 3, 4, 5]]),
@@ -81,7 +84,10 @@ def test_what_pictures_show_and_a_wrong_reading_are_told_and_a_camera_is_known_a
         ("a row late", np.roll(rig.q, 1, axis=0)),
     ):
         refused(LogError, words, rig.solve, q=q)
-    # shift and turn of what stands still err together: with their sign .8 mm was told
+
+
+def test_a_camera_is_known_across_its_line_of_sight():
+    """Shift and turn of what stands still err together: with their sign .8 mm was told."""
     rig = Rig(True, seed=1, pictures=20)
     body = rig.solve().body
     poses, slopes = body.structure.linearise(rig.q, body.beta)
@@ -107,7 +113,7 @@ def test_a_wrong_board_is_measured_and_a_wrong_eye_named(in_hand):
     refused(LogError, f"eye='{rig.eye}'", rig.solve, eye="base" if in_hand else "hand")
 
 
-def test_play_the_drawing_of_another_robot_and_a_lens_that_is_off_are_told(tmp_path):
+def test_an_arm_with_play_is_answered_and_its_repeatability_told():
     rig = Rig(True, seed=5, pictures=24)
     true, rng = rig.q, np.random.default_rng(0)
     rig.look(true + np.radians(0.2) * rng.uniform(-1.0, 1.0, true.shape), rng)
@@ -118,7 +124,10 @@ def test_play_the_drawing_of_another_robot_and_a_lens_that_is_off_are_told(tmp_p
     off, share = rig.miss(found)
     assert np.linalg.norm(off) < 4e-3
     assert (share < 1.5).all()
-    # its fourth link is 25 mm longer: no drawing is off by as much
+
+
+def test_the_drawing_of_another_robot_is_told(tmp_path):
+    """Its fourth link is 25 mm longer: no drawing is off by as much."""
     rig = Rig(True, seed=5, pictures=24)
     joint, other = f'<joint name="{rig.arm.joint_names[4]}"', tmp_path / "other.urdf"
     head, tail = rig.arm.urdf.split(joint)
@@ -129,6 +138,9 @@ def test_play_the_drawing_of_another_robot_and_a_lens_that_is_off_are_told(tmp_p
     assert any("drawing of another robot" in note for note in found.notes)
     assert (rig.miss(found)[1] < 1.5).all()
     assert max(found.hand["position_95"]) > 5e-3  # along the last axis nothing tells
+
+
+def test_a_lens_that_is_off_is_told_and_one_of_another_size_refused():
     rig = Rig(True, seed=6, pictures=20)
     found = rig.solve(lens=replace(rig.glass, focal=1.01 * rig.glass.focal))
     assert any("the lens that was given" in note for note in found.notes)
@@ -163,7 +175,7 @@ def test_a_lens_that_was_fitted_anew_is_no_change(run, tmp_path):
         calib.write_log(log, tmp_path / "log.csv")
         done = run("check", tmp_path / "rig.calib", "--data", tmp_path / "log.csv", "--json")
         assert done.document["drifted"] is drifted
-        assert "told with the model's lens" in done.err
+        assert "computed with the model's lens" in done.err
 
 
 @pytest.fixture(scope="module")

@@ -97,7 +97,7 @@ def test_each_frame_has_the_joints_of_its_moment(tmp_path, joints, version):
     assert np.allclose(table.q, joints[pose], atol=1e-6)
 
 
-def test_shares_need_a_calibration_rows_need_joints_and_odd_layouts_are_refused(tmp_path, joints):
+def test_shares_of_ranges_need_the_motors_calibration(tmp_path, joints):
     shares = np.repeat(joints, REST, axis=0) * 4095 / np.pi * 100 / [2000, -1000]
     write_dataset(tmp_path, "v3.0", shares, codec="mpeg4")
     refused(LogError, "shares of each motor's range", read_dataset, tmp_path)
@@ -105,6 +105,9 @@ def test_shares_need_a_calibration_rows_need_joints_and_odd_layouts_are_refused(
     tables, pictures, _ = read_dataset(tmp_path, motors=Motors.read(tmp_path / "calibration.json"))
     (table,) = tables.values()
     assert np.allclose(table.q, joints[poses_of(pictures)], atol=1e-6)
+
+
+def test_rows_without_joints_are_left_out_and_odd_layouts_refused(tmp_path, joints):
     state = np.degrees(np.repeat(joints, REST, axis=0))
     state[4::REST] = np.nan
     write_dataset(tmp_path, "v3.0", state, codec="mpeg4")

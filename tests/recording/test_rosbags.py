@@ -130,7 +130,7 @@ def test_poses_of_tf_between_two_frames(tmp_path, kind):
     refused(LogError, "2 transforms .* expected one", read_bag, bag, frames=("tag", "tool"))
 
 
-def test_time_offset_undoes_latency_and_lost_positions_and_little_motion_are_told(tmp_path):
+def test_time_offset_undoes_latency(tmp_path):
     path = write(tmp_path / "a", latency=0.2)
     wrong, right = (read_bag(path, time_offset=offset) for offset in (0.0, -0.2))
     arm = calib.load_arm("two_link")
@@ -143,6 +143,9 @@ def test_time_offset_undoes_latency_and_lost_positions_and_little_motion_are_tol
     found = read_bag(path)
     assert misfit(found) < 1e-3
     assert any("clock is corrected by -0.20" in note for note in found.notes)
+
+
+def test_lost_positions_and_too_little_motion_for_clocks_are_told(tmp_path):
     found = read_bag(write(tmp_path / "lost", lost=(0, 7, 8)))
     assert len(found) == 295
     assert "3 positions left out: not finite" in found.notes
@@ -150,7 +153,7 @@ def test_time_offset_undoes_latency_and_lost_positions_and_little_motion_are_tol
     assert "stamps are taken as they are" in found.notes[0]
 
 
-def test_topics_are_listed_and_a_bag_in_a_log_s_place_names_the_command(tmp_path, monkeypatch):
+def test_topics_are_listed(tmp_path):
     refused(LogError, "nofile: no such file or folder", read_bag, "nofile")
     path = write(tmp_path / "a")
     for words, options in (
@@ -159,6 +162,9 @@ def test_topics_are_listed_and_a_bag_in_a_log_s_place_names_the_command(tmp_path
         ("0 joint states of wrist.*its joints: elbow, shoulder", {"joints": ["wrist"]}),
     ):
         refused(LogError, words, read_bag, path, **options)
+
+
+def test_a_bag_in_a_log_s_place_names_the_command(tmp_path, monkeypatch):
     bag = write(tmp_path / "bag", n=60)
     refused(LogError, "calib log", calib.read_log, bag, joints=["shoulder", "elbow"])
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)

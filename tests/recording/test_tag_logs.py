@@ -99,7 +99,7 @@ def film(tmp_path_factory):
     return SimpleNamespace(folder=folder, scene=scene, joints=read_joints(rows))
 
 
-def test_pixels_in_the_order_of_numbers_or_by_name(shot, copy):
+def test_pixels_in_the_order_of_numbers(shot):
     made = make(shot.folder)
     assert made.unit == "px"
     assert tuple(made.pictures[9:12]) == ("img_9.png", "img_10.png", "img_11.png")
@@ -107,6 +107,9 @@ def test_pixels_in_the_order_of_numbers_or_by_name(shot, copy):
     assert np.sqrt((miss**2).sum(1).mean()) < 0.1
     assert made.source["dropped"] == {}
     assert 0.01 < made.source["noise"] < 0.1
+
+
+def test_rows_find_their_pictures_by_name(copy):
     order = np.random.default_rng(1).permutation(16)
     lines = [f"folder/img_{k}.png,{','.join(map(repr, copy.q[k].tolist()))}" for k in order]
     (copy.folder / "named.csv").write_text("\n".join(["picture,a,b,c", *lines[:-1]]))
@@ -116,7 +119,7 @@ def test_pixels_in_the_order_of_numbers_or_by_name(shot, copy):
     assert any("1 pictures, without joints, are left out" in note for note in made.notes)
 
 
-def test_metres_by_the_board_and_the_height_and_the_pose_of_the_tag(shot):
+def test_metres_by_the_board_and_the_height(shot):
     setting = Setting(7, board=BOARD, lens=LENS, tag_height=0.025)
     made = make(shot.folder, setting)
     miss = np.linalg.norm(made.x - truth_on_board(shot.scene, shot.q), axis=1)
@@ -125,6 +128,9 @@ def test_metres_by_the_board_and_the_height_and_the_pose_of_the_tag(shot):
     assert 0.3 * np.sqrt((miss**2).mean()) < 2 * made.source["noise"] < 5e-3
     flat = make(shot.folder, Setting(7, board=BOARD, lens=LENS))
     assert np.linalg.norm(flat.x - made.x, axis=1).max() > 5e-3
+
+
+def test_the_pose_of_the_tag(shot):
     setting = Setting(7, board=BOARD, lens=LENS, tag_size=0.04)
     made = make(shot.folder, setting)
     assert made.x.shape == (16, 3)
@@ -148,12 +154,15 @@ def test_a_bump_within_a_recording_is_told(shot, copy):
     refused(CalibError, "in 6 of 16 pictures: was the camera bumped", make, copy.folder, setting)
 
 
-def test_an_arm_or_a_tag_that_never_moves_and_joints_that_are_a_row_late(copy, tmp_path):
+def test_an_arm_or_a_tag_that_never_moves(copy):
     table(copy.folder / "same.csv", "abc", np.tile(copy.q[0], (16, 1)))
     refused(CalibError, "never moves", make, copy.folder, joints="same.csv")
     for k in range(1, 16):
         shutil.copy(copy.folder / "p" / "img_0.png", copy.folder / "p" / f"img_{k}.png")
     refused(CalibError, "stays at .* while the joints move", make, copy.folder)
+
+
+def test_joints_that_are_a_row_late_are_refused(tmp_path):
     rng = np.random.default_rng(0)
     (tmp_path / "p").mkdir()
     scene = Desk(CAMERA, **TWO)
@@ -165,7 +174,7 @@ def test_an_arm_or_a_tag_that_never_moves_and_joints_that_are_a_row_late(copy, t
     refused(CalibError, "shifted against the pictures: those 1 rows further down", make, tmp_path)
 
 
-def test_settings_that_cannot_be_and_counts_and_sizes_and_damage(shot, copy):
+def test_settings_that_cannot_be(shot, copy):
     words = r"tag 8 is in none of 16 pictures: .* show .*7 \(\d+ times\)"
     refused(CalibError, words, make, shot.folder, Setting(8))
     refused(CalibError, "may be off by centimetres", Setting, 7, board=BOARD)
@@ -179,6 +188,9 @@ def test_settings_that_cannot_be_and_counts_and_sizes_and_damage(shot, copy):
     path = table(copy.folder / "deg.csv", "abc", np.rad2deg(copy.q))
     refused(CalibError, "are these degrees", read_joints, path)
     assert np.allclose(read_joints(path, degrees=True).q, copy.q)
+
+
+def test_counts_and_sizes_and_damage(copy):
     folder = copy.folder
     picture = cv2.imread(str(folder / "p" / "img_5.png"), 0)
     (folder / "p" / "img_5.png").unlink()
@@ -201,7 +213,7 @@ def test_settings_that_cannot_be_and_counts_and_sizes_and_damage(shot, copy):
     refused(CalibError, "no picture in .* can be read", make, folder)
 
 
-def test_a_video_becomes_rests_and_others_make_no_log(film, tmp_path):
+def test_a_video_becomes_rests(film):
     made = log_video(film.folder / "run.mp4", film.joints, Setting(7))
     assert abs(made.source["time_offset"] - 51.0) < 3e-3
     assert 5 <= len(made) <= 9
@@ -209,6 +221,9 @@ def test_a_video_becomes_rests_and_others_make_no_log(film, tmp_path):
     assert np.sqrt((miss**2).sum(1).mean()) < 0.15
     assert made.source["dropped"]["the arm moves"] > 40
     assert made.source["dropped"]["a jump of the track"] == 1
+
+
+def test_videos_that_make_no_log(film, tmp_path):
     run, joints, plain = film.folder / "run.mp4", film.joints, Setting(7)
     text, twice, rows = (tmp_path / name for name in ("text.mp4", "twins.mp4", "p.csv"))
     text.write_text("no video\n" * 200)

@@ -51,7 +51,7 @@ def test_board_corners_are_where_the_renderer_puts_them():
         assert np.abs(miss.mean(0)).max() < 0.01  # half a pixel is a convention, not noise
 
 
-def test_lens_round_trip_and_one_that_is_calibrated_from_pictures_of_a_board(tmp_path):
+def test_lens_round_trip(tmp_path):
     numbers = np.array([600.0, 602.0, 318.0, 243.0, -0.15, 0.04, 1e-3, -2e-3, 0.01])
     lens = Lens.of((640, 480), numbers)
     pixels = np.random.default_rng(0).uniform([0, 0], [640, 480], (200, 2))
@@ -66,6 +66,9 @@ def test_lens_round_trip_and_one_that_is_calibrated_from_pictures_of_a_board(tmp
     known.save(tmp_path / "lens.json")
     assert (load_lens(tmp_path / "lens.json")[0].covariance == known.covariance).all()
     assert again.size == lens.size
+
+
+def test_a_lens_is_calibrated_from_pictures_of_a_board():
     rng = np.random.default_rng(6)
     desk = Desk(Camera(size=(640, 360), focal=550.0))
     pictures = board_shots(desk, board(7, 5, 0.024, 0.018, (0, 0, 0, 0)), 8, rng)

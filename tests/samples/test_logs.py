@@ -44,13 +44,21 @@ def test_any_finite_numbers_come_back(tmp_path, rows, suffix):
     assert (again.x == x).all()
 
 
-@pytest.mark.parametrize(("separator", "encoding"), [(";", "utf-8-sig"), ("\t", "utf-16")])
+@pytest.mark.parametrize(
+    ("separator", "encoding"), [(";", "utf-8"), ("\t", "utf-16"), (";", "utf-8-sig")]
+)
 def test_tables_of_spreadsheets_have_commas_in_their_decimals(separator, encoding, file):
     rows = [["a", "b", "x", "y"], ["-0,5", "1", "2,25e-1", ",5"], ["0,5", "3,0", "4", "1,5"]]
     text = "\n".join(map(separator.join, rows))
     log = read_log(file(text.encode(encoding)), joints=["a", "b"])
     assert log.q.tolist() == [[-0.5, 1.0], [0.5, 3.0]]
     assert log.x.tolist() == [[0.225, 0.5], [4.0, 1.5]]
+
+
+def test_times_that_are_not_used_are_told(file):
+    log = read_log(file("a,x,y,time\n1,2,3,0.1\n2,3,3,12:00\n3,5,4,0.3\n"), joints=["a"])
+    assert log.time is None
+    assert "the column time is not used, it has no number in 1 rows: row 2" in log.notes
 
 
 BAD = [  # what a file holds, what is asked of it, and what the refusal says
@@ -90,25 +98,15 @@ def test_bad_files_are_refused_in_one_line(file, content, options, message):
     unread(file(content), message, OptionError if options else LogError, **options)
 
 
-def test_files_that_are_none_and_columns_of_other_types(tmp_path, file):
+def test_files_that_are_none(tmp_path, file):
     unread(tmp_path / "no.csv", "No such file")
     unread(tmp_path, "no table.*calib log")
     unread("a\0b", "cannot read")
     unread("/dev/zero", "is a device")
     assert len(read_log(file(GOOD, "log.parquet"), joints=["a", "b"])) == 3  # by its content
-    path = tmp_path / "log.parquet"
-    columns = {"a": [1, 2, None], "b": ["0.5", " 1 ", "2"], "x": [1, 3, 2], "y": [1.5, 2, 3]}
-    frame = pl.DataFrame(columns)
-    frame.write_parquet(path)
-    log = read_log(path, joints=["a", "b"])
-    assert log.q.tolist() == [[1, 0.5], [2, 1]]
-    assert log.dropped == 1
-    for cells, words in (([True, False, True], "holds Boolean"), (["1", "two", "3"], "one usable")):
-        frame.with_columns(b=pl.Series(cells)).write_parquet(path)
-        unread(path, words)
 
 
-def test_columns_are_found_by_name_and_rows_without_a_finite_value_left_out_and_counted(arm, file):
+def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(file):
     path = file("\ufeffy, x ,note,b,a\r\n2,1, text,0.2,0.1\r\n4,3,,0.4,0.2\r\n")
     log = read_log(path, joints=["a", "b"], unit="px")
     assert log.q.tolist() == [[0.1, 0.2], [0.2, 0.4]]
@@ -119,32 +117,21 @@ def test_columns_are_found_by_name_and_rows_without_a_finite_value_left_out_and_
     assert log.joint_names == ("a", "b")
     assert log.q.tolist() == [[1, 2], [2, 4]]
     assert log.x.tolist() == [[3, 4], [6, 8]]
-    path = file("elbow,shoulder,x,y\n0.5,0.1,1,2\n0.6,0.2,3,4\n")  # the arm's order holds
-    assert read_log(path, arm).q.tolist() == [[0.1, 0.5], [0.2, 0.6]]
-    assert read_log(path, arm, joints=["elbow", "shoulder"]).joint_names == ("shoulder", "elbow")
-    unread(path, "loaded with", OptionError, arm=arm, joints=["elbow"])
-    rows = "1,2,3,4,\n2,,3,4,\n3,4,nan,5,\n4,5,1e999,2,\n\n5,6,NA,2,\n5,6,1e300,2,\n7,8,1,9,\n\n"
-    log = read_log(file("a,b,x,y,t\n" + rows), joints=["a", "b"])
-    assert log.q.tolist() == [[1, 2], [7, 8]]
-    assert log.dropped == 6  # a line in which nothing stands too
-    assert log.notes[0].startswith("6 of 8 rows miss a finite number")
-    assert log.rows.tolist() == [1, 8]
-    rows = "shoulder,elbow,x,y\n,0.5,1,2\n1,1,2,3\n1.1,3,3,4\n"
-    unread(file(rows), "row 3: elbow", arm=arm, joints=None)
 
 
-HEADERS = [  # and factors of shoulder, elbow and positions, the unit, and whether all are degrees
-    ("Time [ms],SHOULDER,Elbow,X,Y", (1, 1, 1), "m", False),
-    ("time,shoulder (deg),elbow [deg],x [mm],y (mm)", (DEGREES, DEGREES, 1e3), "mm", True),
-    ("time,shoulder [rad],elbow [°],X(cm),Y(cm)", (1, DEGREES, 100), "cm", False),
-    ("time,shoulder,elbow,u [px],V [px]", (1, 1, 1), "px", False),
-]
-
-
-@pytest.mark.parametrize(("header", "factors", "unit", "degrees"), HEADERS)
+@pytest.mark.parametrize(
+    ("header", "factors", "unit", "degrees"),
+    [
+        ("Time [ms],SHOULDER,Elbow,X,Y", (1, 1, 1), "m", False),
+        ("time,shoulder (deg),elbow [deg],x [mm],y (mm)", (DEGREES, DEGREES, 1e3), "mm", True),
+        ("time,shoulder [rad],elbow [°],X(cm),Y(cm)", (1, DEGREES, 100), "cm", False),
+        ("time,shoulder,elbow,u [px],V [px]", (1, 1, 1), "px", False),
+    ],
+)
 def test_headers_have_units_in_brackets_and_any_case(arm, file, header, factors, unit, degrees):
     log = babble(arm, 20)
-    rows = np.column_stack([20 * np.arange(20), log.q * factors[:2], log.x * factors[2]]).tolist()
+    q = log.q * factors[:2]
+    rows = np.column_stack([20 * np.arange(20), q, log.x * factors[2]]).tolist()
     again = read_log(file("\n".join([header, *(",".join(map(repr, row)) for row in rows)])), arm)
     np.testing.assert_allclose(again.q, log.q, rtol=1e-15)
     np.testing.assert_allclose(again.x, log.x * factors[2])
@@ -158,26 +145,29 @@ def test_a_header_says_that_a_joint_slides_or_contradicts(arm, file):
     assert log.revolute == (True, False)
     assert log.q[0].tolist() == [math.pi / 2, 0.1]
     words = "states that its positions are in mm, not in m"
-    unread(table, words, joints=["turn", "rail"], unit="m")
-    unread(file("a,b,x [mm],y [m]\n1,2,3,4\n2,1,4,3\n"), "expected positions in one unit")
+    refused(LogError, words, read_log, table, joints=["turn", "rail"], unit="m")
+    mixed = file("a,b,x [mm],y [m]\n1,2,3,4\n2,1,4,3\n")
+    refused(LogError, "expected positions in one unit", read_log, mixed, joints=["a", "b"])
     slides = file("shoulder [mm],elbow,x,y\n1,2,3,4\n2,1,4,3\n")
-    unread(slides, "'shoulder .mm.' is in mm, expected rad, deg, ", arm=arm, joints=None)
+    refused(LogError, "'shoulder .mm.' is in mm, expected rad, deg, ", read_log, slides, arm)
 
 
 @pytest.mark.parametrize(
-    "time", ["2024-03-01T12:00:00.{:03d}Z", "1709294400{:03d}", "1709294400{:03d}000000"]
+    "time",
+    [
+        lambda k: f"2024-03-01T12:00:00.{20 * k:03d}Z",
+        lambda k: 1709294400000 + 20 * k,
+        lambda k: 1709294400000000000 + 20_000_000 * k,
+    ],
 )
-def test_times_of_clocks_are_seconds_and_mixed_ones_are_not_used(file, time):
-    rows = [f"{time.format(20 * k)},{k % 5},{k % 7},{k},{k * k}" for k in range(12)]
+def test_times_of_clocks_are_seconds(file, time):
+    rows = [f"{time(k)},{k % 5},{k % 7},{k},{k * k}" for k in range(12)]
     table = file("\n".join(["stamp,a,b,x,y", *rows]))
     log = read_log(table, joints=["a", "b"], columns={"time": "stamp"})
     np.testing.assert_allclose(log.time, 1709294400 + 0.02 * np.arange(12), rtol=0, atol=1e-6)
-    log = read_log(file("a,x,y,time\n1,2,3,0.1\n2,3,3,12:00\n3,5,4,0.3\n"), joints=["a"])
-    assert log.time is None
-    assert "the column time is not used, it has no number in 1 rows: row 2" in log.notes
 
 
-def test_a_held_value_is_told_and_of_a_very_long_log_evenly_spread_rows_are_held(arm, tmp_path):
+def test_a_sensor_that_holds_its_last_value_is_told_and_one_of_whole_pixels_is_not(arm, tmp_path):
     time = np.arange(300) / 50
     q = np.column_stack([0.8 + 0.7 * np.sin(time), 1.2 + np.cos(1.7 * time)])
     x = arm.forward(q) + np.random.default_rng(0).normal(0, 1e-4, (300, 2))
@@ -194,14 +184,38 @@ def test_a_held_value_is_told_and_of_a_very_long_log_evenly_spread_rows_are_held
     resting = Samples(q, x, arm.joint_names).take(np.repeat(np.arange(120, 300, 10), 5))
     write_log(resting, tmp_path / "rest.csv")
     assert read_log(tmp_path / "rest.csv", arm).left_out == 0
-    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (400_000, 2))
-    columns = dict(zip([*arm.joint_names, *"xy"], np.hstack([q, arm.forward(q)]).T, strict=True))
-    pl.DataFrame(columns).write_parquet(tmp_path / "long.parquet")
-    log = read_log(tmp_path / "long.parquet", arm)
-    assert len(log) == 200_000
-    assert set(np.diff(log.rows)) <= {2, 3}
-    assert (log.q == q[log.rows - 1]).all()
-    assert "400,000 rows: 200,000 of them, evenly spread" in log.notes[0]
+
+
+def test_the_arms_order_holds_and_its_joints_are_the_log(arm, file):
+    path = file("elbow,shoulder,x,y\n0.5,0.1,1,2\n0.6,0.2,3,4\n")
+    assert read_log(path, arm).q.tolist() == [[0.1, 0.5], [0.2, 0.6]]
+    assert read_log(path, arm, joints=["elbow", "shoulder"]).joint_names == ("shoulder", "elbow")
+    refused(OptionError, "loaded with", read_log, path, arm, joints=["elbow"])
+
+
+def test_rows_without_a_finite_value_are_left_out_and_counted(arm, file):
+    rows = "1,2,3,4,\n2,,3,4,\n3,4,nan,5,\n4,5,1e999,2,\n\n5,6,NA,2,\n5,6,1e300,2,\n7,8,1,9,\n\n"
+    log = read_log(file("a,b,x,y,t\n" + rows), joints=["a", "b"])
+    assert log.q.tolist() == [[1, 2], [7, 8]]
+    assert log.dropped == 6  # a line in which nothing stands too
+    assert log.notes[0].startswith("6 of 8 rows miss a finite number")
+    assert log.rows.tolist() == [1, 8]
+    rows = "shoulder,elbow,x,y\n,0.5,1,2\n1,1,2,3\n1.1,3,3,4\n"
+    unread(file(rows), "row 3: elbow", arm=arm, joints=None)
+
+
+def test_parquet_of_other_types(tmp_path):
+    path = tmp_path / "log.parquet"
+    columns = {"a": [1, 2, None], "b": ["0.5", " 1 ", "2"], "x": [1, 3, 2], "y": [1.5, 2, 3]}
+    frame = pl.DataFrame(columns)
+    frame.write_parquet(path)
+    log = read_log(path, joints=["a", "b"])
+    assert log.q.tolist() == [[1, 0.5], [2, 1]]
+    assert log.dropped == 1
+    frame.with_columns(b=pl.Series([True, False, True])).write_parquet(path)
+    unread(path, "column 'b' holds Boolean, expected")
+    frame.with_columns(b=pl.Series(["1", "two", "3"])).write_parquet(path)
+    unread(path, "one usable row")
 
 
 def test_locked_joints_are_the_medians_of_their_columns(tmp_path, run):
@@ -252,7 +266,7 @@ def test_what_is_known_of_the_clock_is_taken_and_nothing_estimated(arm, tmp_path
 def test_degrees_are_read_as_radians_and_counts_of_an_encoder_are_neither(arm, file):
     counts = file("shoulder,elbow,x,y\n3072,100,.1,.2\n2050,2000,.2,.3\n")
     for degrees in (False, True):
-        unread(counts, "an encoder's counts to rad", arm=arm, joints=None, degrees=degrees)
+        refused(LogError, "an encoder's counts to rad", read_log, counts, arm, degrees=degrees)
     q = np.deg2rad([[10, 20], [80, 140], [90, 150], [0, 15]])
     path = file("shoulder,elbow,x,y\n10,20,1,2\n80,140,2,3\n90,150,2,5\n0,15,6,6\n")
     log = read_log(path, arm, degrees=True)
@@ -267,7 +281,7 @@ def test_degrees_are_read_as_radians_and_counts_of_an_encoder_are_neither(arm, f
     assert log.revolute == (True, False)
 
 
-def test_a_chosen_range_goes_before_the_limits_and_more_than_one_turn_becomes_one(arm, file):
+def test_a_chosen_range_goes_before_the_limits(arm, file):
     path = file("shoulder,elbow,x,y\n0.1,0.5,1,2\n0.2,1,2,3\n0.3,3,3,4\n0.4,7,3,5\n")
     log = read_log(path, arm, ranges={"elbow": (0.6, 3.1)})
     np.testing.assert_allclose(log.q[:, 1], [1, 3, 7 - TURN])
@@ -278,6 +292,9 @@ def test_a_chosen_range_goes_before_the_limits_and_more_than_one_turn_becomes_on
         unread(path, "range elbow", OptionError, arm=arm, joints=None, ranges={"elbow": bad})
     every = "4 of 4 rows have elbow outside"
     unread(path, every, arm=arm, joints=None, ranges={"elbow": (4, 5)})
+
+
+def test_more_than_one_turn_becomes_one(file):
     a = np.linspace(-4.0, 4.0, 400)
     columns = {"a": a, "b": np.cos(a), "x": a, "y": a**2}
     log = read_log(file(pl.DataFrame(columns).write_csv()), joints=["a", "b"])
@@ -309,7 +326,7 @@ def quaternion(turns):
     return dict(zip(("qx", "qy", "qz", "qw"), turns.T, strict=True))
 
 
-def test_orientations_are_read_and_written_and_positions_in_a_plane_are_planar(posed, tmp_path):
+def test_positions_and_orientations_are_read_and_written(posed, tmp_path):
     write, x, turns = posed
     log = read_log(write(**quaternion(-turns)), SPATIAL)  # the same orientations
     np.testing.assert_array_equal(log.x, x)
@@ -327,10 +344,17 @@ def test_orientations_are_read_and_written_and_positions_in_a_plane_are_planar(p
     np.testing.assert_allclose(rotation.as_matrix(), expected, atol=1e-12)
     turned = {name: np.degrees(values) for name, values in more.items()}
     unread(write(**turned), "give `degrees=True`", arm=SPATIAL, joints=None)
+
+
+def test_quaternions_that_are_none_are_told_in_one_line(posed):
+    write, _, turns = posed
     turns[7:30] = (0.5, 0.5, 0.0, 0.0)
     log = read_log(write(**quaternion(turns)), SPATIAL)
     assert len(log) == log.left_out - 6 == 17
     assert "length 0.7071, expected 1; left out: rows 8, 9" in log.notes[0]
+
+
+def test_without_an_arm_positions_in_a_plane_are_planar_unless_an_arm_is_in_space(posed):
     write, x, _ = posed
     names = SPATIAL.joint_names
     assert read_log(write(), joints=names).x.shape == (40, 3)
@@ -341,3 +365,14 @@ def test_orientations_are_read_and_written_and_positions_in_a_plane_are_planar(p
     np.testing.assert_allclose(read_log(path, joints=names, outputs=3).x, x * (1, 1, 1e-4))
     path.write_text(path.read_text().replace("x,y,z", "x,y,height"))
     refused(LogError, "x and y alone", read_log, path, joints=names, outputs=3)
+
+
+def test_of_a_very_long_log_evenly_spread_rows_are_held(tmp_path, arm):
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (400_000, 2))
+    columns = dict(zip([*arm.joint_names, *"xy"], np.hstack([q, arm.forward(q)]).T, strict=True))
+    pl.DataFrame(columns).write_parquet(tmp_path / "long.parquet")
+    log = read_log(tmp_path / "long.parquet", arm)
+    assert len(log) == 200_000
+    assert set(np.diff(log.rows)) <= {2, 3}
+    assert (log.q == q[log.rows - 1]).all()
+    assert "400,000 rows: 200,000 of them, evenly spread" in log.notes[0]

@@ -43,19 +43,23 @@ def test_each_change_in_closed_form(arm, q, change, truth):
     np.testing.assert_allclose(sim.exact(q[3]), truth(q)[3], atol=1e-12)
 
 
-def test_sensor_changes_apply_in_one_order_and_noise_has_the_stated_deviation(arm, q):
+def test_sensor_changes_apply_as_mirror_scale_rotate_shift_in_any_order_given(arm, q):
     given = ["sensor.shift=1,2", "sensor.rotate=0.5", "sensor.scale=3", "sensor.mirror=y"]
     expected = (3 * two_link(q) * [1, -1]) @ rotation(0.5).T + [1, 2]
     for order in (given, given[::-1]):
         np.testing.assert_allclose(Simulation(arm, changes=order).exact(q), expected, atol=1e-12)
-    many, sim = np.repeat(q, 100, axis=0), Simulation(arm, 2e-3)
+
+
+def test_sensor_noise_has_the_stated_deviation_on_each_axis(arm, q):
+    many = np.repeat(q, 100, axis=0)
+    sim = Simulation(arm, 2e-3)
     error = sim.measure(many, np.random.default_rng(0)) - sim.exact(many)
     np.testing.assert_allclose(error.std(axis=0), 2e-3, rtol=0.02)
     np.testing.assert_allclose(error.mean(axis=0), 0.0, atol=4e-5)
     assert abs(np.corrcoef(error.T)[0, 1]) < 0.02
 
 
-def test_outliers_hit_the_stated_share_and_the_same_thing_changed_twice_is_refused(arm, q):
+def test_outliers_hit_the_stated_share_and_stay_in_the_box(arm, q):
     many = np.repeat(q, 40, axis=0)
     sim = Simulation(arm, changes=["sensor.outliers=0.05", "sensor.shift=5,5"])
     x = sim.measure(many, np.random.default_rng(0))
@@ -65,17 +69,16 @@ def test_outliers_hit_the_stated_share_and_the_same_thing_changed_twice_is_refus
     low, high = seen.min(axis=0), seen.max(axis=0)
     assert ((x[hit] >= low) & (x[hit] <= high)).all()
     assert np.ptp(x[hit], axis=0) == pytest.approx(high - low, rel=0.02)
-    once, words = ["elbow.lock=1", "shoulder.lock=1"], "elbow.lock=2 comes after elbow.lock=1"
-    refused(OptionError, words, Simulation, arm, changes=[*once, "elbow.lock=2"])
-    assert [c.part for c in Simulation(arm, changes=once).changes] == ["elbow", "shoulder"]
-    assert len(Simulation(arm, changes="elbow.lock=1").changes) == 1
 
 
-def test_backlash_delays_the_joint_in_a_measurement_and_babbling_covers_the_range(arm):
+def test_backlash_delays_the_joint_in_a_measurement(arm):
     q = np.array([[0.2, 1.0], [0.2, 1.5], [0.2, 1.45], [0.2, 1.0]])
     sim = Simulation(arm, changes=["elbow.backlash=0.2"])
     stood = np.array([[0.2, 1.0], [0.2, 1.4], [0.2, 1.4], [0.2, 1.1]])
     np.testing.assert_allclose(sim.measure(q, np.random.default_rng(0)), two_link(stood))
+
+
+def test_babbling_stays_within_and_covers_the_range(arm):
     log = babble(arm, 4000)
     assert log.q.shape == (4000, 2)
     assert ((log.q >= arm.lower) & (log.q <= arm.upper)).all()
@@ -86,17 +89,17 @@ def test_backlash_delays_the_joint_in_a_measurement_and_babbling_covers_the_rang
     np.testing.assert_allclose(log.x, arm.forward(log.q), atol=1e-15)
 
 
-IMPOSSIBLE = [
-    ({"n": 0}, "samples is 0, expected a whole number, 1 to"),
-    ({"n": 10_000_001}, "10,000,000"),
-    ({"n": True}, "samples is True, expected a whole number"),
-    ({"seed": -1}, "seed is -1"),
-    *(({"noise": bad}, "noise is") for bad in (-1e-9, float("nan"), float("inf"), "1", None)),
-    ({"changes": "wrist.length=1"}, "no joint 'wrist'; choices: shoulder, elbow, sensor, tip"),
-]
-
-
-@pytest.mark.parametrize(("arguments", "message"), IMPOSSIBLE)
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"n": 0}, "samples is 0, expected a whole number, 1 to"),
+        ({"n": 10_000_001}, "10,000,000"),
+        ({"n": True}, "samples is True, expected a whole number"),
+        ({"seed": -1}, "seed is -1"),
+        *(({"noise": bad}, "noise is") for bad in (-1e-9, float("nan"), float("inf"), "1", None)),
+        ({"changes": "wrist.length=1"}, "no joint 'wrist'; choices: shoulder, elbow, sensor, tip"),
+    ],
+)
 def test_impossible_arguments_are_refused_in_one_line(arm, arguments, message):
     refused(OptionError, message, babble, arm, **{"n": 10, **arguments})
 
@@ -123,3 +126,12 @@ def test_impossible_arguments_are_refused_in_one_line(arm, arguments, message):
 )
 def test_refused_with_what_was_expected(arm, text, expected):
     assert repr(text) in str(refused(OptionError, expected, Simulation, arm, changes=[text]))
+
+
+def test_the_same_thing_changed_twice_is_refused(arm):
+    once = ["elbow.lock=1", "shoulder.lock=1"]
+    twice = [*once, "elbow.lock=2"]
+    words = r"elbow\.lock=2 comes after elbow\.lock=1"
+    refused(OptionError, words, Simulation, arm, changes=twice)
+    assert [c.part for c in Simulation(arm, changes=once).changes] == ["elbow", "shoulder"]
+    assert len(Simulation(arm, changes="elbow.lock=1").changes) == 1

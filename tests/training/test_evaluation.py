@@ -48,7 +48,7 @@ def test_another_log_is_compared_row_by_row():
     assert (of_few.within.keys(), of_few.bound_holds) == ({"p95"}, None)
 
 
-def test_errors_of_orientations_are_a_trackers_and_a_frame_that_moved_is_told():
+def test_errors_of_orientations_are_what_a_tracker_adds():
     rows = bare("spatial_three", 120, 0, noise=0.0)
     noise = Rotation.from_rotvec(np.random.default_rng(0).normal(0, 2e-3, (120, 3)))
     orientation = (Rotation.from_quat(rows.arm.pose(rows.q)[1]) * noise).as_quat()
@@ -57,6 +57,36 @@ def test_errors_of_orientations_are_a_trackers_and_a_frame_that_moved_is_told():
     evaluation = calib.evaluate(model, rows.take(slice(80, 120)))
     told = evaluation.errors["local"]["forward"]["orientation"]["mean"]
     assert told == pytest.approx(noise[80:].magnitude().mean(), rel=0.1)
+
+
+def test_a_log_of_which_a_model_keeps_some_rows_is_learned_as_a_whole():
+    rows = measured().rows
+    some = replace(rows, q=rows.q[::2], x=rows.x[::2], held_out=rows.held_out[::2])
+    assert calib.evaluate(replace(measured(), rows=some), log(1200, 1e-3)).learned == 1200
+
+
+def test_rows_outside_of_what_was_learned_are_left_out_and_counted():
+    arm = calib.load_arm("two_link")
+    narrow = calib.train(calib.babble(arm.with_range({"elbow": (1.0, 2.0)}), 1000), size=10)
+    fresh = log(500, seed=5)
+    within = np.sum((fresh.q[:, 1] >= 1.0) & (fresh.q[:, 1] <= 2.0))
+    evaluation = calib.evaluate(narrow, fresh)
+    assert (evaluation.rows, evaluation.left_out) == (within, 500 - within)
+
+
+def test_a_log_of_other_joints_is_refused_and_one_in_another_order_is_the_same_log():
+    s, model = log(50), trained("two_link")
+    other = replace(s, joint_names=("hip", "knee"), arm=None)
+    words = "log's joints are hip, knee, the model's are shoulder"
+    refused(LogError, words, calib.evaluate, model, other)
+    turned = calib.Samples(
+        s.q[:, ::-1], s.x, s.joint_names[::-1], s.lower[::-1], s.upper[::-1], s.revolute[::-1]
+    )
+    assert calib.evaluate(model, turned).errors == calib.evaluate(model, s).errors
+    assert calib.check(model, turned).score == calib.check(model, s).score
+
+
+def test_a_frame_that_moved_is_told_and_can_be_found_anew():
     model = calib.train(bare("two_link", 200, 1, noise=1e-4), size=8)
     fresh = bare("two_link", 200, 2, noise=1e-4)
     rotation = Rotation.from_rotvec([0.0, 0.0, 0.1]).as_matrix()[:2, :2]
@@ -70,29 +100,8 @@ def test_errors_of_orientations_are_a_trackers_and_a_frame_that_moved_is_told():
     assert not any("frame" in note for note in calib.evaluate(model, fresh).notes)
 
 
-def test_a_log_is_learned_as_a_whole_rows_outside_are_counted_and_repeated_ones_once():
-    rows = measured().rows
-    some = replace(rows, q=rows.q[::2], x=rows.x[::2], held_out=rows.held_out[::2])
-    assert calib.evaluate(replace(measured(), rows=some), log(1200, 1e-3)).learned == 1200
-    arm = calib.load_arm("two_link")
-    narrow = calib.train(calib.babble(arm.with_range({"elbow": (1.0, 2.0)}), 1000), size=10)
-    fresh = log(500, seed=5)
-    within = np.sum((fresh.q[:, 1] >= 1.0) & (fresh.q[:, 1] <= 2.0))
-    evaluation = calib.evaluate(narrow, fresh)
-    assert (evaluation.rows, evaluation.left_out) == (within, 500 - within)
+def test_repeated_rows_count_once_where_they_are_few_too():
     repeated = log(8, 1e-3, seed=5).take(np.repeat(np.arange(8), 15))
     evaluation = calib.evaluate(papers(1e-3), repeated)
     assert evaluation.rows == 8
     assert evaluation.notes == ("112 repeated rows count once",)
-
-
-def test_a_log_of_other_joints_is_refused_and_one_in_another_order_is_the_same_log():
-    s, model = log(50), trained("two_link")
-    other = replace(s, joint_names=("hip", "knee"), arm=None)
-    words = "log's joints are hip, knee, the model's are shoulder"
-    refused(LogError, words, calib.evaluate, model, other)
-    turned = calib.Samples(
-        s.q[:, ::-1], s.x, s.joint_names[::-1], s.lower[::-1], s.upper[::-1], s.revolute[::-1]
-    )
-    assert calib.evaluate(model, turned).errors == calib.evaluate(model, s).errors
-    assert calib.check(model, turned).score == calib.check(model, s).score

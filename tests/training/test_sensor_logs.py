@@ -89,13 +89,16 @@ def test_two_sensors_see_a_planar_arm_from_both_sides():
         assert np.linalg.norm(missed, axis=1).max() < 1e-4
 
 
-def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused_by_name(logs, two):
+def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused(logs):
     log = logs[0][0]
     refused(LogError, "a name of its own", calib.train, [log, log])
     other = calib.babble(calib.load_arm("two_link"), 50)
     refused(LogError, "simulation", calib.train, [log, other])
     plane = replace(other, simulation=None, sensor="plane")
     refused(calib.CalibError, "a log of the same arm", calib.train, [log, plane])
+
+
+def test_a_sensor_of_another_arm_is_named(logs, two):
     (left, _), (right, _) = logs
     moved = replace(right, q=right.q + np.array([0.0, 0.05, 0.0]))
     notes = calib.train([left, moved], size=3).by("right").about.notes

@@ -57,6 +57,16 @@ def test_without_a_size_a_log_gets_about_five_rows_per_node_and_not_too_few_node
     assert any(f"{side}x{side} nodes for {rows:,} rows" in note for note in notes)
 
 
+def test_a_noisy_log_reports_its_error_on_blocks_that_were_held_out():
+    about = measured().about
+    assert about.source == "log"
+    assert about.simulation is None
+    printed = about.errors["local"]["forward"]["distance"]["mean"]
+    # what a reading differs from the true position, and hardly more
+    assert printed == pytest.approx(MM * np.sqrt(np.pi / 2), rel=0.1)
+    assert mean_error(measured()) < 0.3 * MM
+
+
 def test_ripples_of_a_gear_are_learned_by_the_local_models():
     s = calib.babble(calib.load_arm("two_link"), 3000)
 
@@ -72,7 +82,7 @@ def test_ripples_of_a_gear_are_learned_by_the_local_models():
     assert np.abs(model.forward(model.inverse(x, near=q)) - x).max() < 1e-8
 
 
-def test_the_urdf_is_a_prior_and_a_noisy_log_reports_its_error_on_held_out_blocks():
+def test_a_log_of_an_arm_has_the_urdf_as_prior_and_one_of_names_has_none():
     rows = log(12, 1 * MM)
     with_robot = calib.train(rows, size=4)
     names = calib.train(replace(rows, arm=None), size=4)
@@ -81,13 +91,6 @@ def test_the_urdf_is_a_prior_and_a_noisy_log_reports_its_error_on_held_out_block
     # a frame that need not be found helps too
     in_base = calib.train(rows, size=4, view="base")
     assert mean_error(in_base) < mean_error(with_robot) < mean_error(names)
-    about = measured().about
-    assert about.source == "log"
-    assert about.simulation is None
-    printed = about.errors["local"]["forward"]["distance"]["mean"]
-    # what a reading differs from the true position, and hardly more
-    assert printed == pytest.approx(MM * np.sqrt(np.pi / 2), rel=0.1)
-    assert mean_error(measured()) < 0.3 * MM
 
 
 def test_both_bounds_hold_where_no_row_was():
@@ -119,19 +122,11 @@ def test_every_network_and_rule_trains_maps_that_read_out_well(name, rule):
     assert np.linalg.norm(model.forward(q, "activity") - two_link(q), axis=1).mean() < most
 
 
-def test_a_hobby_arm_is_learned_wherever_random_chains_end_and_a_slide_that_nobody_named_told():
+def test_a_simulated_hobby_arm_is_learned_wherever_random_chains_end():
     """From random chains alone the search ended at the mean of all positions, 32 mm off."""
     about = trained("so101", 20_000, 4).about
     assert about.errors["local"]["forward"]["distance"]["max"] < 1e-12
     assert about.bound_holds
-    arms = (calib.load_arm(robot) for robot in ("polar", "two_link"))
-    polar, turning = (calib.babble(arm, 300, noise=0.1 * MM) for arm in arms)
-    nameless = calib.Samples(polar.q, polar.x, polar.joint_names)
-    named = replace(nameless, revolute=polar.revolute)
-    no_slide = calib.Samples(turning.q, turning.x, turning.joint_names)
-    for rows in (nameless, named, no_slide):
-        notes = " ".join(calib.train(rows, size=10).about.notes)
-        assert ("if a joint slides, name it in `prismatic`" in notes) is (rows is nameless)
 
 
 @pytest.mark.parametrize("name", ["six_axis", "two_link"])
@@ -183,13 +178,10 @@ def test_impossible_options_are_refused_in_one_line(options, message):
     refused(OptionError, message, calib.train, samples, **{"size": 5, **options})
 
 
-def test_too_few_rows_and_maps_that_did_not_unfold_are_refused_and_ten_are_enough():
+def test_too_few_rows_are_refused_and_ten_are_enough():
     words = "poses: 9, in 9 rows: too few to learn from, give at least 10"
     refused(LogError, words, calib.train, log(9), size=4)
     assert calib.train(log(10), size=4).about.samples == 10
-    samples = calib.babble(calib.load_arm("two_link"), 100, seed=0)
-    with pytest.raises(OptionError, match=r"map.*`size`"):
-        calib.train(samples, size=4, map="som", epochs=3, sigma=(1e9, 1e9))
 
 
 def test_a_joint_that_never_moved_is_refused_or_ignored():
@@ -212,6 +204,12 @@ def test_a_joint_that_never_moved_is_refused_or_ignored():
     # derivatives of the sensor are differences: rounding of 5e-13 by what no row tells, 9 sds
     alone = [model.model_error(q) for q in beside]
     np.testing.assert_allclose(alone, bound, rtol=1e-9, atol=1e-11)
+
+
+def test_maps_that_did_not_unfold_are_refused_in_one_line():
+    samples = calib.babble(calib.load_arm("two_link"), 100, seed=0)
+    with pytest.raises(OptionError, match=r"map.*`size`"):
+        calib.train(samples, size=4, map="som", epochs=3, sigma=(1e9, 1e9))
 
 
 MISFITS = {  # of a log in space: joints, positions, orientations, what the refusal says
@@ -273,3 +271,14 @@ def test_outliers_of_a_simulated_sensor_are_left_out_as_those_of_a_log_are(body)
     assert model.about.bound_holds
     errors = model.about.errors[model.default_readout]
     assert errors["forward"]["distance"]["mean"] < (2e-4 if body == "auto" else 0.02)
+
+
+def test_a_slide_that_nobody_named_is_told():
+    arms = (calib.load_arm(robot) for robot in ("polar", "two_link"))
+    polar, turning = (calib.babble(arm, 300, noise=0.1 * MM) for arm in arms)
+    nameless = calib.Samples(polar.q, polar.x, polar.joint_names)
+    named = replace(nameless, revolute=polar.revolute)
+    no_slide = calib.Samples(turning.q, turning.x, turning.joint_names)
+    for rows in (nameless, named, no_slide):
+        notes = " ".join(calib.train(rows, size=10).about.notes)
+        assert ("if a joint slides, name it in `prismatic`" in notes) is (rows is nameless)
