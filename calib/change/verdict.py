@@ -184,6 +184,20 @@ class Verdict:
         return self.rows.unit if self.evidence is None else self.evidence.unit
 
     @property
+    def hint(self) -> str:
+        """What to do first about a change; "" where an adaptation is enough."""
+        if any(cause.cause == "step" for cause in self.causes):
+            return "split the log there, then calib adapt with its later part"
+        if self.evidence is None:
+            return "maps without a body learn from a stream: calib adapt --method online"
+        if not self.adapts:
+            return "check the log and the arm: calib adapt finds nothing that mends it"
+        # a change of unit has no interval
+        if any(c.cause == "scale" and c.interval is None for c in self.causes):
+            return "check the log's unit before calib adapt, which learns the new scale"
+        return ""
+
+    @property
     def adapts(self) -> bool:
         """Whether held-out rows show that `adapt` re-calibrates the model."""
         return self.update is not None and self.update.improved

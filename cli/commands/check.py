@@ -78,13 +78,7 @@ def _verdict(verdict: calib.Verdict, adapt: str) -> list[str]:
         f"{with_unit(verdict.smallest, verdict.unit)} on; more rows show smaller ones"
     )
     if verdict.changed:
-        remedy = f"{adapt} re-calibrates it"
-        scales = [cause for cause in verdict.causes if cause.cause == "scale"]
-        if not verdict.adapts:
-            remedy = "calib adapt finds nothing that mends it: check the log and the arm"
-        # a change of unit has no interval
-        elif any(cause.interval is None for cause in scales):
-            remedy = "check the log's unit before calib adapt, which learns the new scale"
+        remedy = verdict.hint or f"{adapt} re-calibrates it"
         return [
             f"DRIFTED: {verdict.main_cause}",
             *verdict.explanations[1:],

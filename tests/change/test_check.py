@@ -77,6 +77,7 @@ def test_a_log_within_which_something_changed_is_split_there(change, row):
     assert abs(int(re.search(r"near row (\d+)", cause.words)[1]) - row) < 4
     assert "before: still calibrated; after: " in cause.words
     assert not found.improved
+    assert found.verdict.hint.startswith("split the log")
     # in no order of time there is nothing to split
     mixed = log.take(np.random.default_rng(0).permutation(60))
     assert "step" not in names(calib.check(learned(), mixed))
@@ -253,6 +254,7 @@ def test_a_change_beyond_errors_of_maps_is_drift_and_learned_from_a_stream_only(
     assert drift.drifted
     assert not drift.adapts
     assert found.model is maps_alone
+    assert drift.hint.endswith("--method online")
     assert any("method=online" in note for note in found.notes)
 
 

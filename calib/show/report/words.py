@@ -122,6 +122,9 @@ def next_step(study: Study) -> str:
     """The one thing that helps most."""
     verdict = study.evaluation.verdict
     if verdict is not None and verdict.changed:
+        hint = verdict.hint
+        if hint:
+            return f"{hint[0].upper()}{hint[1:]}."
         return "`calib adapt MODEL --data LOG` takes the change over."
     if study.model.about.simulation is not None:
         return "This arm is simulated: 30 measured rows of the real one (`calib plan`) tell more."
