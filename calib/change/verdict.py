@@ -189,7 +189,7 @@ class Verdict:
         if any(cause.cause == "step" for cause in self.causes):
             return "split the log there, then calib adapt with its later part"
         if self.evidence is None:
-            return "maps without a body learn from a stream: calib adapt --method online"
+            return "maps without a body learn from a stream alone: calib adapt by method online"
         if not self.adapts:
             return "check the log and the arm: calib adapt finds nothing that mends it"
         # a change of unit has no interval

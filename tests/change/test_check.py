@@ -254,7 +254,7 @@ def test_a_change_beyond_errors_of_maps_is_drift_and_learned_from_a_stream_only(
     assert drift.drifted
     assert not drift.adapts
     assert found.model is maps_alone
-    assert drift.hint.endswith("--method online")
+    assert drift.hint.endswith("method online")
     assert any("method=online" in note for note in found.notes)
 
 
