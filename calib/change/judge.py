@@ -231,6 +231,9 @@ def _step_in_words(
             state = judge(model, log.take(part), cause=cause, learn=False)
         except LogError as error:
             states.append(str(error))
+            continue
+        if state.has_step:
+            states.append("it changed there, too")
         else:
             states.append(state.main_cause if state.drifted else state.words)
     before, after = states

@@ -219,8 +219,7 @@ def find_play(noise: NoiseFit, approach: Approach | None) -> Play | None:
     """
     system = noise.system
     side = system.observations.side
-    columns = system.whiten(-system.slope * side[:, None])
-    features = noise.nuisance.rest(columns, noise.size)
+    features = noise.nuisance.rest(system.play_columns(), noise.size)
     products = np.einsum("nmd,nm->nd", features, noise.residual)
     squares = np.maximum((features**2).sum(axis=(0, 1)), 1e-300)
     total = products.sum(axis=0)

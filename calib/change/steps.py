@@ -21,7 +21,7 @@ import numpy as np
 from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
 from ..common.arrays import Array, Index
-from ..common.rows import spread_rows
+from ..common.rows import solve_least_squares, spread_rows
 from .causes import CREEP_WAVES, single_causes
 from .explanation import Explanation
 from .noise import FALSE_ALARM, sd_of_changes
@@ -76,6 +76,10 @@ def find_step(
     # rows that contradict all others count for little
     limit = OUTLIER * float(np.median(np.abs(system.y)))
     y = np.clip(system.y, -limit, limit)
+    # nor is the play of joints, which moved another way before
+    plays = system.play_columns()
+    halves = solve_least_squares(plays, y[:, None])
+    y -= (plays @ halves)[:, 0]
     nuisance, noise, freedom = _most_likely_nuisance(system, y)
     steps = _steps(nuisance, y, noise, starts)
     best = max(steps, key=attrgetter("share"))

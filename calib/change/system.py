@@ -127,6 +127,10 @@ class System:
             residual = structure.residual(self.observations.z, predicted)
         return residual, self.whiten(columns)
 
+    def play_columns(self) -> Array:
+        """Columns (N, dof) of half the play of each joint, in noises."""
+        return self.whiten(-self.slope * self.observations.side[:, None])
+
     def log_columns(self, sd: Array) -> Array:
         """Columns (N, r) of a log's own deviations: a smooth residual, and a shared frame.
 

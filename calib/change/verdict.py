@@ -184,9 +184,14 @@ class Verdict:
         return self.rows.unit if self.evidence is None else self.evidence.unit
 
     @property
+    def has_step(self) -> bool:
+        """Whether something changed within the log."""
+        return any(cause.cause == "step" for cause in self.causes)
+
+    @property
     def hint(self) -> str:
         """What to do first about a change; "" where an adaptation is enough."""
-        if any(cause.cause == "step" for cause in self.causes):
+        if self.has_step:
             return "split the log there, then calib adapt with its later part"
         if self.evidence is None:
             return "maps without a body learn from a stream alone: calib adapt by method online"

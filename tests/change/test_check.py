@@ -83,6 +83,23 @@ def test_a_log_within_which_something_changed_is_split_there(change, row):
     assert "step" not in names(calib.check(learned(), mixed))
 
 
+def test_play_of_all_joints_along_a_path_is_no_change_within_the_log():
+    three, t = calib.load_arm("spatial_three"), np.linspace(0, 20, 200)[:, None]
+    middle, half = (three.lower + three.upper) / 2, (three.upper - three.lower) / 3
+    rng, phase = np.random.default_rng(1), t * [0.5, 0.9, 1.3] + np.arange(3)
+    path, q = middle + half * np.sin(phase), rng.uniform(three.lower, three.upper, (300, 3))
+
+    def log(q, tip_joints):
+        x = three.forward(tip_joints)
+        return log_of(three, q, x + rng.normal(0.0, 1e-4, x.shape))
+
+    verdict = calib.check(
+        calib.train(log(q, q), size=4), log(path, path - 5e-3 * np.sign(np.cos(phase)))
+    )
+    assert "step" not in names(verdict)
+    assert verdict.drifted
+
+
 def test_one_joint_in_degrees_is_named():
     """All were said to be: `degrees=True` then turns the others' radians into next to none."""
     rows = babbled(n=60)
