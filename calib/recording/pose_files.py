@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -90,18 +91,27 @@ def read_flange_poses(path: FilePath) -> FlangeTable:
         return _files(label, place)
     try:
         if place.suffix.lower() in (".npy", ".npz"):
-            arrays = np.load(place)
-            if isinstance(arrays, Mapping):  # of several, by name
-                arrays = {
-                    name: array.tolist() for name, array in arrays.items()
-                }
-            return FlangeTable(label, _poses(label, arrays))
+            return FlangeTable(label, _poses(label, _arrays(label, place)))
         text = place.read_text(encoding="utf-8-sig")
     except (OSError, EOFError, ValueError):  # a pipe, UTF-16, Parquet
         return _table(open_source(path))
     with suppress(ValueError):
         return FlangeTable(label, _poses(label, json.loads(text)))
     return _text(label, text)
+
+
+def _arrays(label: str, place: Path) -> Array | dict[str, list[Any]]:
+    """The array of `numpy.save`, or those of `numpy.savez` as lists by name."""
+    try:
+        arrays = np.load(place)
+        if isinstance(arrays, np.ndarray):
+            return arrays
+        with arrays:
+            return {name: array.tolist() for name, array in arrays.items()}
+    except (BadZipFile, EOFError, ValueError):
+        raise LogError(
+            f"{label} cannot be read: expected numbers alone, of numpy.save or numpy.savez"
+        ) from None
 
 
 def _files(label: str, pattern: Path) -> FlangeTable:

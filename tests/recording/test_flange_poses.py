@@ -243,6 +243,8 @@ def test_tables_of_other_columns_and_of_other_numbers_are_refused_in_one_line(tm
     ):
         path.write_text(f"{header}\n{row}\n")
         refused(LogError, words, world.solve, path)
+    (tmp_path / "cut.npz").write_bytes(b"PK\x03\x04 cut off")
+    refused(LogError, "cut.npz cannot be read: expected numbers", world.solve, tmp_path / "cut.npz")
     for unit, words in (("um", "expected one of"), ("mm", "from its base")):
         refused(OptionError, words, world.solve, unit=unit)
     refused(OptionError, "either an arm", calib.handeye, pictures=world.shots())
