@@ -335,8 +335,9 @@ def notes_of_turns(chosen: Mapping[str, Range]) -> list[str]:
     note = (
         f"{listing(cut)} can turn more than once: one turn of each is learned"
     )
-    largest = max(high for _, high in chosen.values())
-    if 2.0 * TURN < largest <= 360.0:
+    finite = [high for _, high in chosen.values() if high <= 360.0]
+    largest = max(finite, default=0.0)
+    if largest > 2.0 * TURN:
         note += (
             f"; limits of {largest:g} rad: if they are in degrees, correct them"
         )
