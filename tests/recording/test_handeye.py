@@ -219,7 +219,6 @@ watching = cache(lambda: calib.train(solved(True).poses, size=4))
 TILT = {"tool.rotation": (0, 0.006)}
 ALIKE = [
     (TILT, {"tool": 0.344}),
-    ({"offset": (-1, 0.05)}, {"offset:wrist_3": 2.86}),
     ({"offset": (-1, 0.02)}, {"offset:wrist_3": 1.146}),
     ({"offset": (2, 0.01), **TILT}, {"offset:elbow": 0.573, "tool": 0.344}),
 ]  # changes [rad], and what is told of them [deg]
