@@ -160,6 +160,9 @@ class PosteriorSettings:
     # nats that a step must gain: along the ways in which an arm without a drawing may be put
     # together the fit betters by little for long, predictions no more
     enough: float = 0.5
+    # Inflation of the bound of an arm that was only simulated: nothing has shown yet how it holds.
+    # Of 30 rows with waves of 2 mrad it covered 94.4 % without.
+    simulated_kappa: float = 1.2
 
 
 POSTERIOR = PosteriorSettings()
@@ -253,12 +256,16 @@ class Posterior:
         inverse = Factor(self.place.precision).inverse()
         of_u = inverse[: self.size, : self.size]
         root = root_of(self.r @ of_u @ self.r.T)
+        kappa = old.kappa
+        if old.simulated:
+            kappa = max(kappa, POSTERIOR.simulated_kappa)
         return replace(
             old,
             beta=self.place.beta,
             active=self.active,
             # the bound inflates by kappa what is kept here without it
             root=root / old.kappa,
+            kappa=kappa,
             noise=self.explanation.noise * self.reference.sizes,
             residual=np.maximum(old.residual, self.residual),
             second=None,
