@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +37,7 @@ from .noise import (
     share_chance,
 )
 from .rows import LEAST_ROWS, OUTLIER, Observations, neighbours_apart_in_time
-from .system import SYSTEM, NoisyJoint, Nuisance, System
+from .system import SYSTEM, NoisyJoint, Nuisance, Statistics, System
 
 
 @dataclass(frozen=True)
@@ -154,13 +154,12 @@ class StepSettings:
 
     # most rows from which on a cause is tested
     starts: int = 40
-    # least share of the squared residuals that a step explains
+    # least share of the squared residuals that a step explains, times how much noisier the shorter
+    # part is: 20 times the noise in the last fifth of six logs made that 3 to 18, with shares of
+    # .07 to .18, and steps .6 to 3 with shares of .12 to .82
     least_explained: float = 0.1
     # least share of neighbours on either side of a step, over that of rows in any order
     mixed: float = 0.5
-    # most scatter of the shorter part, over that of the other: 20 times the noise in the last
-    # fifth of six logs made 1.7 to 4.3 of it, steps .8 to 1.4
-    scatter: float = 1.5
 
 
 STEPS = StepSettings()
@@ -208,31 +207,23 @@ def find_step(
     plays = system.play_columns()
     halves = solve_least_squares(plays, y[:, None])
     y -= (plays @ halves)[:, 0]
-    # where joints are elsewhere, all that is left may be smooth
-    missed = np.sqrt((y**2).mean()) * reference.sizes
-    changes = sd_of_changes(reference)
-    nuisance = Nuisance(
-        system, CREEP_WAVES, change_sd=changes, residual_sd=missed
-    )
-    statistics = nuisance.statistics(y, system.x[:, :0])
+    nuisance, statistics = _likelier_nuisance(system, y)
     noise = statistics.most_likely_noise()
     courses = list(_courses(nuisance, y, noise, starts))
     best = max(courses, key=attrgetter("share"))
 
-    # a sensor that is noisier from a row on is no step
     left_over = y - best.columns @ best.changes
-    outputs = observations.z.shape[1]
-    parts = np.split(np.abs(left_over), [best.start * outputs])
-    shorter, longer = sorted(parts, key=len)
-    if np.median(shorter) > STEPS.scatter * np.median(longer):
-        return None
     # rows that err together count once
     freedom = statistics.noise_freedom(noise)
     freedom /= autocorrelation_time(nuisance.rest(left_over, noise))
     chance = share_chance(best.share, len(best.changes), freedom)
-    if len(courses) * chance > FALSE_ALARM:
-        return None
-    if best.share < STEPS.least_explained:
+    # a sensor that is noisier from a row on is no step
+    outputs = observations.z.shape[1]
+    parts = np.split(np.abs(left_over), [best.start * outputs])
+    shorter, longer = sorted(parts, key=len)
+    noisier = float(np.median(shorter) / np.median(longer)) ** 2
+    least_share = STEPS.least_explained * max(noisier, 1.0)
+    if len(courses) * chance > FALSE_ALARM or best.share < least_share:
         return None
     return Step(int(rows[best.start]), is_gradual=bool(best.columns[0].any()))
 
@@ -253,6 +244,25 @@ def _starts(u: Array) -> Index:
     by_chance = 2.0 * starts * (len(u) - starts) / len(u) ** 2
     is_mixed = apart > STEPS.mixed * by_chance
     return np.asarray(starts[is_mixed])
+
+
+def _likelier_nuisance(system: System, y: Array) -> tuple[Nuisance, Statistics]:
+    """Whatever else residuals (N,) may be: of them the usual share is smooth, or all are."""
+    reference = system.reference
+    missed = np.sqrt((y**2).mean()) * reference.sizes
+    fits = []
+    for residual_sd in (None, missed):
+        nuisance = Nuisance(
+            system,
+            CREEP_WAVES,
+            change_sd=sd_of_changes(reference),
+            residual_sd=residual_sd,
+        )
+        statistics = nuisance.statistics(y, system.x[:, :0])
+        _, likelihood = statistics.noises()
+        fits.append((likelihood.max(), nuisance, statistics))
+    _, nuisance, statistics = max(fits, key=itemgetter(0))
+    return nuisance, statistics
 
 
 def _courses(
