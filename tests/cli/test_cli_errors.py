@@ -82,6 +82,10 @@ CASES = [
     ("plan two_link --from 1 -o p.csv", 2, "2 values"),
     ("plan two_link --from 1,9 -o p.csv", 1, "--from: elbow 9"),
     ("plan good.calib --tip t -o p.csv", 2, "--tip ROBOT"),
+    ("plan good.calib --planar -o p.csv", 2, "--planar ROBOT"),
+    ("evaluate good.calib --distance a,b=50mm", 2, "--distance --data"),
+    ("evaluate good.calib --frame free", 2, "--frame --data"),
+    ("check good.calib --data few.csv --camera left", 2, "--camera LeRobotDataset"),
 ]
 
 
