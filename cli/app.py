@@ -173,20 +173,21 @@ def _printing(command: Callable[..., Outcome]) -> Callable[..., None]:
 
 def _keep_inputs(options: Mapping[str, object]) -> None:
     """Refuse an output that is a file which the command reads, such as the user's log."""
-    # by another name, too: ./log.csv is log.csv
-    inputs: list[Path] = []
-    for name in INPUTS:
+    outputs = {
+        Path(str(options[name])).resolve(): name
+        for name in OUTPUTS
+        if options.get(name) and Path(str(options[name])).exists()
+    }
+    for name in INPUTS if outputs else ():
         typed = options.get(name)
-        paths = typed if isinstance(typed, list) else [typed]
-        inputs += [Path(str(path)).resolve() for path in paths]
-    for name in OUTPUTS:
-        output = options.get(name)
-        if output is None or not Path(str(output)).exists():
-            continue
-        if Path(str(output)).resolve() in inputs:
-            raise BadOption(
-                f"--{name} {output!r} would replace what is read: expected another file"
-            )
+        for path in typed if isinstance(typed, list) else [typed]:
+            # by another name, too: ./log.csv is log.csv
+            option = outputs.get(Path(str(path)).resolve())
+            if option is not None:
+                raise BadOption(
+                    f"--{option} {options[option]!r} would replace what is read: expected another "
+                    "file"
+                )
 
 
 def start(
