@@ -10,9 +10,9 @@ from calib.common.wording import with_unit
 from calib.use import standing
 
 from .. import options as opt
-from ..logs import LogFormat, log_of, with_facts
-from ..output import NO, Outcome, say
-from ..parsing import BadOption
+from ..logs import FOR_LOGS, LogFormat, log_of, with_facts
+from ..output import Outcome, say
+from ..parsing import BadOption, refuse
 from ..summary import error_table, summary
 
 if TYPE_CHECKING:
@@ -43,7 +43,11 @@ def evaluate(
     loaded = model_in(model, sensor)
     log_format = LogFormat(columns, unit, time_offset, degrees)
     log = log_of(loaded, data, log_format)
-    if log is not None:
+    if log is None:
+        anew = None if frame == "kept" else frame
+        of_logs = {"distance": distance, "plane": plane, "frame": anew}
+        refuse(of_logs, FOR_LOGS)
+    else:
         log = with_facts(log, distance, plane)
         loaded = loaded.by(log.sensor)
     started = time.perf_counter()
@@ -71,11 +75,10 @@ def evaluate(
         limit = [standing.limiting_factor(loaded, result.errors)]
     if result.touch:
         document["touch"] = result.touch
-        lines = [*warnings, f"{model}: {_scatter(result)}", *limit]
-        return Outcome(document, lines, code=NO if warnings else 0)
+        lines = [f"{model}: {_scatter(result)}", *limit]
+        return Outcome(document, lines, warnings=warnings)
     others = [] if log is not None else loaded.sensors[1:]
     lines = [
-        *warnings,
         f"{model}: {standing.accuracy(loaded, result)}",
         *(standing.accuracy_as_made(loaded.by(name)) for name in others),
         *limit,
@@ -86,7 +89,7 @@ def evaluate(
         lines.append(_standard_line(standard))
     title = f"errors on {result.rows} {result.source}"
     table = error_table(loaded, result.errors, title)
-    return Outcome(document, lines, [table], code=NO if warnings else 0)
+    return Outcome(document, lines, [table], warnings=warnings)
 
 
 def _warnings_of_log(result: calib.Evaluation) -> list[str]:

@@ -162,8 +162,7 @@ def test_what_changed_on_the_way_is_told(group, step):
 def test_a_lens_that_was_fitted_anew_is_no_change(run, tmp_path):
     """The model's own pictures were called drifted: their poses stood 4 mm elsewhere."""
     rig = Rig(True, known=False, pictures=40)
-    model = calib.train(rig.solve().poses, size=4)
-    model.save(tmp_path / "rig.calib")
+    calib.train(rig.solve().poses, size=4).save(tmp_path / "rig.calib")
     for drifted in (False, True):
         if drifted:  # the camera in its mount, by half a degree
             turn = rig.structure.groups["tool.rotation"]
@@ -171,7 +170,6 @@ def test_a_lens_that_was_fitted_anew_is_no_change(run, tmp_path):
             rig.beta[turn] = logarithm(exponential(rig.beta[turn]) @ more)
             rig.look(rig.q, np.random.default_rng(1))
         log = rig.shots().log(rig.shots().lens(), in_hand=True)
-        assert calib.check(model, log).drifted is drifted
         calib.write_log(log, tmp_path / "log.csv")
         done = run("check", tmp_path / "rig.calib", "--data", tmp_path / "log.csv", "--json")
         assert done.document["drifted"] is drifted
@@ -219,7 +217,6 @@ watching = cache(lambda: calib.train(solved(True).poses, size=4))
 TILT = {"tool.rotation": (0, 0.006)}
 ALIKE = [
     (TILT, {"tool": 0.344}),
-    ({"offset": (-1, 0.05)}, {"offset:wrist_3": 2.86}),
     ({"offset": (-1, 0.02)}, {"offset:wrist_3": 1.146}),
     ({"offset": (2, 0.01), **TILT}, {"offset:elbow": 0.573, "tool": 0.344}),
 ]  # changes [rad], and what is told of them [deg]
@@ -257,6 +254,7 @@ def test_a_log_of_board_pictures_is_learned_from_like_any_other(folder, run):
 def test_a_dataset_of_lerobot_is_read_as_pictures_and_joints(tmp_path, run):
     rig, pictures, joints = shots(True)
     q = np.degrees(np.repeat(joints.q, REST, axis=0))
+    q[:, 2] -= 3.0  # the horn of the elbow's servo sits three degrees off
     written = {"codec": "mpeg4", "pictures": pictures, "names": joints.names}
     write_dataset(tmp_path, "v3.0", q, **written)
     log = tmp_path / "poses.csv"
@@ -265,10 +263,7 @@ def test_a_dataset_of_lerobot_is_read_as_pictures_and_joints(tmp_path, run):
     made = polars.read_csv(log, comment_prefix="#")
     assert made.columns[:6] == list(joints.names)
     assert made["episode"].to_list() == [0] * 5 + [1] * 5
-    assert np.allclose(made[:, :6].to_numpy(), joints.q)
-    # the horn of the elbow's servo sits three degrees off
-    q[:, 2] -= 3.0
-    write_dataset(tmp_path, "v3.0", q, **written)
+    assert np.allclose(made[:, :6].to_numpy(), np.radians(q[::REST]))
     motor = {"homing_offset": 7, "range_min": 0, "range_max": 4095}
     (tmp_path / "calibration.json").write_text(json.dumps(dict.fromkeys(joints.names, motor)))
     (tmp_path / "arm.urdf").write_text(rig.arm.urdf)
