@@ -140,7 +140,8 @@ def motor_nodes(model: Parts) -> Section:
     """The motor map's nodes, between which values are blended."""
     nodes = model.motor.size
     near = min(blend_size(len(model.about.lower)), nodes - 1)
-    return Section({"node": model.motor.units}, {"nodes": nodes, "near": near})
+    node = model.motor.scale.from_unit(model.motor.units)
+    return Section({"node": node}, {"nodes": nodes, "near": near})
 
 
 def belief(posterior: CompactPosterior, *, noise: bool) -> Section:

@@ -127,8 +127,7 @@ static inline void calib_moves(const calib_joints q, calib_multiples wave, calib
   calib_curves(wave, value, 0);
 #endif
 #if @gravity@
-  calib_drawn_frames(q, drawn);
-  calib_sag(drawn, moved, value, 0);
+  calib_sag(q, drawn, moved, value, 0);
 #endif
   calib_frames(&calib_body, value, at);
   calib_origins_off(at, there);

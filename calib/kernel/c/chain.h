@@ -102,19 +102,14 @@ static inline void calib_levers(const calib_frame *at, int first,
   }
 }
 
-/* Frames of the posture at which weights bend joints. */
-static inline void calib_drawn_frames(const calib_joints q, calib_frame *at) {
-  calib_real value[CALIB_CHAIN];
-  calib_mixed(&calib_drawn, q, value, 0);
-  calib_frames(&calib_drawn, value, at);
-}
-
-/* Adds how much each joint bends under the weights, which it moves at the posture that is drawn, and
- * where slope is not null the derivatives. */
-static inline void calib_sag(const calib_frame *at, calib_motions moved, calib_values value,
-                             calib_slopes slope) {
-  calib_real across[CALIB_CHAIN][3] = {{0}}, lever[CALIB_CHAIN][4];
+/* Adds how much each joint bends under the weights, which it moves at the posture that is drawn, `at`,
+ * and where slope is not null the derivatives. */
+static inline void calib_sag(const calib_joints q, calib_frame *at, calib_motions moved,
+                             calib_values value, calib_slopes slope) {
+  calib_real across[CALIB_CHAIN][3] = {{0}}, lever[CALIB_CHAIN][4], drawn[CALIB_CHAIN];
   int i, j, k;
+  calib_mixed(&calib_drawn, q, drawn, 0);
+  calib_frames(&calib_drawn, drawn, at);
   for (i = 0; i < CALIB_CHAIN; ++i)
     if (calib_turns[i]) calib_cross(calib_gravity, at[i].axis, across[i]);
   for (i = 0; i < CALIB_CHAIN; ++i) {
@@ -147,8 +142,7 @@ static inline void calib_posture(const calib_arm *arm, const calib_joints q, cal
 #if @gravity@
     calib_frame drawn[CALIB_CHAIN + 1];
     calib_motions moved;
-    calib_drawn_frames(q, drawn);
-    calib_sag(drawn, moved, value, slope);
+    calib_sag(q, drawn, moved, value, slope);
 #endif
   }
   calib_frames(arm, value, at);

@@ -102,6 +102,19 @@ static inline calib_real calib_between(calib_real value, calib_real least, calib
   return value > least ? value < most ? value : most : least;
 }
 
+/* From b to a in shares of the joints' ranges, the short way round where they go round; returns
+ * the length. */
+static inline calib_real calib_way(const calib_joints a, const calib_joints b, calib_joints way) {
+  int k;
+  for (k = 0; k < CALIB_DOF; ++k) way[k] = calib_short(k, (a[k] - b[k]) / calib_span[k]);
+  return calib_length(CALIB_DOF, way);
+}
+
+static inline calib_real calib_apart(const calib_joints a, const calib_joints b) {
+  calib_real way[CALIB_DOF];
+  return calib_way(a, b, way);
+}
+
 /* out += R v, with the rows of R. */
 static inline void calib_add(const calib_rotation R, const calib_vector v, calib_vector out) {
   int i;

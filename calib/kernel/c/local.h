@@ -19,7 +19,7 @@ static inline void calib_local(const calib_joints q, calib_real *x, calib_real *
     const calib_real r = calib_radius[node[k]], w = weight[k] * loud;
     const calib_real *c = calib_local_terms[node[k]];
     if (!calib_talks[node[k]]) continue;
-    calib_node_gap(q, node[k], gap);
+    calib_way(q, calib_node[node[k]], gap);
     value[0] = 1;
     for (t = 1; t < @terms@; ++t) value[t] = value[calib_parent[t]] * gap[calib_along[t]] / r;
     for (t = 0; t < @terms@; ++t)

@@ -31,19 +31,6 @@ static inline int calib_forces(int n, const calib_real *J, const calib_real *r, 
   return 1;
 }
 
-/* From b to a in shares of the joints' ranges, the short way round where they go round; returns
- * the length. */
-static inline calib_real calib_way(const calib_joints a, const calib_joints b, calib_joints way) {
-  int k;
-  for (k = 0; k < CALIB_DOF; ++k) way[k] = calib_short(k, (a[k] - b[k]) / calib_span[k]);
-  return calib_length(CALIB_DOF, way);
-}
-
-static inline calib_real calib_apart(const calib_joints a, const calib_joints b) {
-  calib_real way[CALIB_DOF];
-  return calib_way(a, b, way);
-}
-
 /* Joints within their limits; those of full turns go round.  Returns whether no limit holds any. */
 static inline int calib_clipped(calib_joints q) {
   int k, inside = 1;

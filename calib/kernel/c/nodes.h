@@ -2,20 +2,12 @@
 
 enum { CALIB_NODES = @nodes@, CALIB_NEAR = @near@ };
 
-/* Shares of the joints' ranges from a node to q, the short way round; returns their length. */
-static inline calib_real calib_node_gap(const calib_joints q, int node, calib_joints gap) {
-  int i;
-  for (i = 0; i < CALIB_DOF; ++i)
-    gap[i] = calib_short(i, calib_share_of(i, q[i]) - calib_node[node][i]);
-  return calib_length(CALIB_DOF, gap);
-}
-
 /* The nodes that speak for q and their weights, which sum to one. */
 static inline void calib_near(const calib_joints q, int *node, calib_real *weight) {
-  calib_real far[CALIB_NEAR + 1], gap[CALIB_DOF], total = 0;
+  calib_real far[CALIB_NEAR + 1], total = 0;
   int row[CALIB_NEAR + 1], count = 0, n, k;
   for (n = 0; n < CALIB_NODES; ++n) {
-    const calib_real away = calib_node_gap(q, n, gap);
+    const calib_real away = calib_apart(q, calib_node[n]);
     count = calib_rank(n, away * away, count, CALIB_NEAR + 1, far, row);
   }
   for (k = 0; k < CALIB_NEAR; ++k) {
