@@ -19,7 +19,6 @@ from ..common.arrays import Array
 from .parameters import Block, Hyper
 from .settings import FREE, PRIOR
 from .views import (
-    LEAST_DEPTH,
     PLANAR,
     SPATIAL,
     ArmSize,
@@ -31,16 +30,6 @@ from .views import (
 
 PLACE = ("view.rotation", "view.shift", "view.scale", "lens")
 """Blocks of the place of a sensor in space, and of its lens."""
-
-PLANE = (
-    "view.rotation",
-    "view.scale",
-    "view.shear",
-    "view.shift",
-    "view.tilt",
-    "lens",
-)
-"""Blocks of a sensor of a planar arm, in the order of its parameters."""
 
 Lens = tuple[float, float, float, float]
 """Focal length, centre [px] and k1 of a camera."""
@@ -217,32 +206,6 @@ class InPlane(Sensor):
         picture[:2, :2] += linear / size
         lens = np.array([size, *middle, radial])
         return Projection(picture, lens)
-
-    def slopes(self, beta: Mapping[str, Array], motion: Motion) -> Array:
-        """How outputs (k, 2, n) move with the sensor's own parameters (k,)."""
-        turn = self._turn(beta)
-        depth = beta["view.tilt"] @ motion.position + 1.0
-        flat = motion.position / np.maximum(depth, LEAST_DEPTH)
-        away = turn @ self._sides(beta) @ flat
-        turned = np.stack([-away[1], away[0]])
-        image = flat * [[1.0], [self.mirror]]
-        stretched = turn @ (image * [[1.0], [-1.0]])
-        sheared = turn @ image[::-1]
-        sizes = np.stack([turned, away, stretched, sheared])
-        axes = np.eye(2)[..., None]
-        shifted = np.broadcast_to(axes, (2, *flat.shape))
-        tilted = -away * flat[:, None]
-        by_plane = np.concatenate([sizes, shifted, tilted])
-        # and of the lens: y bends by size k |u|^2 u
-        size = PRIOR.lens_size * self.extent
-        radial, *centre = beta["lens"]
-        origin = (beta["view.shift"] - self.centre) / size - centre
-        place = away / size + origin[:, None]
-        square = (place**2).sum(axis=0)
-        bend = radial * (square * axes + 2 * place[:, None] * place)
-        by_plane += np.einsum("ijn,kjn->kin", bend, by_plane)
-        by_radial = size * square * place
-        return np.concatenate([by_plane, by_radial[None], -size * bend])
 
     def _turn(self, beta: Mapping[str, Array]) -> Array:
         """Rotation and scale of the plane (2, 2)."""

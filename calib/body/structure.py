@@ -32,7 +32,7 @@ from .curves import (
 from .layout import Layout
 from .loads import BendingLoads, loads_at
 from .parameters import Gaussian, Indices
-from .sensors import PLANE, InPlane, InSpace, Sensor
+from .sensors import Sensor
 from .views import Projection, Sight, TipMotion, compose
 
 Moving = Iterator[tuple[Indices, Callable[[], TipMotion]]]
@@ -226,7 +226,9 @@ class Structure(Layout):
     ) -> Iterator[tuple[Indices, Callable[[], Array]]]:
         """Parameters, and how outputs (..., m, n) move with them."""
         groups = self.groups
-        yield from self._sensor_columns(q, beta, motion, sight)
+        for name in self.sensor_blocks:
+            by_sensor = partial(self._by_sensor, name, q, motion, beta)
+            yield groups[name], by_sensor
         chain_slope = sight.push(*motion.joints())
         for block in self.loads:
             by_loads = partial(self._by_loads, block, q, beta, chain_slope)
@@ -247,27 +249,6 @@ class Structure(Layout):
         for k in range(self.dof):
             by_curve = partial(_by_curve, joints[:, k], joint_slope[k])
             yield groups[f"curve.{k}"], by_curve
-
-    def _sensor_columns(
-        self, q: Array, beta: Array, motion: Motion, sight: Sight
-    ) -> Iterator[tuple[Indices, Callable[[], Array]]]:
-        """Parameters of what measures, and how outputs (k, m, n) move with them."""
-        groups = self.groups
-        sensor = self.measurement
-        if isinstance(sensor, InPlane):
-            blocks = constants_at(self, beta).blocks
-            indices = np.concatenate([groups[name] for name in PLANE])
-            yield indices, partial(sensor.slopes, blocks, motion)
-            return
-        placing: Mapping[str, TipMotion] = {}
-        if isinstance(sensor, InSpace):
-            placing = self.sensor(beta).placing(motion.position)
-        for name, motions in placing.items():
-            yield groups[name], partial(sight.push, *motions)
-        for name in self.sensor_blocks:
-            if name not in placing:
-                by_sensor = partial(self._by_sensor, name, q, motion, beta)
-                yield groups[name], by_sensor
 
     def _by_loads(
         self, block: str, q: Array, beta: Array, chain_slope: Array
