@@ -272,23 +272,20 @@ class Structure(Layout):
         self, block: str, q: Array, motion: Motion, beta: Array
     ) -> Array:
         """How outputs (k, m, n) move with a block of the sensor's parameters, by differences."""
+        row_facts = q[:, self.dof :]
         slopes: list[Array] = []
         for index in self.groups[block]:
             step = np.zeros(self.size)
             step[index] = _STEP
-            ahead = self._sight_after(step, beta, motion, q)
-            behind = self._sight_after(-step, beta, motion, q)
-            slopes.append(self.residual(ahead, behind).T)
+            ahead, behind = (
+                self.measurement.look(self.by_blocks(moved), motion, row_facts)
+                for moved in (
+                    self.retract(beta, step),
+                    self.retract(beta, -step),
+                )
+            )
+            slopes.append(self.residual(ahead.values, behind.values).T)
         return np.array(slopes) / (2 * _STEP)
-
-    def _sight_after(
-        self, step: Array, beta: Array, motion: Motion, q: Array
-    ) -> Array:
-        """Outputs (n, m) of a motion at rows (n, dof + a), after a step (d,) of the sensor."""
-        blocks = self.by_blocks(self.retract(beta, step))
-        row_facts = q[:, self.dof :]
-        sight = self.measurement.look(blocks, motion, row_facts)
-        return sight.values
 
     def by_blocks(self, beta: Array) -> dict[str, Array]:
         """Parameters (d,) by block."""
