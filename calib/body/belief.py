@@ -190,10 +190,9 @@ class Body(OfStructure):
             group, joint, name, unit = self.structure.labels[k]
             if not group.startswith("curve"):
                 value = float(self.beta[k])
-                low = float(value - half[k])
-                high = float(value + half[k])
+                ends = (float(value - half[k]), float(value + half[k]))
                 parameters.append(
-                    Parameter(name, group, joint, value, low, high, unit)
+                    Parameter(name, group, joint, value, *ends, unit)
                 )
         return tuple(parameters)
 

@@ -261,12 +261,9 @@ class Structure(Layout):
 
     def _by_gravity(self, q: Array, beta: Array, chain_slope: Array) -> Array:
         """How outputs (t, m, n) move as gravity tilts."""
-        slopes: list[Array] = []
-        for tilt in self.tilts["gravity"]:
-            bends = self.bends(q, beta, tilt)
-            by_joints = chain_slope * bends[:, None]
-            slopes.append(by_joints.sum(axis=0))
-        return np.array(slopes)
+        bends = [self.bends(q, beta, tilt) for tilt in self.tilts["gravity"]]
+        slopes: Array = np.einsum("cmn,tcn->tmn", chain_slope, bends)
+        return slopes
 
     def _by_sensor(
         self, block: str, q: Array, motion: Motion, beta: Array
@@ -347,21 +344,16 @@ def constants_at(structure: Structure, beta: Array) -> Constants:
 def _constants(structure: Structure, parameters: bytes) -> Constants:
     beta = np.frombuffer(parameters)
     blocks = structure.by_blocks(beta)
-    bent: list[int] = []
-    curves: list[Array] = []
-    for joint in range(structure.dof):
-        curve = blocks[f"curve.{joint}"]
-        if curve.any():
-            bent.append(joint)
-            curves.append(curve)
+    joints = range(structure.dof)
+    bent = [joint for joint in joints if blocks[f"curve.{joint}"].any()]
+    curves = [blocks[f"curve.{joint}"] for joint in bent]
     amplitudes = amplitudes_of(np.reshape(curves, (-1, 2 * HARMONICS)))
     gain = blocks["gain"] * structure.directions
     offset = structure.offsets(beta)
     coupling = blocks.get("coupling", np.zeros(0))
-    elastic: dict[str, Array] = {}
-    for name in structure.loads:
-        if blocks[name].any():
-            elastic[name] = blocks[name]
+    elastic = {
+        name: blocks[name] for name in structure.loads if blocks[name].any()
+    }
     return Constants(
         gain=gain[:, None],
         offset=offset[:, None],
