@@ -196,7 +196,14 @@ class InPlane(Sensor):
         radial = beta["lens"][0]
         middle = self.centre + size * beta["lens"][1:]
         shift = beta["view.shift"]
-        linear = self._turn(beta) @ self._sides(beta)
+        angle = beta["view.rotation"][0]
+        cosine = np.cos(angle)
+        sine = np.sin(angle)
+        turn = np.array([[cosine, -sine], [sine, cosine]])
+        scale = self.metre * np.exp(beta["view.scale"][0])
+        stretch, shear = beta["view.shear"]
+        sides = np.array([[1.0 + stretch, shear], [shear, 1.0 - stretch]])
+        linear = scale * turn @ sides @ np.diag([1.0, self.mirror])
         tilt = beta["view.tilt"]
         if not radial and not tilt.any() and self.view != "homography":
             return Projection(np.column_stack([linear, shift]))
@@ -206,18 +213,3 @@ class InPlane(Sensor):
         picture[:2, :2] += linear / size
         lens = np.array([size, *middle, radial])
         return Projection(picture, lens)
-
-    def _turn(self, beta: Mapping[str, Array]) -> Array:
-        """Rotation and scale of the plane (2, 2)."""
-        angle = beta["view.rotation"][0]
-        cosine = np.cos(angle)
-        sine = np.sin(angle)
-        scale = self.metre * np.exp(beta["view.scale"][0])
-        turn: Array = scale * np.array([[cosine, -sine], [sine, cosine]])
-        return turn
-
-    def _sides(self, beta: Mapping[str, Array]) -> Array:
-        """Shear of the plane (2, 2) and on which side the sensor is."""
-        stretch, shear = beta["view.shear"]
-        sides = np.array([[1.0 + stretch, shear], [shear, 1.0 - stretch]])
-        return sides @ np.diag([1.0, self.mirror])
