@@ -132,10 +132,7 @@ class Parts:
     @property
     def sensors(self) -> tuple[str, ...]:
         """Names of the sensors that saw the arm, the one whose model this is first."""
-        return (
-            self.about.sensor,
-            *(other.about.sensor for other in self.others),
-        )
+        return tuple(model.about.sensor for model in (self, *self.others))
 
     @cached_property
     def cache(self) -> dict[str, Any]:
