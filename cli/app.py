@@ -19,7 +19,7 @@ import typer
 from . import commands
 from . import options as opt
 from .errors import INTERRUPTED, TRACEBACK, report_error
-from .output import SPEECH, Outcome, note, silence
+from .output import NO, SPEECH, Outcome, note, silence
 from .parsing import BadOption
 
 INPUTS = (
@@ -163,7 +163,7 @@ def _printing(command: Callable[..., Outcome]) -> Callable[..., None]:
             sys.stdout.flush()
         except BrokenPipeError:  # a reader who has seen enough
             silence(sys.stdout)
-        raise typer.Exit(outcome.code)
+        raise typer.Exit(NO if outcome.warnings else outcome.code)
 
     return run_and_print
 

@@ -152,6 +152,9 @@ class Outcome:
     document: Document  # what --json prints
     lines: Sequence[Line] = ()  # what people read, the verdict first
     more: Sequence[Line] = ()  # what --verbose adds
+    warnings: Sequence[
+        str
+    ] = ()  # lines before all others; with any the exit code is `NO`
     # what --quiet prints, the first line if not given
     result: Sequence[Line] | None = None
     # what goes to standard output as CSV
@@ -164,9 +167,11 @@ class Outcome:
         if SPEECH.as_json:
             print_json(self.document)
             return
-        lines = [*self.lines, *self.more] if SPEECH.verbose else self.lines
+        lines: Sequence[Line] = [*self.warnings, *self.lines]
         if SPEECH.quiet:
-            lines = self.lines[:1] if self.result is None else self.result
+            lines = lines[:1] if self.result is None else self.result
+        elif SPEECH.verbose:
+            lines = [*lines, *self.more]
         if self.columns is not None:
             from calib.samples.tables import write_table
 

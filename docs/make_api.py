@@ -23,7 +23,7 @@ Written by `python docs/make_api.py` from the docstrings; edit those, not this p
 An index of `calib.NAME`. `help(calib.NAME)` has parameters, attributes, examples and errors.
 Joint values are in rad or m, positions in m or, for a log, in its unit, written `[unit]`. Rows are
 `(n, dof)` and `(n, 2)` arrays; single vectors `(dof,)` and `(2,)` work as well. Arrays of a model
-are read-only. Equations are those of the [paper](paper.md#what-stands-where).
+are read-only. Equations are those of the [paper](paper.md#where-each-equation-is).
 """
 #: Chapters in the order of use; what is not named here comes last.
 CHAPTERS = {
@@ -90,7 +90,7 @@ def inline(text: str) -> str:
     """Turn reStructuredText within a line into Markdown, and link the equations."""
     text = _ROLE.sub(lambda found: f"`{found[1].rsplit('.', 1)[-1]}`", text)
     text = _LITERAL.sub(r"`\1`", text)
-    return _EQUATION.sub(r"[\1](paper.md#what-stands-where)", text)
+    return _EQUATION.sub(r"[\1](paper.md#where-each-equation-is)", text)
 
 
 def signature(name: str, function: Callable[..., Any]) -> str:

@@ -40,38 +40,34 @@ INTRODUCTION = """\
 
 Written by `python docs/make_robots.py`; edit that, not this page.
 
-What `calib train FILE`, as a user types it, does with each of the {files}
-URDF files of [{package}](https://github.com/Gepetto/example-robot-data) {version} (PyPI; meshes
-are not needed). Nothing is said about joints or tip.
-Where limits are missing the command asks for ranges and ends with exit code 1. The table then gives
-the arm that comes of doing as told: ranges from -1 to 1. Of the files {trained} were
-trained at once, {listed} after doing as told, {refused} were refused for good. {spatial} of the
-arms move in space, {planar} in a plane.
+This page is for users who wonder whether calib reads their URDF. It shows the result of
+`calib train FILE`, without further options, for each of the {files}
+URDF files of [{package}](https://github.com/Gepetto/example-robot-data) {version} (PyPI, without
+meshes). If limits are missing, the command asks for ranges and ends with exit code 1; the table
+then gives the result with ranges from -1 to 1. Of the files {trained} were
+trained at once, {listed} with ranges, and {refused} were refused. {spatial} of the arms are
+spatial, {planar} planar.
 
-The largest distance over {poses} random poses to the frame placements that Pinocchio computes from
-the same files is {worst:.1e} m (the bar is {bar:.0e} m), the largest mean forward error on 10,000
-fresh exact samples {error} mm: the body can represent these arms, which says nothing about real
-ones. The slowest took {slowest:.0f} s of processor time, half of them less than {median:.1f} s.
-Locked joints are at neutral, `--lock` moves them.
+The largest distance to the positions that Pinocchio computes from the same files, over {poses}
+random poses, is {worst:.1e} m (at most {bar:.0e} m is accepted). The largest mean forward error on
+10,000 new exact samples is {error} mm: the body can represent these arms. The slowest command took
+{slowest:.0f} s of processor time, half of them less than {median:.1f} s.
 """
 
 SAID = """\
-## What was said
+## Messages
 
-One line each, from the files that were not trained at once. The six that stay refused were read,
-and what is said of them is so: the two pendulums have no frame beyond `link2`, whose origin lies on
-the axis of `joint2`; the four rotors of `iris` turn side by side; `iris_simple` and
-`quadrotor_base` have fixed joints or none; `ur3.urdf` is the empty shell that a macro left.
+These are the messages for the files that were not trained at once. The six refusals are right: the
+two pendulums have no frame beyond `link2`, whose origin is on the axis of `joint2`; the four rotors
+of `iris` are in parallel; `iris_simple` and `quadrotor_base` have no movable joints; `ur3.urdf` is
+the empty result of a macro.
 """
 
 
 ARMS = """\
 ## Each arm
 
-Processor time of the command, all of it, and the mean error on fresh exact samples.
-
-| file | time [s] | error [mm] |
-|---|---:|---:|
+Processor time of the command [s], and mean error on new exact samples [mm]:
 """
 
 
@@ -195,11 +191,13 @@ def page(outcomes: list[Outcome]) -> str:
         slowest=max(found.seconds for found in trained),
         median=float(np.median([found.seconds for found in trained])),
     )
+    width = max(len(found.name) for found in trained)
     arms = [
-        f"| {found.name} | {found.seconds:.1f} | {1e3 * found.error:.1e} |" for found in trained
+        f"{found.name:<{width}} {found.seconds:5.1f} {1e3 * found.error:8.1e}" for found in trained
     ]
     said = [f"- `{found.name}`: {line}" for found in told for line in found.said]
-    return "\n".join([head, *rows(outcomes), "", SAID, *said, "", ARMS.rstrip(), *arms, ""])
+    table = rows(outcomes)
+    return "\n".join([head, *table, "", SAID, *said, "", ARMS, "```text", *arms, "```", ""])
 
 
 def main() -> None:

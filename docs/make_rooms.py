@@ -13,6 +13,7 @@ import argparse
 import ast
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -55,25 +56,32 @@ def room_of(module: str) -> str | None:
 
 def imports(path: Path, *, types: bool = False) -> Iterator[tuple[str, int]]:
     """Modules that a file imports when it runs, or also for `types`, with their lines."""
+    return ((name, line) for name, line, runs in all_imports(path) if runs or types)
+
+
+@cache
+def all_imports(path: Path) -> list[tuple[str, int, bool]]:
+    """Modules that a file imports, their lines, and whether when it runs or for types alone."""
     module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
     package = module.split(".")[:-1]
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
     typing_only = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test) and not types:
+    found: list[tuple[str, int, bool]] = []
+    for node in nodes:
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
             typing_only |= {id(inner) for inner in ast.walk(node)}
-    for node in ast.walk(tree):
-        if id(node) in typing_only:
-            continue
+    for node in nodes:
+        runs = id(node) not in typing_only
         if isinstance(node, ast.Import):
-            yield from ((alias.name, node.lineno) for alias in node.names)
+            found += ((alias.name, node.lineno, runs) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             base = package[: len(package) - node.level + 1] if node.level else []
             name = ".".join([*base, *([node.module] if node.module else [])])
             if node.module is None or name in ("calib", "cli"):
-                yield from ((f"{name}.{alias.name}", node.lineno) for alias in node.names)
+                found += ((f"{name}.{alias.name}", node.lineno, runs) for alias in node.names)
             else:
-                yield name, node.lineno
+                found.append((name, node.lineno, runs))
+    return found
 
 
 def arrows(*, types: bool = False) -> Iterator[tuple[str, str, str]]:

@@ -73,7 +73,7 @@ run_in_process = Program()
 
 def pytest_collection_modifyitems(items):
     """Put quick files last, so that no worker waits long for the others' end."""
-    items.sort(key=lambda item: item.path.parent.name in ("arm", "cli", "hostile"))
+    items.sort(key=lambda item: item.path.parent.name in ("arm", "hostile"))
     gc.freeze()  # all that was imported would be searched again and again
 
 

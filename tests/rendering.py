@@ -188,12 +188,15 @@ class Desk:
         return (0.92 + 0.1 * x - 0.06 * y - 0.1 * (x**2 + y**2)).astype(np.float32)
 
     @cached_property
+    def _rays(self) -> Array:
+        w, h = self.camera.size
+        return self.camera.rays(np.stack(np.meshgrid(np.arange(w), np.arange(h)), -1))
+
+    @cached_property
     def _background(self) -> NDArray[np.float32]:
         w, h = self.camera.size
-        pixels = np.stack(np.meshgrid(np.arange(w), np.arange(h)), -1).astype(float)
-        rays = self.camera.rays(pixels)
-        far = self.camera.position[2] / np.maximum(-rays[..., 2], 1e-3)
-        x, y = (np.array(self.camera.position[k]) + far * rays[..., k] for k in (0, 1))
+        far = self.camera.position[2] / np.maximum(-self._rays[..., 2], 1e-3)
+        x, y = (self.camera.position[k] + far * self._rays[..., k] for k in (0, 1))
         rng = np.random.default_rng(self.seed)
         coarse = rng.normal(0, 1, (h // 6, w // 6))
         grain = cv2.resize(coarse, (w, h), interpolation=cv2.INTER_CUBIC)
@@ -211,21 +214,20 @@ class Desk:
             return
         (x0, y0), (x1, y1) = low, high
         turn, at = sticker.frame
-        pixels = np.stack(np.meshgrid(np.arange(x0, x1), np.arange(y0, y1)), -1)
-        rays = self.camera.rays(pixels) @ turn
+        rays = self._rays[y0:y1, x0:x1] @ turn
         start = (np.array(self.camera.position) - at) @ turn
         p = start[:2] - start[2] / rays[..., 2:] * rays[..., :2]
+        places = ((p * (1.0, -1.0) + sticker.half) / sticker.cell - 0.5).astype(np.float32)
         # between pixels places on the paper are linear to a thousandth of a pixel
-        p = cv2.resize(p, None, fx=FINE, fy=FINE)
-        row = (sticker.half[1] - p[..., 1]) / sticker.cell - 0.5
-        column = (p[..., 0] + sticker.half[0]) / sticker.cell - 0.5
+        places = cv2.resize(places, None, fx=FINE, fy=FINE)  # columns and rows of cells
         cells = sticker.cells.astype(np.float32)
-        places = column.astype(np.float32), row.astype(np.float32)
-        shade = cv2.remap(cells, *places, cv2.INTER_NEAREST, borderValue=1.0)
-        paper = (np.abs(p) <= sticker.half + sticker.border * sticker.cell).all(-1)
+        shade = cv2.remap(cells, places, None, cv2.INTER_NEAREST, borderValue=1.0)
+        margin = sticker.border + 0.5
+        paper = cv2.inRange(places, -margin * np.ones(2), cells.shape[::-1] + np.array(margin - 1))
+        paper = (paper > 0).astype(np.float32)
         size = (x1 - x0, y1 - y0)
         colour = cv2.resize((22.0 + 206.0 * shade) * paper, size, interpolation=cv2.INTER_AREA)
-        cover = cv2.resize(paper.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        cover = cv2.resize(paper, size, interpolation=cv2.INTER_AREA)
         part = scene[y0:y1, x0:x1]
         part[:] = part * (1 - cover) + colour
 

@@ -266,12 +266,12 @@ class KernelArm:
         return in_pixels, sight.push(joints)
 
     def _by_view(self, motion: Motion) -> Array:
-        """How points move with each number of the view's matrix and shift, (12, 3, n)."""
+        """How points move with each number of the view's rows, (12, 3, n)."""
         outputs = np.eye(3)
-        linear = outputs[:, None, :, None] * motion.position[:, None]
         n = motion.position.shape[1]
-        shifts = np.repeat(outputs[:, :, None], n, axis=2)
-        return np.vstack([linear.reshape(9, 3, n), shifts])
+        point = np.vstack([motion.position, np.ones((1, n))])
+        moves = outputs[:, None, :, None] * point[:, None]
+        return moves.reshape(12, 3, n)
 
 
 def _along(axes: Array, moves: Array) -> Array:

@@ -130,7 +130,7 @@ class Library:
             "inverse": Question("inverse_row", place, (dof,)),
             "inverse_long": Question("inverse_long_row", place, (dof,)),
             "inverse_all": Question(
-                "inverse_all_row", place, (MOST.branches, dof)
+                "inverse_all_row", (), (MOST.branches, dof)
             ),
             "poses": Question("poses_row", pose, (dof,)),
             "poses_all": Question("poses_all_row", pose, (MOST.most_ways, dof)),
@@ -216,7 +216,8 @@ class Library:
     ) -> tuple[Array, NDArray[np.int8]]:
         """The answers to many rows (n, ...), and a flag of each (n,), see ``c/many.h``.
 
-        joints : (n, dof), of the question, or those that answers should be near to
+        joints : (n, dof), of the question, or those that answers should be near to; of all ways
+            to positions these, (n, outputs)
         arguments : (n, k) each, see ``c/many.h``
         """
         n = len(joints)

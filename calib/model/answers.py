@@ -16,7 +16,7 @@ from ..errors import QueryError
 from ..inverse.links import solver_by_links
 from ..inverse.newton import limit_joints, limit_length
 from ..inverse.settings import SOLVER
-from ..inverse.ways import by_middle, slices
+from ..inverse.ways import slices
 from ..kernel.compiled import Flag
 from ..samples.motion import Motion
 from .compiling import INVERSE_ALL, INVERSE_LONG, kernel_for
@@ -146,15 +146,12 @@ def inverse_all(model: Parts, x: Array) -> list[Array]:
         kernel = kernel_for(model, INVERSE_ALL, len(x))
     if kernel is None:
         return [ways.q[ways.reachable] for ways in solve_all(model, x)]
-    scale = model.motor.scale
     branches: list[Array] = []
     for first in range(0, len(x), ANSWER.chunk):
         goals = x[first : first + ANSWER.chunk]
-        near = np.zeros((len(goals), len(scale.span)))
-        ways, count = kernel.rows(INVERSE_ALL.name, near, goals)
+        ways, count = kernel.rows(INVERSE_ALL.name, goals)
         q = ways[np.arange(ways.shape[1]) < count[:, None]]
         target = np.repeat(np.arange(len(goals)), count)
-        q = q[by_middle(scale, target, scale.to_unit(q))]
         branches += [q[rows] for rows in slices(target, len(goals))]
     return branches
 

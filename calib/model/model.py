@@ -85,7 +85,7 @@ class Model(Compilable):
         return self.others[self.sensors.index(sensor) - 1]
 
     def with_sensor(self, adapted: Model) -> Model:
-        """Return the model with one of its sensors adapted, and that one's arm as all see it."""
+        """Return the model with one adapted sensor, whose arm all its sensors take over."""
         first, *others = (
             with_arm_of(model, adapted) for model in (self, *self.others)
         )

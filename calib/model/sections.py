@@ -71,6 +71,7 @@ def joint_ranges(model: Parts) -> Section:
     tables: Tables = {
         "lower": scale.lower,
         "span": scale.span,
+        "middle": scale.lower + 0.5 * scale.span,
         "periodic": scale.periodic.astype(int),
         "least": limits[:, 0],
         "most": limits[:, 1],

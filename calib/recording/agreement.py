@@ -58,7 +58,7 @@ def consensus(problem: Problem) -> tuple[CornerFit, Mask]:
 
     Raises LogError if too few do.
     """
-    count = len(problem.rows)
+    count = problem.count
     whole = _agreement(problem, np.ones(count, bool))
     if whole is None:  # begin without those that the closed form contradicts
         misses = problem.bundle.misses(problem.predict(problem.start))

@@ -79,7 +79,7 @@ class RigFit:
         return HandEye(
             eye=first.eye,
             pictures=first.count,
-            used=int(self.agreeing[problem.motions_of(first)].sum()),
+            used=int(self.agreeing[first.rows].sum()),
             hand=hand,
             base=base,
             reprojection=self.reprojection(),
@@ -263,7 +263,7 @@ class RigFit:
             return None
         view = self.problem.views[0]
         log = view.log(self.lens(0), view.in_hand)
-        log = log.take(self.agreeing[self.problem.motions_of(view)])
+        log = log.take(self.agreeing[view.rows])
         return replace(
             log,
             lower=np.minimum(arm.lower, log.lower),

@@ -54,13 +54,18 @@ PRIORS = Priors()
 class Problem:
     """All pictures, what is known before them, and where their fit begins."""
 
-    views: Sequence[View]  # with the boards numbered alike
-    rows: Index  # (n,), of joints or poses that some camera has a picture of
+    # with the boards numbered alike; rows are the motions of their pictures
+    views: Sequence[View]
     bundle: Bundle
     prior: CornerPrior
     start: CornerFit
     arm: SpatialArm | None = None
     choice: Choice | None = None  # what poses mean
+
+    @property
+    def count(self) -> int:
+        """Number n of motions."""
+        return self.bundle.motions.count
 
     @property
     def frames(self) -> tuple[str, str]:
@@ -75,17 +80,13 @@ class Problem:
         names: dict[int, str] = {}
         for view in reversed(self.views):
             names |= zip(view.rows.tolist(), view.names, strict=True)
-        return tuple(names[row] for row in self.rows.tolist())
-
-    def motions_of(self, view: View) -> Index:
-        """The motion (p,) at which each of a camera's pictures was taken."""
-        return np.searchsorted(self.rows, view.rows)
+        return tuple(names[motion] for motion in sorted(names))
 
     def pictures_at(self, motions: Mask) -> tuple[str, ...]:
         """Names of the pictures that were taken at some motions (n,)."""
         names: dict[str, None] = {}
         for view in self.views:
-            chosen = np.flatnonzero(motions[self.motions_of(view)])
+            chosen = np.flatnonzero(motions[view.rows])
             names |= dict.fromkeys(view.names[k] for k in chosen)
         return tuple(names)
 
@@ -99,7 +100,7 @@ class Problem:
 
     def predict(self, fit: CornerFit) -> Array:
         """Pixels (N, 2) of all corners where the motions alone put them."""
-        return self.bundle.predict(fit.unknowns.exact(len(self.rows))).pixels
+        return self.bundle.predict(fit.unknowns.exact(self.count)).pixels
 
 
 def problem_of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
@@ -107,7 +108,7 @@ def problem_of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
 
     Raises LogError where the pictures are of other joints, or show that the joints are not these.
     """
-    rows = _rows(views)
+    views, rows = _places(views)
     q = np.zeros((len(rows), arm.dof))
     for view in views:
         names = view.joint_names
@@ -117,12 +118,11 @@ def problem_of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
                 f"{listing(arm.joint_names)}, those of {arm.name} up to {arm.tip}"
             )
         # joints at each row that has a picture
-        q[np.searchsorted(rows, view.rows)] = view.q
-    views, first = _by_pose(views, rows, q)
-    rows = rows[first]
+        q[view.rows] = view.q
+    views, first = _by_pose(views, q)
     motions = JointMotions(q[first], structure_of(arm, "pose"))
     refuse_readings(motions.structure, views[0])
-    return replace(_problem(views, rows, motions), arm=arm)
+    return replace(_problem(views, motions), arm=arm)
 
 
 def problem_of_poses(table: FlangeTable, views: Sequence[View]) -> Problem:
@@ -146,10 +146,10 @@ def problem_of_poses(table: FlangeTable, views: Sequence[View]) -> Problem:
 
     # poses in metres, at each row that has a picture
     flange[:, :3, 3] /= METRES[choice.convention["unit"]]
-    rows = _rows(views)
-    views, first = _by_pose(views, rows, flange[rows, :3].reshape(-1, 12))
-    rows = rows[first]
-    problem = _problem(views, rows, Motions(flange[rows]))
+    views, rows = _places(views)
+    flange = flange[rows]
+    views, first = _by_pose(views, flange[:, :3].reshape(-1, 12))
+    problem = _problem(views, Motions(flange[first]))
     return replace(problem, choice=choice)
 
 
@@ -188,18 +188,20 @@ def _refuse_late(flange: Array, view: View, start: RigStart) -> None:
             )
 
 
-def _rows(views: Sequence[View]) -> Index:
-    """The rows (n,) of joints or poses that some camera has a picture of, ascending."""
-    return np.unique(np.concatenate([view.rows for view in views]))
+def _places(views: Sequence[View]) -> tuple[list[View], Index]:
+    """The views with their rows as places among those (n,) that some camera has a picture of."""
+    rows = np.unique(np.concatenate([view.rows for view in views]))
+    placed = [
+        replace(view, rows=np.searchsorted(rows, view.rows)) for view in views
+    ]
+    return placed, rows
 
 
-def _by_pose(
-    views: Sequence[View], rows: Index, poses: Array
-) -> tuple[list[View], Index]:
+def _by_pose(views: Sequence[View], poses: Array) -> tuple[list[View], Index]:
     """The views with one row for all pictures at one pose: the arm's error there is the same.
 
-    rows : (n,), of the pictures;  poses : (n, k), joints or flange at them [rad or m]
-    Returns the places (m,) of those rows too.  Raises LogError where too few poses are left.
+    poses : (n, k), joints or flange at the views' rows [rad or m]
+    Returns the first row (m,) of each pose too.  Raises LogError where too few poses are left.
     """
     pose = pose_index(poses)
     first = np.unique(pose, return_index=True)[1]
@@ -208,12 +210,7 @@ def _by_pose(
             f"the pictures are of {len(first)} poses of the arm: expected {LEAST} or more",
             hint="add pictures with the hand turned by 30 deg about each of two other axes",
         )
-    merged = []
-    for view in views:
-        place = np.searchsorted(rows, view.rows)
-        first_place = first[pose[place]]
-        merged.append(replace(view, rows=rows[first_place]))
-    return merged, np.sort(first)
+    return [replace(view, rows=pose[view.rows]) for view in views], first
 
 
 def turning(poses: Array) -> tuple[Array, Array]:
@@ -225,14 +222,14 @@ def turning(poses: Array) -> tuple[Array, Array]:
     return np.asarray(sizes / np.sqrt(len(vectors))), axes
 
 
-def _problem(views: Sequence[View], rows: Index, motions: Motions) -> Problem:
+def _problem(views: Sequence[View], motions: Motions) -> Problem:
     """The problem, which begins at a closed form of each camera."""
-    starts = _starts(views, rows, motions)
+    starts = _starts(views, motions)
     numbered = [
         view.turned(start.turned)
         for view, start in zip(views, starts, strict=True)
     ]
-    bundle = _bundle(numbered, rows, motions)
+    bundle = _bundle(numbered, motions)
     layout = bundle.layout
     # of each board the first camera that sees it
     boards = [
@@ -246,7 +243,7 @@ def _problem(views: Sequence[View], rows: Index, motions: Motions) -> Problem:
         values[shape[-1]] = start.size
     frames = [start.camera for start in starts]
     frames += [start.board for start in boards]
-    exact = np.zeros((len(rows), layout.errors))
+    exact = np.zeros((motions.count, layout.errors))
     noise = Noise(
         corner=np.full(len(views), PRIORS.corner),
         error=np.repeat([*PRIORS.motion, PRIORS.focus], [3, 3, len(views)]),
@@ -254,7 +251,7 @@ def _problem(views: Sequence[View], rows: Index, motions: Motions) -> Problem:
     )
     unknowns = Unknowns(np.array(frames), values, exact)
     fit = CornerFit(unknowns, noise, np.zeros((0, 0)))
-    return Problem(numbered, rows, bundle, prior, fit)
+    return Problem(numbered, bundle, prior, fit)
 
 
 def _prior(
@@ -284,16 +281,13 @@ def _prior(
     return CornerPrior(mean, scales)
 
 
-def _starts(
-    views: Sequence[View], rows: Index, motions: Motions
-) -> list[RigStart]:
+def _starts(views: Sequence[View], motions: Motions) -> list[RigStart]:
     """Where each camera and its board begin; cameras at one place number a board from one end."""
     flange = motions.poses(np.zeros(motions.size))
     starts: list[RigStart] = []
     firsts: dict[bool, RigStart] = {}
     for view in views:
-        flange_of_view = flange[np.searchsorted(rows, view.rows)]
-        start = find_start(flange_of_view, view, "m")
+        start = find_start(flange[view.rows], view, "m")
         _refuse_mirrored(view, start)
         first = firsts.setdefault(view.in_hand, start)
         starts.append(_from_same_end(start, first, view.board.half_turn))
@@ -314,7 +308,7 @@ def _from_same_end(
     return start
 
 
-def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
+def _bundle(views: Sequence[View], motions: Motions) -> Bundle:
     """The corners of all pictures."""
     points: list[Array] = []
     bends: list[Array] = []
@@ -323,14 +317,13 @@ def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
     for number, view in enumerate(views):
         outline = view.board.points()
         bent = shape_slopes(outline, outline)
-        motion = np.searchsorted(rows, view.rows)
-        for k in np.argsort(motion, kind="stable"):
+        for k in np.argsort(view.rows, kind="stable"):
             corners = view.corners[k]
             shown = list(corners)
             points.append(outline[shown])
             bends.append(bent[shown])
             pixels.append(np.array([*corners.values()]))
-            labels += [(number, motion[k])] * len(shown)
+            labels += [(number, view.rows[k])] * len(shown)
     camera, motion = np.array(labels).T
     return Bundle(
         motions=motions,

@@ -66,7 +66,7 @@ class CameraPlace(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """Where cameras and a board are.
+    """Poses of cameras and a board.
 
     Places are of the camera's optical frame (x right, y down, z ahead) or the board's: position
     [m], quaternion (qx, qy, qz, qw) and half-widths of their 95 % intervals, (3,) [m] and

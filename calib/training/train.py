@@ -56,7 +56,7 @@ def train(
     Parameters
     ----------
     samples : Samples or sequence of Samples
-        Joint values and positions; or a log of each sensor that measured one arm, each with a
+        Joint values and positions; or a log of each sensor that measured one arm, each with
         its own frame, unit, noise and poses.
     options : TrainingOptions, optional
         Options; or their values by name, as in `calib.train(log, size=40, map="som")`.

@@ -123,7 +123,7 @@ def correct(
         corrects where not given, at least 0.01.  Rows beyond are marked in `exceeded`.
     orientation : {"keep", "free"}
         "free" gives the position alone with six joints or more, too: near a singularity of the
-        wrist the pose cannot be had.
+        wrist no joint values reach the pose.
     """
     require("model", model, Model)
     check_choice("orientation", orientation, ("keep", "free"))

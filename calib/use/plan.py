@@ -137,7 +137,7 @@ def plan(
     start : (dof,) array [rad or m], optional
         Where the arm is before the first pose: zero, clipped into the ranges, where not given.
     touch : (x, y, z), optional [m]
-        A point in the base frame that the tip is to touch from all poses, the best ones.
+        A point in the base frame that the tip touches in all poses.
     handeye, eye : Pattern or str, {"hand", "base"}, optional
         A board that a camera is to see in all poses, from many sides, as `handeye` takes them.
         At `start` it is in the middle of the picture; the camera in the hand looks along the z

@@ -42,7 +42,7 @@ class Recognition:
 
 
 def recognise(models: Sequence[Model], log: Samples) -> Recognition:
-    """Find which of some models a log fits; ten to thirty rows are enough.
+    """Find which of several models fits a log; ten to thirty rows are enough.
 
     A model fits where `check` calls it still calibrated; of those the nearest to the rows answers.
 

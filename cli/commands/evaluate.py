@@ -11,7 +11,7 @@ from calib.use import standing
 
 from .. import options as opt
 from ..logs import LogFormat, log_of, with_facts
-from ..output import NO, Outcome, say
+from ..output import Outcome, say
 from ..parsing import BadOption
 from ..summary import error_table, summary
 
@@ -71,11 +71,10 @@ def evaluate(
         limit = [standing.limiting_factor(loaded, result.errors)]
     if result.touch:
         document["touch"] = result.touch
-        lines = [*warnings, f"{model}: {_scatter(result)}", *limit]
-        return Outcome(document, lines, code=NO if warnings else 0)
+        lines = [f"{model}: {_scatter(result)}", *limit]
+        return Outcome(document, lines, warnings=warnings)
     others = [] if log is not None else loaded.sensors[1:]
     lines = [
-        *warnings,
         f"{model}: {standing.accuracy(loaded, result)}",
         *(standing.accuracy_as_made(loaded.by(name)) for name in others),
         *limit,
@@ -86,7 +85,7 @@ def evaluate(
         lines.append(_standard_line(standard))
     title = f"errors on {result.rows} {result.source}"
     table = error_table(loaded, result.errors, title)
-    return Outcome(document, lines, [table], code=NO if warnings else 0)
+    return Outcome(document, lines, [table], warnings=warnings)
 
 
 def _warnings_of_log(result: calib.Evaluation) -> list[str]:

@@ -16,8 +16,8 @@ from calib.use import standing
 
 from .. import options as opt
 from ..logs import Selection
-from ..output import NO, Outcome, note, say
-from ..parsing import BadOption, check_file
+from ..output import Outcome, note, say
+from ..parsing import BadOption, check_file, refuse
 from ..pictures import need_joints
 
 UNITS = {
@@ -97,13 +97,20 @@ def handeye(
         raise BadOption(
             f"{len(names)} names: expected ROBOT PICTURES, or PICTURES with --poses-file"
         )
-    if poses_file is not None and (len(names) != 1 or joints_file is not None):
-        raise BadOption(
-            "--poses-file takes PICTURES alone: no ROBOT, no --joints-file"
-        )
+    if poses_file is not None and len(names) != 1:
+        raise BadOption("--poses-file takes PICTURES alone: no ROBOT")
+    of_robot = {
+        "joints_file": joints_file,
+        "joints": joints,
+        "tip": tip,
+        "lock": lock,
+    }
     pictures = names[-1]
     arm = None
-    if poses_file is None:
+    if poses_file is not None:
+        refuse(of_robot, "is of ROBOT, which --poses-file replaces")
+    else:
+        refuse({"unit": unit, "rotation": rotation}, "is of --poses-file")
         selection = Selection(joints, tip, lock=lock, degrees=degrees)
         arm = selection.load(names[0])
         need_joints(pictures, joints_file)
@@ -140,9 +147,7 @@ def handeye(
             atomic_write(path, text.encode())
             note(f"where all is stands in {path}")
     document = {**rig.to_json(), "units": UNITS}
-    return Outcome(
-        document, [*warnings, *rig.lines()], code=NO if warnings else 0
-    )
+    return Outcome(document, rig.lines(), warnings=warnings)
 
 
 def _save(rig: calib.HandEye, path: str) -> list[str]:

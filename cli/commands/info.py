@@ -7,7 +7,7 @@ from calib.common.wording import by_name, printable, with_unit
 from calib.use import standing
 
 from .. import options as opt
-from ..output import NO, Line, Outcome, as_typed
+from ..output import Outcome, as_typed
 from ..summary import error_table, summary
 
 
@@ -57,18 +57,17 @@ def info(model: opt.ModelFile, degrees: opt.Degrees = False) -> Outcome:
         words["earlier states"] = str(len(loaded.history))
     width = max(map(len, words))
     warnings = standing.bound_warnings(about)
-    lines: list[Line] = [*warnings]
-    lines += [
+    lines = [
         f"{name:<{width}}  {as_typed(text)}" for name, text in words.items()
     ]
     if body is not None:
         body_lines = body.describe(about.lower, about.upper)
         lines += ["", "body", *(f"  {printable(line)}" for line in body_lines)]
     if not about.errors:
-        return Outcome(document, lines, code=NO if warnings else 0)
+        return Outcome(document, lines, warnings=warnings)
     lines += ["", "accuracy"]
     lines += map(standing.accuracy_as_made, sensors)
     if not warnings:
         lines.append(standing.limiting_factor(loaded, about.errors))
     table = error_table(loaded, about.errors, "errors when it was made")
-    return Outcome(document, lines, [table], code=NO if warnings else 0)
+    return Outcome(document, lines, [table], warnings=warnings)

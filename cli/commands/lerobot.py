@@ -18,7 +18,7 @@ from calib.use import standing
 
 from .. import options as opt
 from ..logs import Selection
-from ..output import NO, Line, Outcome, TextTable, say, with_decimals
+from ..output import Outcome, TextTable, say, with_decimals
 from ..parsing import check_file
 
 
@@ -101,5 +101,5 @@ def lerobot(
     if unknown:
         line += f"; {' and '.join(unknown)} stay, since no picture shows theirs"
     warnings = standing.bound_warnings(learned.about)
-    lines: list[Line] = [*warnings, line, TextTable(header, rows)]
-    return Outcome(document, lines, code=NO if warnings else 0)
+    table = TextTable(header, rows)
+    return Outcome(document, [line, table], warnings=warnings)

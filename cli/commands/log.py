@@ -83,8 +83,14 @@ def log(
 
     check_file(output, TABLES, stream=True)
     sliding = prismatic or ()
-    of_tag = (tag, tags_at, tag_size, tag_height, picture)
-    of_pictures = (*of_tag, joints_file, board, lens, camera, eye)
+    of_tag = {
+        "tag": tag,
+        "tags_at": tags_at,
+        "tag_size": tag_size,
+        "tag_height": tag_height,
+        "picture": picture,
+    }
+    of_pictures = (*of_tag.values(), joints_file, board, lens, camera, eye)
     is_bag = not any(map(is_of_camera, bag)) and all(
         option is None for option in of_pictures
     )
@@ -115,6 +121,7 @@ def log(
         )
         say(rows.notes)
     elif eye is not None:
+        refuse(of_tag, "is of logs of a tag, --eye of a board")
         rows = record_board(bag[0], table, joints, board, eye, lens, camera)
     else:
         setting = read_setting(

@@ -1,4 +1,4 @@
-"""Tell which of some models the arm is in. Exit code 3 if it is in none."""
+"""Find which of several models fits the arm. Exit code 3 if none fits."""
 
 from typing import Annotated
 

@@ -10,7 +10,7 @@ import calib
 from calib.use import standing
 
 from .. import options as opt
-from ..output import NO, Outcome, progress
+from ..output import Outcome, progress
 from ..parsing import BadOption, bad_value, check_file
 from ..pictures import load_drawn, size_of_page
 
@@ -45,7 +45,7 @@ def report(
     warnings = []
     if isinstance(loaded, calib.Model):
         warnings = standing.bound_warnings(loaded.about)
-    lines = [*warnings]
+    lines: list[str] = []
     if output is not None:
         lines.append(calib.report(loaded, output, log, progress=progress))
         lines.append(size_of_page(output))
@@ -58,4 +58,4 @@ def report(
             atomic_write(path, to_file(figure, kind))
             lines.append(str(path))
     document = {"output": output, "png": png, "figures": figures}
-    return Outcome(document, lines, code=NO if warnings else 0)
+    return Outcome(document, lines, warnings=warnings)

@@ -26,7 +26,7 @@ from ..logs import (
     read_measured_log,
     with_facts,
 )
-from ..output import NO, Outcome, progress, say
+from ..output import Outcome, progress, say
 from ..parsing import TABLES, BadOption, check_file, refuse
 from ..pictures import photo_of_log, with_photo
 from ..summary import error_table, summary
@@ -178,7 +178,7 @@ def _outcome(model: calib.Model, path: str) -> Outcome:
     warnings: list[str] = []
     for sensor in sensors:
         warnings += standing.bound_warnings(sensor.about)
-    lines = [*warnings, *map(standing.accuracy_as_made, sensors)]
+    lines = list(map(standing.accuracy_as_made, sensors))
     learned = f"{about.samples} samples"
     if about.source == "log":
         learned = f"{sum(sensor.about.samples for sensor in sensors)} rows"
@@ -192,7 +192,7 @@ def _outcome(model: calib.Model, path: str) -> Outcome:
     title = f"errors on {as_made(model).source}"
     table = error_table(model, about.errors, title)
     document = summary(model, path, about.errors, model.seconds)
-    return Outcome(document, lines, [table], code=NO if warnings else 0)
+    return Outcome(document, lines, [table], warnings=warnings)
 
 
 def _default_path(origin: str) -> str:

@@ -85,11 +85,9 @@ def _table(geometry: Geometry) -> TextTable:
         (name, "offset", unit, parameters["offsets"][name])
         for name, unit in zip(arm.joint_names, arm.units_of_joints, strict=True)
     ]
-    for name, change in parameters.get("moved", {}).items():
-        changes.append((name, "far end of its link, along {}", "m", change))
-    places = dict(parameters.get("places", {}))
-    if "tip" in parameters:
-        places["sensed point, not written"] = parameters["tip"]
+    tip = parameters["tip"]
+    name_of_tip = arm.tip if tip["written"] else "sensed point, not written"
+    places = {**parameters["places"], name_of_tip: tip}
     for name, change in places.items():
         changes.append((name, "origin along {}", "m", change["shift"]))
         changes.append((name, "origin about {}", "rad", change["turn"]))
@@ -101,7 +99,7 @@ def _table(geometry: Geometry) -> TextTable:
         for axis, value, interval in zip(
             "xyz", values, intervals, strict=False
         ):
-            if interval:  # what was fitted
+            if interval and value:  # what was fitted, and can be seen
                 shown = (
                     with_decimals(float(value), 4),
                     error_size(float(interval)),

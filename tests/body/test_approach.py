@@ -55,15 +55,15 @@ def test_thirty_rows_show_a_play_that_is_far_above_the_noise():
 
 
 def test_a_log_along_a_path_shows_it_and_a_shuffled_one_does_not():
-    samples = calib.babble(arm(), 1000)
-    u = 0.5 + 0.5 * np.sin(np.arange(1000)[:, None] * [0.106, 0.08] + [0.3, 1.1])
+    samples = calib.babble(arm(), 500)
+    u = 0.5 + 0.5 * np.sin(np.arange(500)[:, None] * [0.106, 0.08] + [0.3, 1.1])
     q = samples.lower + (samples.upper - samples.lower) * u
     x = calib.Simulation(arm(), 1e-4, ["elbow.backlash=0.01"]).measure(q, np.random.default_rng(0))
     whole = calib.train(replace(samples, simulation=None, q=q, x=x, side=None), size=10)
     assert whole.approach.play[1] == pytest.approx(PLAY / 2, rel=0.05)
     assert any("backlash of elbow 0.5" in note for note in whole.about.notes)
-    rows = bare(arm(), 1000, 0, "elbow.backlash=0.01", noise=1e-4)
-    order = np.random.default_rng(0).permutation(1000)
+    rows = bare(arm(), 500, 0, "elbow.backlash=0.01", noise=1e-4)
+    order = np.random.default_rng(0).permutation(500)
     shuffled = replace(rows, q=rows.q[order], x=rows.x[order], side=None)
     assert calib.train(shuffled, size=10).approach is None
 

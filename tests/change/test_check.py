@@ -202,11 +202,11 @@ def test_the_drawing_is_trusted_but_the_zeros():
 def test_a_flipped_elbow_is_told_and_the_shoulder_is_not_blamed():
     rows = bare("two_link_full", 100, 1)
     flipped = replace(rows, q=rows.q * [1.0, -1.0])
-    drift, made = (f(learned("two_link_full"), flipped) for f in (calib.check, calib.adapt))
-    for causes in (drift.causes, made.changed):
+    made = calib.adapt(learned("two_link_full"), flipped)
+    for causes in (made.verdict.causes, made.changed):
         assert [cause.cause for cause in causes] == ["sign:elbow"]
         assert "elbow turns the other way" in causes[0].words
-    assert drift.drifted
+    assert made.verdict.drifted
     assert made.improved
     assert made.after["mean"] < 5e-4
 
@@ -267,7 +267,8 @@ def maps_alone():
 @pytest.mark.parametrize("change", ["sensor.rotate=0.05", "sensor.mirror=x", "elbow.length=+10%"])
 def test_a_change_beyond_errors_of_maps_is_drift_and_learned_from_a_stream_only(maps_alone, change):
     rows = bare("two_link", 200, 5, change, noise=1e-3)
-    drift, found = (f(maps_alone, rows) for f in (calib.check, calib.adapt))
+    found = calib.adapt(maps_alone, rows)
+    drift = found.verdict
     assert drift.drifted
     assert not drift.adapts
     assert found.model is maps_alone

@@ -47,11 +47,11 @@ def test_a_tracker_that_stands_elsewhere_is_told_by_its_turn_and_its_shift():
     model = calib.train(log_of(0), size=6, motor_size=6)
     elsewhere = {"turn": np.eye(3), "shift": (0.0, 3.0, 0.0)}
     log = log_of(4, **elsewhere)
-    (cause,) = calib.check(model, log).causes
+    adapted = calib.adapt(model, log)
+    (cause,) = adapted.verdict.causes
     assert cause.cause == "sensor"
     assert "turned 90.00" in cause.words
     assert cause.value == pytest.approx(np.pi / 2, abs=1e-3)
-    adapted = calib.adapt(model, log)
     assert errors(adapted.model, log_of(5, **elsewhere))[0] < 3 * NOISE
     assert "the lens" not in adapted.kept
     assert adapted.coverage > 0.3
@@ -73,9 +73,9 @@ def oriented():
 def test_a_tool_that_is_bent_in_its_orientation_only_is_noticed(oriented):
     bend = np.radians(0.3)
     assert not calib.check(oriented, posed(11)).drifted
-    found, adapted = (f(oriented, posed(12, bend)) for f in (calib.check, calib.adapt))
-    assert found.drifted
-    (cause,), (mended,) = found.causes, adapted.changed
+    adapted = calib.adapt(oriented, posed(12, bend))
+    assert adapted.verdict.drifted
+    (cause,), (mended,) = adapted.verdict.causes, adapted.changed
     assert cause.group == mended.group == "tool.rotation"
     assert cause.interval[0] < bend < cause.interval[1]
     assert np.degrees(cause.value) == pytest.approx(0.3, abs=0.02)

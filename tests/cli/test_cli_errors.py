@@ -53,6 +53,8 @@ CASES = [
     ("query forward good.calib --input few.csv -o ./few.csv", 2, "few.csv replace"),
     ("log a.png --tag 1 --tags-at few.csv -o few.csv", 2, "few.csv replace"),
     ("train few.csv", 2, "table --data few.csv"),
+    ("handeye a --poses-file few.csv --board 10x7:22mm --eye hand --tip t", 2, "--tip ROBOT"),
+    ("log a --board 10x7:22mm --eye hand --tag 7 -o l.csv", 2, "--tag --eye"),
     ("train good.calib", 1, "good.calib: URDF"),
     ("train --data few.csv --joints shoulder,elbow --tip tip", 2, "--tip ROBOT"),
     ("train --data few.csv --joints shoulder,elbow --planar", 2, "--planar ROBOT"),

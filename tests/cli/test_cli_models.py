@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from models import babbled, two_link
 from reference import read, table
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 import calib
 
@@ -138,7 +138,7 @@ def test_noise_tells_sensor_and_return_apart(lab, run):
         low, high = document["intervals"][name]
         assert low < document[name] < high
     freedom = 2 * 150  # axes, and readings beyond the first of each visit
-    scale = np.sqrt(freedom / chi2.ppf([0.975, 0.025], freedom))
+    scale = np.sqrt(freedom / chdtri(freedom, [0.025, 0.975]))
     assert document["intervals"]["sensor"] == pytest.approx(document["sensor"] * scale)
     assert "expected" not in run("noise", lab / "cycles.csv").out
     run.refused(1, "none of the log's", "noise", lab / "log.csv")

@@ -52,13 +52,8 @@ def poses(model, n):
     return np.vstack([inside, stretched])
 
 
-@pytest.mark.parametrize("kind", MODELS)
-def test_joints_alone_and_together_are_answered_as_by_numpy(kind, monkeypatch):
-    model = MODELS[kind]()
-    if kind == "six":  # as users' compilers optimise it; the others in a third of the time
-        monkeypatch.setattr("calib.kernel.compiled.COMPILER", Compiler())
-        model = cold(model)
-    fast = warm(model)
+def assert_alike(fast, model):
+    """Compiled C answers joints alone and together as NumPy does."""
     q = np.vstack([poses(model, 30), np.full(len(model.about.lower), 1e9)])
     atol = 1e-9 * model.reach
     for name in ("forward", "expected_error", "model_error", "jacobian"):
@@ -67,6 +62,28 @@ def test_joints_alone_and_together_are_answered_as_by_numpy(kind, monkeypatch):
         np.testing.assert_allclose(one, expected, rtol=0, atol=atol)
         np.testing.assert_allclose(getattr(fast, name)(q), expected, rtol=0, atol=atol)
         assert np.isnan(expected[-1]).all()
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_joints_alone_and_together_are_answered_as_by_numpy(kind):
+    assert_alike(warm(MODELS[kind]()), MODELS[kind]())
+
+
+@pytest.fixture(scope="module")
+def optimised():
+    """A strict model, compiled as users' compilers do it; others are in a third of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("calib.kernel.compiled.COMPILER", Compiler())
+        model = cold(six())
+        model.warm_up(strict=True)
+    assert np.isfinite(model.forward(np.zeros(6))).all()
+    assert model.unanswered is None
+    return model
+
+
+@needs_compiler
+def test_optimised_c_answers_as_numpy_too(optimised):
+    assert_alike(optimised, six())
 
 
 @pytest.mark.parametrize("kind", MODELS)
@@ -157,25 +174,21 @@ def test_c_that_knows_less_than_numpy_does_not_answer(monkeypatch):
 
 
 @needs_compiler
-def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond(monkeypatch):
-    monkeypatch.setattr("calib.kernel.compiled.COMPILER", Compiler())  # as users' compilers
-    model = cold(six())
-    model.warm_up(strict=True)
-    q = (model.about.lower + model.about.upper) / 2 + 0.2
-    position, turn = model.pose(q)
-    assert np.isfinite(model.inverse_pose(position, turn, q)).all()
-    assert model.unanswered is None
+def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond(optimised):
+    q = (optimised.about.lower + optimised.about.upper) / 2 + 0.2
+    position, turn = optimised.pose(q)
+    assert np.isfinite(optimised.inverse_pose(position, turn, q)).all()
     started = time.thread_time()
     for _ in range(20):
-        assert np.isnan(model.inverse_pose(position + 9.0, turn, q)).all()
+        assert np.isnan(optimised.inverse_pose(position + 9.0, turn, q)).all()
     assert (time.thread_time() - started) / 20 < 1e-3
-    assert "bounded search" in model.unanswered
+    assert "bounded search" in optimised.unanswered
     # without an orientation, or without `near`, too
-    place = model.inverse_pose(position, near=q)
-    np.testing.assert_allclose(model.forward(place), position, atol=1e-7)
-    np.testing.assert_allclose(model.forward(model.inverse(position)), position, atol=1e-7)
-    assert np.isnan(model.inverse(position + 9.0)).all()
-    assert "nothing reaches" in model.unanswered
+    place = optimised.inverse_pose(position, near=q)
+    np.testing.assert_allclose(optimised.forward(place), position, atol=1e-7)
+    np.testing.assert_allclose(optimised.forward(optimised.inverse(position)), position, atol=1e-7)
+    assert np.isnan(optimised.inverse(position + 9.0)).all()
+    assert "nothing reaches" in optimised.unanswered
     # what is no question has the words of the batch as its reason
     for wrong, beside, words in (
         (0.5 * turn, q, "length 0.5: expected length 1"),
@@ -183,14 +196,14 @@ def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond(monkeypat
         (turn, q + 50.0, "expected a value in its range"),
     ):
         for frame in ("sensor", "base"):
-            assert np.isnan(model.inverse_pose(position, wrong, beside, frame=frame)).all()
-            assert words in model.unanswered
-    assert np.isnan(model.inverse(position, near=q + 50.0)).all()
-    assert "expected a value in its range" in model.unanswered
-    assert np.isnan(model.forward(q + 50.0)).all()
-    assert "is outside of the learned range" in model.unanswered
+            assert np.isnan(optimised.inverse_pose(position, wrong, beside, frame=frame)).all()
+            assert words in optimised.unanswered
+    assert np.isnan(optimised.inverse(position, near=q + 50.0)).all()
+    assert "expected a value in its range" in optimised.unanswered
+    assert np.isnan(optimised.forward(q + 50.0)).all()
+    assert "is outside of the learned range" in optimised.unanswered
     # in another process, too
-    again = cold(model)
+    again = cold(optimised)
     assert np.isnan(again.inverse_pose(position + 9.0, turn, q)).all()
     assert "bounded search" in again.unanswered
 

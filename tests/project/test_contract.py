@@ -19,8 +19,8 @@ from calib.samples.sockets import Touches
 
 NOISE = 1e-4  # [m]
 PIXELS = 0.2  # [px]
-TRAINED = 150
-FRESH = 60
+TRAINED = 100
+FRESH = 40
 LENS = (900.0, 640.0, 360.0, -0.1)
 CAMERA = Camera((1280, 720), LENS, (0.0,) * 4)
 FROM_THE_SIDE = {"view.rotation": (-1.3, 0.2, 0.1), "view.shift": (0.05, 0.1, 2.0)}
@@ -61,7 +61,7 @@ def joint_curves():
     waves = np.zeros(96)
     waves[[9, 48 + 14]] = (8e-4, -6e-4)
     robot = Robot(**{"curve.0": waves, "curve.1": waves, "curve.2": waves})
-    return random_rows(robot, (300, FRESH), noise=2e-5)
+    return random_rows(robot, (200, FRESH), noise=2e-5)
 
 
 def encoders_that_tremble():
@@ -74,7 +74,7 @@ def encoders_that_tremble():
 def rows_left_out():
     """Backlash in a log of which some rows were left out when it was read."""
     trained, fresh = backlash()
-    rows = np.random.default_rng(3).permutation(len(trained))[:200]
+    rows = np.random.default_rng(3).permutation(len(trained))[:140]
     return trained.take(np.sort(rows)), fresh
 
 
@@ -94,14 +94,14 @@ def poses():
 
 
 def repeated_poses():
-    return random_rows(Robot(), (50, 20), repeats=3)
+    return random_rows(Robot(), (40, 15), repeats=3)
 
 
 def backlash():
     def stand(q):
         return q - [0.0, 4e-3, 0.0] * np.sign(np.diff(q, axis=0, prepend=q[:1]))
 
-    return random_rows(Robot(), (300, 100), stand=stand)
+    return random_rows(Robot(), (200, 60), stand=stand)
 
 
 def a_late_clock():
@@ -127,7 +127,7 @@ def two_sensors():
 
 
 def touches():
-    world = World(2, each=30)
+    world = World(2, each=21)
     touch = Touches(world.number, tuple(("", name) for name in "ABCD"), tuple(world.known((0, 1))))
     log = log_of(world.arm, world.q, np.zeros((len(world.q), 3)), touch=touch)
     fresh = np.arange(len(log)) % 3 == 2

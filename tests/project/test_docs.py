@@ -19,7 +19,6 @@ import calib
 from calib.samples.tables import write_table
 
 DOCS = ROOT / "docs"
-pytestmark = pytest.mark.usefixtures("all_points")
 TEXTS = {str(page.relative_to(ROOT)): page.read_text(encoding="utf-8") for page in PAGES}
 README = TEXTS["README.md"]
 #: pages whose blocks do not run: the README has a test of its own; the examples of api.md are
@@ -246,7 +245,7 @@ def test_every_script_that_a_page_names_is_there_and_every_script_is_named():
     assert names <= named | set(re.findall(r"^ *(?:from|import) (\w+)", text, re.MULTILINE))
 
 
-def test_errors_agree_with_those_of_other_versions():
+def test_errors_agree_with_those_of_other_versions(all_points):
     """Other versions of Python, NumPy and SciPy found the same."""
     kept = json.loads((ROOT / "tests/data/errors.json").read_text(encoding="utf-8"))
     lines = versions.differences(versions.errors(), kept)

@@ -21,7 +21,7 @@ FINDER = doctest.DocTestFinder(exclude_empty=True)
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_examples_of(name, tmp_path, monkeypatch, all_points):
+def test_examples_of(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
     said = []

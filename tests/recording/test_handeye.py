@@ -162,8 +162,7 @@ def test_what_changed_on_the_way_is_told(group, step):
 def test_a_lens_that_was_fitted_anew_is_no_change(run, tmp_path):
     """The model's own pictures were called drifted: their poses stood 4 mm elsewhere."""
     rig = Rig(True, known=False, pictures=40)
-    model = calib.train(rig.solve().poses, size=4)
-    model.save(tmp_path / "rig.calib")
+    calib.train(rig.solve().poses, size=4).save(tmp_path / "rig.calib")
     for drifted in (False, True):
         if drifted:  # the camera in its mount, by half a degree
             turn = rig.structure.groups["tool.rotation"]
@@ -171,7 +170,6 @@ def test_a_lens_that_was_fitted_anew_is_no_change(run, tmp_path):
             rig.beta[turn] = logarithm(exponential(rig.beta[turn]) @ more)
             rig.look(rig.q, np.random.default_rng(1))
         log = rig.shots().log(rig.shots().lens(), in_hand=True)
-        assert calib.check(model, log).drifted is drifted
         calib.write_log(log, tmp_path / "log.csv")
         done = run("check", tmp_path / "rig.calib", "--data", tmp_path / "log.csv", "--json")
         assert done.document["drifted"] is drifted
@@ -219,7 +217,6 @@ watching = cache(lambda: calib.train(solved(True).poses, size=4))
 TILT = {"tool.rotation": (0, 0.006)}
 ALIKE = [
     (TILT, {"tool": 0.344}),
-    ({"offset": (-1, 0.05)}, {"offset:wrist_3": 2.86}),
     ({"offset": (-1, 0.02)}, {"offset:wrist_3": 1.146}),
     ({"offset": (2, 0.01), **TILT}, {"offset:elbow": 0.573, "tool": 0.344}),
 ]  # changes [rad], and what is told of them [deg]

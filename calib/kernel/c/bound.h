@@ -58,11 +58,14 @@ static inline void calib_origins_off(const calib_frame *at, calib_ways sum[3]) {
 /* The same as loads bend joints more, by how these move the tip, and as gravity tilts. */
 static inline void calib_loads_off(const calib_frame *drawn, calib_motions moved,
                                    calib_motions bent, calib_ways sum[3]) {
-  calib_real load[CALIB_LOADS][3], tilt[2][3] = {{0}}, swung[3];
+  calib_ways bend[CALIB_CHAIN] = {{0}};
+  calib_real pull, swung[3];
   int i, j, k, n;
   for (i = 0; i < CALIB_CHAIN; ++i)
-    for (n = 0; n < 2; ++n)
-      for (k = 0; k < 3; ++k) tilt[n][k] += calib_dot(moved[i], calib_tilt[n]) * bent[i][k];
+    for (n = 0; n < 2; ++n) {
+      pull = calib_dot(moved[i], calib_tilt[n]);
+      calib_add_rows(1, &pull, 1, calib_by_tilt[n], bend[i]);
+    }
   for (n = 0; n < CALIB_LOADS; ++n) { /* a joint, and the first and last link that weigh on it */
     calib_real lever[4] = {0, 0, 0, 0};
     i = calib_loaded[n][0];
@@ -73,10 +76,10 @@ static inline void calib_loads_off(const calib_frame *drawn, calib_motions moved
       lever[3] += weight[0];
     }
     calib_swing(drawn, i, lever, swung);
-    for (k = 0; k < 3; ++k) load[n][k] = calib_dot(swung, calib_gravity) * bent[i][k];
+    pull = calib_dot(swung, calib_gravity);
+    calib_add_rows(1, &pull, 1, calib_by_load[n], bend[i]);
   }
-  calib_spread(CALIB_LOADS, load[0], calib_by_load[0], sum);
-  calib_spread(2, tilt[0], calib_by_tilt[0], sum);
+  calib_spread(CALIB_CHAIN, bent[0], bend[0], sum);
 }
 #endif
 
@@ -110,15 +113,10 @@ static inline void calib_joints_off(const calib_joints q, calib_multiples wave, 
 static inline void calib_moves(const calib_joints q, calib_multiples wave, calib_ways *off,
                                calib_ways z[3], calib_real joints[CALIB_DOF][3]) {
   calib_frame at[CALIB_CHAIN + 1];
-  calib_real motion[CALIB_DOF][3] = {{0}}, L[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, seen[9], view[12];
+  calib_real motion[CALIB_DOF][3] = {{0}}, seen[9], point[4] = {0, 0, 0, 1}, value[CALIB_CHAIN];
   calib_motions by;
-  calib_real value[CALIB_CHAIN];
-  const calib_real *p = at[CALIB_CHAIN].p;
   calib_ways there[3] = {{0}};
   int i, k, n;
-#if @lens@
-  calib_real before[3], x[2], u[2];
-#endif
 #if @gravity@
   calib_frame drawn[CALIB_CHAIN + 1];
   calib_motions moved;
@@ -143,28 +141,28 @@ static inline void calib_moves(const calib_joints q, calib_multiples wave, calib
   calib_loads_off(drawn, moved, by, there);
 #endif
   calib_spread(CALIB_DOF, motion[0], off[0], there);
-#if @lens@
-  calib_copy(3, calib_shift, before);
-  calib_add(calib_view, p, before);
-  calib_pinhole(before, x, L, u);
-  L[8] = 0;
-#endif
-  calib_product(3, L, 3, calib_view, seen);
+  calib_copy(3, at[CALIB_CHAIN].p, point);
+  calib_copy(9, calib_view, seen);
   calib_product(3, seen, CALIB_TOGETHER, there[0], z[0]);
-  for (n = 0; n < CALIB_DOF; ++n) calib_product(3, seen, 1, motion[n], joints[n]);
-  for (k = 0; k < 3; ++k) { /* the view's matrix and shift */
-    for (n = 0; n < 9; ++n) view[n] = L[3 * k + n / 3] * p[n % 3];
-    calib_copy(3, L + 3 * k, view + 9);
-    calib_add_rows(12, view, 1, calib_by_view[0], z[k]);
-  }
+  for (k = 0; k < 3; ++k) calib_add_rows(4, point, 1, calib_by_view[4 * k], z[k]);
 #if @lens@
-  for (k = 0; k < 2; ++k) {
-    const calib_real bent = (x[k] - calib_lens[1 + k]) / calib_lens[0];
-    const calib_real cubic = calib_lens[0] * u[k] * (u[0] * u[0] + u[1] * u[1]);
-    const calib_real lens[4] = {bent, k == 0, k == 1, cubic};
-    calib_add_rows(4, lens, 1, calib_by_lens[0], z[k]);
+  {
+    calib_real before[3], x[2], u[2], L[9] = {0};
+    calib_copy(3, calib_shift, before);
+    calib_add(calib_view, point, before);
+    calib_pinhole(before, x, L, u);
+    calib_product(3, L, 3, calib_view, seen);
+    calib_copy(3 * CALIB_TOGETHER, z[0], there[0]);
+    calib_product(3, L, CALIB_TOGETHER, there[0], z[0]);
+    for (k = 0; k < 2; ++k) {
+      const calib_real bent = (x[k] - calib_lens[1 + k]) / calib_lens[0];
+      const calib_real cubic = calib_lens[0] * u[k] * (u[0] * u[0] + u[1] * u[1]);
+      const calib_real lens[4] = {bent, k == 0, k == 1, cubic};
+      calib_add_rows(4, lens, 1, calib_by_lens[0], z[k]);
+    }
   }
 #endif
+  for (n = 0; n < CALIB_DOF; ++n) calib_product(3, seen, 1, motion[n], joints[n]);
 }
 
 static inline calib_real calib_posterior(const calib_joints q, const calib_vector more) {

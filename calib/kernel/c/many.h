@@ -2,7 +2,7 @@
 /* Rows of numbers: each kind of question has a function that answers one row by another and returns a
  * flag.  A question has joints, or those that an answer should be near to, and from 16 on a position
  * (4), a quaternion x, y, z, w, an axis of the tip that is free or -1, from which distance on starts
- * lead to other ways, how many starts there are, and these. */
+ * lead to other ways, how many starts there are, and these.  All ways are asked for by the position alone. */
 typedef int (*calib_row)(const calib_real *question, calib_real *answer);
 
 /* Answers rows from `first` up to `last`, questions and answers so many numbers apart. */
@@ -20,8 +20,8 @@ CALIB_API int calib_inverse_long_row(const calib_real *b, calib_real *out) {
   return calib_inverse_within(b + 16, b, 50 * CALIB_BUDGET, out);
 }
 
-CALIB_API int calib_inverse_all_row(const calib_real *b, calib_real *out) {
-  return calib_inverse_all(b + 16, @branches@, (calib_real(*)[CALIB_DOF])out);
+CALIB_API int calib_inverse_all_row(const calib_real *x, calib_real *out) {
+  return calib_inverse_all(x, @branches@, (calib_real(*)[CALIB_DOF])out);
 }
 #if @placed@
 

@@ -107,10 +107,10 @@ static inline int calib_moved(const calib_joints q, const calib_joints move, cal
 typedef struct {
   const calib_task *task;
   calib_real from[CALIB_DOF]; /* joints that answers should be near to */
-  calib_real *way;            /* joints of the ways, one after another */
+  calib_real *way;            /* joints of the ways, the nearest first */
   int count, most;            /* ways, and how many have room */
   int budget;                 /* steps that are left */
-  calib_real away;            /* from `from` to the nearest way */
+  calib_real away;            /* from `from` to the furthest way */
   calib_real nearest[CALIB_DOF], left; /* what comes closest where there is none */
 } calib_search;
 

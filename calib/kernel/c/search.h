@@ -63,18 +63,21 @@ static inline void calib_on_turn(const calib_joints near, calib_joints q) {
   }
 }
 
-/* Adds a way, or where there is room for one alone puts it in the place of one that is further; returns
- * whether it did. */
+/* Adds a way that none of those before is, the nearest first; where there is no room it puts it in the
+ * place of one that is further.  Returns whether it did. */
 static inline int calib_take(calib_search *search, const calib_joints way) {
   const calib_real away = calib_apart(way, search->from);
-  if (search->most == 1) {
-    if (search->count && !(away < search->away)) return 0;
-    search->count = 0;
-  } else if (calib_beside(way, search->way, search->count, @same@)) {
-    return 0;
+  calib_real *place = search->way + CALIB_DOF * search->count;
+  if (calib_beside(way, search->way, search->count, @same@)) return 0;
+  if (search->count < search->most) ++search->count;
+  else if (away < search->away) place -= CALIB_DOF;
+  else return 0;
+  for (; place > search->way; place -= CALIB_DOF) {
+    if (calib_apart(place - CALIB_DOF, search->from) <= away) break;
+    calib_copy(CALIB_DOF, place - CALIB_DOF, place);
   }
-  calib_copy(CALIB_DOF, way, search->way + CALIB_DOF * search->count++);
-  search->away = away;
+  calib_copy(CALIB_DOF, way, place);
+  search->away = calib_apart(search->way + CALIB_DOF * (search->count - 1), search->from);
   return 1;
 }
 
@@ -161,10 +164,11 @@ static inline int calib_answered(const calib_search *search, const calib_joints 
   return search->count || sure == 3 ? sure : 0;
 }
 
-/* All ways to a position that the table of starts leads to, at most `most`; returns how many. */
+/* All ways to a position that the table of starts leads to, at most `most`, the nearest to the middle of
+ * the joints' ranges first; returns how many. */
 static inline int calib_inverse_all(const calib_place x, int most, calib_real q[][CALIB_DOF]) {
   const calib_task task = calib_position_task(x);
-  calib_search search = calib_begin(&task, calib_lower, most, CALIB_BUDGET * CALIB_TRIES, q[0]);
+  calib_search search = calib_begin(&task, calib_middle, most, CALIB_BUDGET * CALIB_TRIES, q[0]);
   calib_try_position(&search);
   return search.count;
 }

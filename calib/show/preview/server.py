@@ -108,7 +108,7 @@ def page_of(data: Mapping[str, object]) -> str:
 
 
 class Preview:
-    """A page that is shown: `url` is where."""
+    """A page that is shown at the address `url`."""
 
     def __init__(self, url: str, server: _Server | None = None) -> None:
         self.url = url

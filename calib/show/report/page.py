@@ -180,7 +180,7 @@ def figures(
     model: Model | HandEye | Map | Association,
     log: Samples | None = None,
 ) -> dict[str, Figure]:
-    """Return the figures of a model, a map or an association, in the ink of paper.
+    """Return the figures of a model, a map or an association, in colours for paper.
 
     Parameters
     ----------
