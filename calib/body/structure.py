@@ -32,7 +32,7 @@ from .curves import (
 from .layout import Layout
 from .loads import BendingLoads, loads_at
 from .parameters import Gaussian, Indices
-from .sensors import Sensor
+from .sensors import InSpace, Sensor
 from .views import Projection, Sight, TipMotion, compose
 
 Moving = Iterator[tuple[Indices, Callable[[], TipMotion]]]
@@ -226,9 +226,15 @@ class Structure(Layout):
     ) -> Iterator[tuple[Indices, Callable[[], Array]]]:
         """Parameters, and how outputs (..., m, n) move with them."""
         groups = self.groups
+        placing: Mapping[str, TipMotion] = {}
+        if isinstance(self.measurement, InSpace):
+            placing = self.sensor(beta).placing(motion.position)
+        for name, motions in placing.items():
+            yield groups[name], partial(sight.push, *motions)
         for name in self.sensor_blocks:
-            by_sensor = partial(self._by_sensor, name, q, motion, beta)
-            yield groups[name], by_sensor
+            if name not in placing:
+                by_sensor = partial(self._by_sensor, name, q, motion, beta)
+                yield groups[name], by_sensor
         chain_slope = sight.push(*motion.joints())
         for block in self.loads:
             by_loads = partial(self._by_loads, block, q, beta, chain_slope)
@@ -269,19 +275,21 @@ class Structure(Layout):
         self, block: str, q: Array, motion: Motion, beta: Array
     ) -> Array:
         """How outputs (k, m, n) move with a block of the sensor's parameters, by differences."""
+        blocks = constants_at(self, beta).blocks
+        indices = self.groups[block]
         row_facts = q[:, self.dof :]
+
+        def outputs_after(step: Array) -> Array:
+            moved = self.retract(beta, step)[indices]
+            stepped = {**blocks, block: moved}
+            return self.measurement.look(stepped, motion, row_facts).values
+
         slopes: list[Array] = []
-        for index in self.groups[block]:
+        for index in indices:
             step = np.zeros(self.size)
             step[index] = _STEP
-            ahead, behind = (
-                self.measurement.look(self.by_blocks(moved), motion, row_facts)
-                for moved in (
-                    self.retract(beta, step),
-                    self.retract(beta, -step),
-                )
-            )
-            slopes.append(self.residual(ahead.values, behind.values).T)
+            ahead = outputs_after(step)
+            slopes.append(self.residual(ahead, outputs_after(-step)).T)
         return np.array(slopes) / (2 * _STEP)
 
     def by_blocks(self, beta: Array) -> dict[str, Array]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arm.rotations import exponential, logarithm
-from ..arm.spatial_chain import Motion
+from ..arm.spatial_chain import Motion, cross
 from ..common.arrays import Array
 from .parameters import Block, Hyper
 from .settings import PRIOR
@@ -162,6 +162,15 @@ class Projection:
     def shift(self) -> Array:
         """What it reads of the origin (w,)."""
         return self.matrix[:, -1]
+
+    def placing(self, position: Array) -> Mapping[str, TipMotion]:
+        """Motions of a tip (3, n) [m] that look like each parameter of its place in space."""
+        axes = np.broadcast_to(self.rotation[..., None], (3, *position.shape))
+        return {
+            "view.rotation": (cross(axes, position), axes),
+            "view.shift": (axes / self.scale, None),
+            "view.scale": (position[None], None),
+        }
 
     def look(self, motion: Motion) -> Sight:
         """See the tip of a chain."""

@@ -142,7 +142,7 @@ class Source:
                     f"{self.label}, column {name!r} holds {kind}, expected numbers"
                 )
         table = table.with_columns(pl.col(pl.String).str.strip_chars())
-        values = table.cast(pl.Float64, strict=False).to_numpy(order="c")
+        values = table.cast(pl.Float64, strict=False).to_numpy()
         return values.copy(), self.table[_ROW].to_numpy().astype(np.intp)
 
 
