@@ -9,11 +9,13 @@ from functools import cache
 import models
 import numpy as np
 import pytest
+from chains import chain_urdf, turning
 from models import draw, in_pixels, in_space, log_of, of_a_third, six, trained, warm
 from refusals import refused
 
 import calib
 from calib import OptionError
+from calib.arm.loading import arm_from_urdf
 from calib.kernel.compiled import Compiler
 from calib.model.header import Header
 
@@ -259,3 +261,24 @@ def test_a_position_a_hair_beyond_a_limit_is_no_answer():
     alone = [fast.inverse(place, near=joints) for place, joints in zip(beyond, q, strict=True)]
     assert np.isnan(alone).all()
     np.testing.assert_allclose(fast.inverse(x, near=q), q, atol=1e-8)
+
+
+@needs_compiler
+def test_places_with_joints_at_their_upper_limits_are_reached(monkeypatch):
+    """Optimised, a limit's share of its range rounds to less than one: once out of reach for C."""
+    # as users' compilers optimise it
+    quick = Compiler(quick=("-O3", "-freciprocal-math"))
+    monkeypatch.setattr("calib.kernel.compiled.COMPILER", quick)
+    joints = (
+        turning("0.13 -0.13 0.64", "0 0 0", "-0.8", "2.9"),
+        turning("-1.27 -0.62 0.04", "-0.32 0.36 0.04", "-2.7", "1.0"),
+        turning("0.41 1.04 -0.13", "0.12 -0.12 0.5", "-1.1", "2.2"),
+    )
+    arm = arm_from_urdf(chain_urdf(*joints, tip="0.38 0.15 0.12"))
+    fast = warm(calib.train(calib.babble(arm, 600, seed=0), size=8))
+    u = np.random.default_rng(0).random((300, 3))
+    q = arm.lower + np.where(u < 0.7, u, u.round()) * (arm.upper - arm.lower)
+    x = fast.forward(q)
+    assert np.isfinite(fast.inverse(x)).all()
+    for row, ways in zip(q, fast.inverse_all(x), strict=True):
+        assert np.abs(ways - row).max(axis=1).min(initial=1.0) < 1e-3

@@ -28,7 +28,7 @@ from ..placement import Placement, place_model
 from ..robot import Robot
 from ..settings import SETTINGS
 from ..setup import Thing, things_of, things_of_rig
-from ..study import StudiedRows, Study, studies_of
+from ..study import StudiedRows, studies_of
 from ..workspace import bound_field, extent, node_errors
 from .camera import OBLIQUE, camera_onto, frame_of_view
 from .canvas import Canvas, packed
@@ -87,7 +87,13 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
     tints = scale.colours(bound)
     canvas.add("Reach/points", "points", tints, places, size=0.005)
     for study, of_sensor in zip(studies, placements, strict=True):
-        _draw_rows(canvas, study, of_sensor, front, scale)
+        rows = study.rows
+        if rows is not None:
+            layer = f"Rows {study.model.about.sensor}".strip()
+            at = of_sensor.lift(rows.x) + front
+            # maps of a simulation show more
+            shown = study.model.about.simulation is None
+            _draw_points(canvas, layer, at, rows.distance, scale, shown=shown)
     _draw_motion(canvas, model, placement, q, measured)
 
     measure = about.bound_of if about.source == "log" else "true position"
@@ -177,24 +183,6 @@ def _draw_photo(
     drawn["image"] = f"data:image/jpeg;base64,{jpeg}"
     drawn["uv"] = packed(uv, np.float32)
     return points
-
-
-def _draw_rows(
-    canvas: Canvas,
-    study: Study,
-    placement: Placement,
-    front: Array,
-    scale: ErrorScale,
-) -> None:
-    """Draw the rows that a sensor measured; of a simulation, whose maps show more, on demand."""
-    if study.rows is not None:
-        about = study.model.about
-        layer = f"Rows {about.sensor}".strip()
-        points = placement.lift(study.rows.x) + front
-        shown = about.simulation is None
-        _draw_points(
-            canvas, layer, points, study.rows.distance, scale, shown=shown
-        )
 
 
 def _draw_points(
