@@ -24,9 +24,12 @@ from .parsing import BadOption
 
 INPUTS = (
     *("robot", "data", "input_", "joints_file", "poses_file", "tags_at"),
-    *("calibration", "lerobot"),
+    *("calibration", "lerobot", "bag"),
 )
 """Parameters whose files no output may replace; a model may replace a model."""
+
+OUTPUTS = ("output", "transform", "picture", "html", "ur", "mjcf")
+"""Parameters whose files are written."""
 
 FLAGS = ("--json", "--verbose", "-v", "--quiet", "-q")
 """Options of every command, anywhere in the line."""
@@ -169,19 +172,22 @@ def _printing(command: Callable[..., Outcome]) -> Callable[..., None]:
 
 
 def _keep_inputs(options: Mapping[str, object]) -> None:
-    """Refuse an output that is the file which the command reads, such as the user's log."""
-    output = options.get("output")
-    if output is None or not Path(str(output)).exists():
-        return
-    place = Path(str(output)).resolve()
-    for name in INPUTS:
+    """Refuse an output that is a file which the command reads, such as the user's log."""
+    outputs = {
+        Path(str(options[name])).resolve(): name
+        for name in OUTPUTS
+        if options.get(name) and Path(str(options[name])).exists()
+    }
+    for name in INPUTS if outputs else ():
         typed = options.get(name)
-        paths = typed if isinstance(typed, list) else [typed]
-        # by another name, too: ./log.csv is log.csv
-        if place in [Path(str(path)).resolve() for path in paths]:
-            raise BadOption(
-                f"--output {output!r} would replace what is read: expected another file"
-            )
+        for path in typed if isinstance(typed, list) else [typed]:
+            # by another name, too: ./log.csv is log.csv
+            option = outputs.get(Path(str(path)).resolve())
+            if option is not None:
+                raise BadOption(
+                    f"--{option} {options[option]!r} would replace what is read: expected another "
+                    "file"
+                )
 
 
 def start(

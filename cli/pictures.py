@@ -17,7 +17,6 @@ from .parsing import BadOption
 if TYPE_CHECKING:
     from calib.recording.motion_tables import JointTable
     from calib.recording.setting import Setting
-    from calib.samples.lens import Lens
 
 
 def is_of_camera(name: str) -> bool:
@@ -120,13 +119,13 @@ def record_board(
     names: Sequence[str] | None,
     board: str | None,
     eye: str,
-    lens: Lens | str | None,
+    lens: str | None,
     camera: str | None,
 ) -> calib.Samples:
     """Make a log of pictures of a board.
 
     names : of a dataset's joints
-    lens : a lens, its file or its pictures; fitted where there is none
+    lens : its file or its pictures; fitted where there is none
     """
     from calib.recording.board_pictures import find_board
     from calib.recording.lens import load_lens
@@ -137,10 +136,11 @@ def record_board(
         )
     need_joints(source, joints)
     shots = find_board(source, joints, board, camera=camera, names=names)
-    if isinstance(lens, str):
-        lens, notes = load_lens(lens, shots.board)
+    glass = None
+    if lens is not None:
+        glass, notes = load_lens(lens, shots.board)
         say(notes)
-    log = shots.log(lens or shots.lens(), eye == "hand")
+    log = shots.log(glass or shots.lens(), eye == "hand")
     say(log.notes)
     return log
 
@@ -153,8 +153,8 @@ def log_of_pictures(
     degrees: bool | None,
 ) -> calib.Samples:
     """Make a log of pictures, read as those of the model were."""
+    from calib.recording.board_pictures import find_board
     from calib.recording.lens import lens_of_model
-    from calib.recording.motion_tables import read_joints
 
     about = model.about
     board: Mapping[str, str] | None = about.options.get("board")
@@ -162,20 +162,14 @@ def log_of_pictures(
         raise BadOption(
             "the model was not made of pictures: expected --data of a log, and no --joints-file"
         )
-    names = about.joint_names
-    table = None
-    if joints_file is not None:
-        kinds = zip(names, about.revolute, strict=True)
-        table = read_joints(
-            joints_file,
-            names,
-            degrees=about.degrees if degrees is None else degrees,
-            prismatic=[name for name, turns in kinds if not turns],
-        )
-    lens = lens_of_model(model)
-    return record_board(
-        source, table, names, board["board"], board["eye"], lens, camera
+    need_joints(source, joints_file)
+    in_degrees = about.degrees if degrees is None else degrees
+    shots = find_board(
+        source, joints_file, board["board"], about, camera, degrees=in_degrees
     )
+    log = shots.log(lens_of_model(model), board["eye"] == "hand")
+    say(log.notes)
+    return log
 
 
 def photo_of_log(

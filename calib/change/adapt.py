@@ -87,15 +87,12 @@ def adapt(
     check_choice("method", method, METHODS)
     of_sensor = model.by(log.sensor)
     report = progress or (lambda *_: None)
-    if method == "online":
-        verdict = judge(of_sensor, log, cause=cause, learn=False)
-        with guarded_algebra():
-            adaptation = _online(verdict, report)
-    else:
-        report(0.0, "causes", math.nan)
-        verdict = judge(of_sensor, log, cause=cause, free=free)
-        with guarded_algebra():
-            adaptation = _few_shot(verdict, report)
+    report(0.0, "causes", math.nan)
+    learn = method == "few-shot"
+    verdict = judge(of_sensor, log, cause=cause, free=free, learn=learn)
+    with guarded_algebra():
+        adapted = _few_shot if learn else _online
+        adaptation = adapted(verdict, report)
     if not model.others:
         return adaptation
     if adaptation.model is of_sensor:
@@ -142,7 +139,7 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
     report(1.0, "done", improved.after["mean"])
     held_out_q = rows.log.q[update.rows]
     return adaptation_with(
-        verdict, improved, model, held_out_q, update.residual, "few-shot", frame
+        improved, model, held_out_q, update.residual, "few-shot", frame
     )
 
 
@@ -268,6 +265,4 @@ def _online(verdict: Verdict, report: Progress) -> Adaptation:
     bounds = learn_bounds(model.motor, u[held_out], after)
     model = replace(model, bounds=bounds, model_bounds=bounds)
     improved = replace(unchanged, improved=True)
-    return adaptation_with(
-        verdict, improved, model, q[held_out], residual, "online"
-    )
+    return adaptation_with(improved, model, q[held_out], residual, "online")

@@ -88,7 +88,7 @@ class Adaptation:
         Whether the rows span the learned range; otherwise `improved` concerns their own region.
     left_out : int
         Rows of the log that are wrong, or outside of what the model has learned.
-    verdict : Verdict or None
+    verdict : Verdict
         The verdict of the log on the old model.
     """
 
@@ -102,10 +102,10 @@ class Adaptation:
     changed: tuple[Cause, ...]
     kept: tuple[str, ...]
     coverage: float
-    notes: tuple[str, ...] = ()
-    everywhere: bool = True
-    left_out: int = 0
-    verdict: Verdict | None = None
+    notes: tuple[str, ...]
+    everywhere: bool
+    left_out: int
+    verdict: Verdict
 
     def with_note(self, note: str) -> Adaptation:
         """The same with one more note."""
@@ -168,7 +168,6 @@ def _coverage(u: Array) -> float:
 
 
 def adaptation_with(
-    verdict: Verdict,
     improved: Adaptation,
     model: Model,
     held_out_q: Array,
@@ -181,7 +180,7 @@ def adaptation_with(
     held_out_q, held_out_residual : (k, dof), (k, m) [unit], of rows that it did not learn from
     frame : of the sensor that was moved, in that of the old model
     """
-    rows = verdict.rows
+    rows = improved.verdict.rows
     old = rows.model
     learned = MeasuredRows.of(rows.log.q, rows.x)
     if len(held_out_residual) == len(learned):  # of all rows that are kept
@@ -191,7 +190,7 @@ def adaptation_with(
     event = _event(improved, method, frame)
     model = replace(
         model,
-        about=_facts(verdict, improved, model, held_out_q, held_out_residual),
+        about=_facts(improved, model, held_out_q, held_out_residual),
         baseline=_baseline(model, learned, row_lengths(held_out_residual)),
         rows=learned,
         photo=photo,
@@ -201,13 +200,13 @@ def adaptation_with(
 
 
 def _facts(
-    verdict: Verdict,
     improved: Adaptation,
     model: Model,
     held_out_q: Array,
     held_out_residual: Array,
 ) -> About:
     """The facts of the new model, by held-out rows (k, dof), (k, m) [unit]."""
+    verdict = improved.verdict
     rows = verdict.rows
     distance = row_lengths(held_out_residual)
     bound = np.nan_to_num(model.expected_error(held_out_q)) + 1e-12

@@ -5,7 +5,7 @@ They know an arm only by the groups of its structure's parameters: one table ser
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import asdict, dataclass, replace
 from operator import attrgetter
 from typing import Any, NamedTuple
@@ -258,11 +258,6 @@ def is_sensors(group: str) -> bool:
     return group.startswith("view.") or group == "lens"
 
 
-def changeable(structure: Structure) -> tuple[str, ...]:
-    """Groups of a structure without the joints' curves."""
-    return tuple(g for g in structure.groups if not g.startswith("curve"))
-
-
 def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
     """Parameters (k,) of some groups; those that the structure does not have are left out."""
     parts = [np.zeros(0, np.intp)]
@@ -273,8 +268,9 @@ def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
     return np.concatenate(parts)
 
 
-def sd_if_changed(body: Body, groups: Iterable[str]) -> Array:
-    """Standard deviation (d,) by which the parameters of some groups may have changed."""
+def sd_if_changed(body: Body, without: Collection[str] = ()) -> Array:
+    """Standard deviation (d,) by which parameters may have changed, but for some groups."""
+    groups = [group for group in body.structure.groups if group not in without]
     return _sd_of_groups(body, groups, attrgetter("freed"))
 
 
@@ -284,9 +280,7 @@ def sd_of_creep(body: Body, wave_size: float = CREEP_WAVES) -> Array:
     wave_size : that of the joints' curves over their prior's; beyond `CREEP_WAVES` of those too
         that the belief leaves out
     """
-    creep = attrgetter("creep")
-    sd = _sd_of_groups(body, _arms(body), creep, curve=wave_size)
-    sd[frame_twin(body)] = 0.0
+    sd = _sd_of_arm(body, attrgetter("creep"), wave_size)
     creeping = body.active
     if wave_size > CREEP_WAVES:
         curves = indices_of(body.structure, ("curve",))
@@ -303,9 +297,7 @@ def as_built(body: Body) -> Body:
     body = replace(body, tau=np.maximum(body.tau, least))
     if not body.simulated:
         return body
-    built = attrgetter("built")
-    sd = _sd_of_groups(body, _arms(body), built, curve=BUILT_CURVE, link=1.0)
-    sd[frame_twin(body)] = 0.0
+    sd = _sd_of_arm(body, attrgetter("built"), BUILT_CURVE, link=1.0)
     # the first origin's place is the frame's own
     if isinstance(structure, SpatialStructure):
         sd[structure.shifts[0]] = 0.0
@@ -328,15 +320,23 @@ def as_drawn(body: Body) -> Body:
     return replace(body, active=body.active[loose], root=root, second=None)
 
 
-def _arms(body: Body) -> tuple[str, ...]:
-    return tuple(g for g in body.structure.groups if not is_sensors(g))
+def _sd_of_arm(
+    body: Body,
+    size: Callable[[Group], float],
+    curve: float,
+    link: float | None = None,
+) -> Array:
+    """Standard deviation (d,) of the arm's own parameters, but of what a free frame does."""
+    groups = [g for g in body.structure.groups if not is_sensors(g)]
+    sd = _sd_of_groups(body, groups, size, curve, link)
+    sd[frame_twin(body)] = 0.0
+    return sd
 
 
 def _sd_of_groups(
     body: Body,
     groups: Iterable[str],
     size: Callable[[Group], float],
-    *,
     curve: float = 0.0,
     link: float | None = None,
 ) -> Array:

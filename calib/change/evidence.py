@@ -30,6 +30,7 @@ from .explain import MARGIN, explain
 from .explanation import Explanation
 from .frame import Reference
 from .noise import FALSE_ALARM
+from .order import Step
 from .rows import LogRows, Observations
 from .significance import FEW_WRONG, BoundTest, GroupTests
 from .system import Nuisance, System
@@ -158,8 +159,9 @@ class Evidence:
     bound: BoundTest
     unnamed: float  # evidence of a smooth change that no cause names [nats]
     explanations: tuple[Explanation, ...] = ()  # the best first
-    # number of the row from which on something changed within the log
-    step: int | None = None
+    step: Step | None = (
+        None  # of a change within the log, its row as the file counts
+    )
 
     @property
     def unit(self) -> str:
@@ -185,6 +187,11 @@ class Evidence:
     def best(self) -> Explanation:
         """The explanation of the greatest evidence."""
         return self.explanations[0]
+
+    @property
+    def change(self) -> Array:
+        """Change (d,) of the parameters by that."""
+        return self.best.beta - self.prior.beta
 
     @cached_property
     def misfit(self) -> float:

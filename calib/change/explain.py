@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import chain, product
 from typing import NamedTuple
 
@@ -28,7 +29,6 @@ from .causes import (
     FRAME,
     SETS,
     WAVE_SIZES,
-    changeable,
     frame_twin,
     indices_of,
     single_causes,
@@ -141,8 +141,7 @@ class Search:
         structure = reference.structure
         self.system = system
         self.correlation_time = correlation_time
-        groups = changeable(structure)
-        self.sd = reference.sd_if_changed(groups)
+        self.sd = reference.sd_if_changed()
         self.always_free = np.sort(indices_of(structure, free_groups))
         singles = single_causes(structure, cause, reference.waves)
         allowed = np.concatenate([*singles.values()])
@@ -177,16 +176,10 @@ class Search:
     def linearise(self, beta: Array) -> None:
         """Compare sets of causes in the system as it is linear at parameters (d,)."""
         self.beta = beta
-        self.informations: dict[float, Information] = {}
-
-    def information(self, wave_size: float) -> Information:
-        """Information of rows about all that may be free, given waves of a size."""
-        if wave_size not in self.informations:
-            self.informations[wave_size] = self._information(wave_size)
-        return self.informations[wave_size]
+        self.information = cache(self._information)
 
     def _information(self, wave_size: float) -> Information:
-        """The same for each size of the noise."""
+        """Information of rows about all that may be free, given waves of a size."""
         residual, columns = self.system.residual(self.beta, self.free)
         change = (self.beta - self.system.reference.beta)[self.free]
         y = self.system.whiten(residual) + columns @ change

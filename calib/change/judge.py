@@ -34,7 +34,8 @@ from .causes import Cause, as_built, as_drawn
 from .evidence import Evidence, evidence_of_unnamed, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
-from .noise import Play, find_play, noise_of
+from .noise import noise_of, with_waves
+from .order import Play, Step, find_play, find_step
 from .rows import (
     LogRows,
     Observations,
@@ -43,11 +44,9 @@ from .rows import (
     sound_rows,
 )
 from .significance import bound_test, group_tests
-from .steps import find_step
-from .system import System, frame_variance, system_of
+from .system import System, system_of
 from .update import Update, update
 from .verdict import Episode, Verdict, notes_of, verdict_on_maps
-from .waves import with_waves
 from .words import causes_of
 
 
@@ -149,7 +148,10 @@ def _verdict_on_body(
         )
     tests = group_tests(noise_beside_belief, rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
-    shared_variance = frame_variance(reference, observations)
+    # a frame that all rows share is shifted and bent
+    extent = reference.structure.extents[0]
+    bends = 1.0 + ((observations.z / extent) ** 2).sum(axis=1)
+    shared_variance = observations.shared**2 * bends
     bound = bound_test(rows, limit, shared_variance, tests)
 
     # 4. p(y | causes): which sets of causes explain the rows?
@@ -168,11 +170,16 @@ def _verdict_on_body(
     evidence = replace(evidence, explanations=explanations)
     # touches have no order of their own
     if rows.cause is None and (evidence.fired or tests.noisier):
+        best = evidence.best
         step = find_step(
-            evidence.best, logged_observations, logged.u, noise.system.noisy
+            replace(best.reference, beta=best.beta),
+            logged_observations,
+            logged.u,
+            noise.system.noisy,
         )
         if step is not None:
-            evidence = replace(evidence, step=int(logged.log.rows[step]))
+            row = int(logged.log.rows[step.row])
+            evidence = replace(evidence, step=step._replace(row=row))
     evidence = with_orientations(evidence, systems, correlation_time)
 
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
@@ -218,13 +225,13 @@ def _verdict_of(
 
 
 def _step_in_words(
-    row: int, model: Model, log: Samples, cause: str | None
+    step: Step, model: Model, log: Samples, cause: str | None
 ) -> Cause:
     """The cause of a log that changed within, by the verdicts on both of its parts.
 
-    row : number of the later part's first row
+    step : its row as the file counts
     """
-    first = int(np.argmax(log.rows == row))
+    first = int(np.argmax(log.rows == step.row))
     states = []
     for part in (slice(first), slice(first, None)):
         try:
@@ -237,8 +244,11 @@ def _step_in_words(
         else:
             states.append(state.main_cause if state.drifted else state.words)
     before, after = states
+    how = "near"
+    if step.is_gradual:
+        how = "bit by bit from the first row to the last, by half near"
     words = (
-        f"the arm or the sensor changed within the log, near row {row}: split it there; "
+        f"the arm or the sensor changed within the log, {how} row {step.row}: split it there; "
         f"before: {before}; after: {after}"
     )
     return Cause("step", "", words)

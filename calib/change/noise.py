@@ -1,6 +1,15 @@
-"""Noise: its most likely size where all may have changed, one encoder's, and a joint's play.
+"""Noise: its most likely size where all may have changed, one encoder's, and waves of joints.
 
 They are estimated before any test: as the noise is estimated, a group has the chance of an F test.
+
+A wave of N cycles a turn, as gears and the discs of encoders make them, moves a joint by
+a cos(N q) + b sin(N q), which are two parameters of the joint's curve.  Their columns X are tested
+as any group's (`significance`)::
+
+    g = y' C^-1 X (X' C^-1 X)^-1 X' C^-1 y,    g / f ~ Beta(1, f / 2 - 1)  where there is no wave
+
+f are the degrees of freedom of the noise, which is estimated with the wave in it.  An encoder's
+noise differs from row to row at one joint value; a wave does not.
 """
 
 from __future__ import annotations
@@ -8,15 +17,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
-from ..body.approach import Approach
 from ..body.covariance import autocorrelation_time
+from ..body.curves import HARMONICS
+from ..body.parameters import Indices
+from ..body.settings import PRIOR
 from ..common.arrays import Array, Mask
-from .causes import CREEP_WAVES, changeable, frame_twin
+from .causes import CREEP_WAVES, frame_twin, indices_of
 from .frame import Reference
-from .rows import Observations
 from .system import CREEP_SHARE, SYSTEM, NoisyJoint, Nuisance, System
 
 # Share of undisturbed logs for which `check` may call anything changed, after Bonferroni
@@ -157,9 +168,7 @@ def _noisiest_joint(
 def sd_of_changes(reference: Reference) -> Array:
     """Standard deviation (d,) by which the parameters may have changed, all together."""
     # what bends the joints, and couplings, would leave few rows no freedom
-    groups = set(changeable(reference.structure))
-    groups -= {"elastic", "payload", "coupling"}
-    sd = reference.sd_if_changed(groups)
+    sd = reference.sd_if_changed(without=("elastic", "payload", "coupling"))
     # the frame turns about the first joint's axis as its offset does: it is free once
     sd[frame_twin(reference.body)] = 0.0
     return sd
@@ -179,6 +188,17 @@ def f_chance(statistic: float, freedom: float, noise_freedom: float) -> float:
     return float(fdtrc(freedom, max(noise_freedom, 1e-3), ratio))
 
 
+def share_chance(share: float, count: int, freedom: float) -> float:
+    """Chance (beta) that k columns explain so large a share of f squares where nothing changed.
+
+    share ~ Beta(k / 2, (f - k) / 2)
+    """
+    from scipy.special import betainc
+
+    rest = max(freedom - count, 1e-3)
+    return float(betainc(rest / 2, count / 2, 1.0 - min(share, 1.0)))
+
+
 def score_of(chance: float) -> float:
     """Logarithm of a chance over that of `FALSE_ALARM`: above 1 it is none."""
     chance = min(max(chance, 1e-300), 1.0)
@@ -186,108 +206,150 @@ def score_of(chance: float) -> float:
 
 
 @dataclass(frozen=True)
-class PlaySettings:
-    """When a joint has play."""
+class WaveSettings:
+    """When a joint has a wave."""
 
-    # share of the play that a model knows by which that may be wrong: 20 mrad were learned as 19.1
-    play_share: float = 0.1
-    # least share of a joint's rows from either side that determines its play
-    least_share: float = 0.1
-    # least share of the squared residuals that a play explains
-    least_explained: float = 0.06
-
-
-PLAY = PlaySettings()
-
-
-@dataclass(frozen=True)
-class Play:
-    """A joint that has more play than the model knows."""
-
-    joint: int
-    half: Array  # (dof,), half of its play, the other joints' zero [rad or m]
-    deviation: float  # standard deviation of that
-    score: float  # above 1 it is no chance, nor an error of what the model knows of it
-
-    def taken_up(self, observations: Observations) -> Observations:
-        """The observations at the joints' true values under this play."""
-        q = observations.q - self.half * observations.side
-        return replace(observations, q=q)
+    # most waves of a log
+    most: int = 6
+    # amplitude up to which an arm that has not changed may have a wave which its model has not
+    # learned [rad]: all of a usual curve's rms in one
+    usual: float = math.sqrt(2.0) * PRIOR.curve_rms
+    # standard deviations by which it has to be larger
+    clear: float = 2.0
+    # share of what a wave does from which another one does the same, and nats by which it has to
+    # explain the rows less: rows in a corner do not distinguish waves of 8 and 9 cycles
+    alike: float = 0.5
+    nats: float = 5.0
 
 
-def find_play(noise: NoiseFit, approach: Approach | None) -> Play | None:
-    """Find the joint whose play explains most besides all that may have changed; None for chance.
+WAVES = WaveSettings()
+SHORT_WAVES = np.arange(HARMONICS + 1, 401)
+"""Waves a turn that are no part of a curve, beyond those of usual gears."""
 
-    A joint is off by half its play, towards the side from which it came.  Each row has
-    f and r, what K does not follow of -slope * side and of the residual::
 
-        half = sum f r / sum f^2,    statistic = (sum f r)^2 / sum (f r - mean f r)^2
+class Wave(NamedTuple):
+    """A wave of one joint."""
 
-    noise : of the log, given all that may have changed
-    approach : the play that the model knows
+    indices: Indices  # (2,), its parameters: of the cosine and of the sine
+    # whether an arm that has not changed has none like it, and no other explains the rows as well
+    is_cause: bool
+
+
+def with_waves(noise: NoiseFit) -> NoiseFit:
+    """A larger noise less the waves of joints, found one by one, the clearest first.
+
+    A wave has to be no chance under the noise of one joint's encoder, too.
+    """
+    if not noise.is_larger:
+        return noise
+    for _ in range(WAVES.most):
+        beside_joint = noise_with_joint(noise)
+        wave = _clearest_wave(beside_joint)
+        if wave is None:
+            is_wavy = _follows_short_waves(beside_joint)
+            return replace(beside_joint, is_wavy=is_wavy)
+        if beside_joint is not noise:
+            wave = _clearest_wave(noise)
+        if wave is None or not wave.is_cause:
+            return replace(beside_joint, is_wavy=True)
+        reference = noise.system.reference
+        waves = np.append(reference.waves, wave.indices)
+        reference = replace(reference, waves=waves)
+        noise = noise_of(System(reference, noise.system.observations))
+    return noise_with_joint(noise)
+
+
+class WaveFits(NamedTuple):
+    """Fits of w waves, each alone."""
+
+    matrix: Array  # (w, 2, w, 2), X' C^-1 X
+    covariances: Array  # (w, 2, 2)
+    amplitudes: Array  # (w, 2), of cosine and sine [rad]
+    # (w,), twice the gain in log likelihood of each over the noise
+    gains: Array
+    # (w,), gain in log likelihood where the noise is what each leaves
+    nats: Array
+    # of the largest gain where there is no wave, after Bonferroni
+    chance: float
+
+    @property
+    def best(self) -> int:
+        """The wave of the largest gain."""
+        return int(np.argmax(self.gains))
+
+    @property
+    def rivals(self) -> Mask:
+        """Which waves (w,) do much of what the best does, and explain the rows as well."""
+        cross = self.matrix[:, :, self.best]
+        own = self.covariances[self.best]
+        alike = np.einsum(
+            "wij,wik,wkl,lj->w", cross, self.covariances, cross, own
+        )
+        rivals: Mask = alike / 2.0 > WAVES.alike
+        rivals &= self.nats > self.nats[self.best] - WAVES.nats
+        rivals[self.best] = False
+        return rivals
+
+
+def _fits_of(noise: NoiseFit, x: Array) -> WaveFits:
+    """Fits of columns (N, w, 2) under a noise."""
+    count = x.shape[1]
+    columns = x.reshape(len(x), 2 * count)
+    statistics = noise.nuisance.statistics(noise.system.y, columns)
+    information, vector = statistics.information(noise.size)
+    matrix = information.reshape(count, 2, count, 2)
+    vector = vector.reshape(count, 2)
+    waves = np.arange(count)
+    blocks = matrix[waves, :, waves]
+    covariances = np.asarray(np.linalg.pinv(blocks, hermitian=True), float)
+    amplitudes = np.einsum("wij,wj->wi", covariances, vector)
+    gains = (amplitudes * vector).sum(axis=1) / noise.correlation_time
+    # of f squares of a mean of 1 a wave explains g: log p = -f / 2 log(1 - g / f)
+    share = np.minimum(gains / noise.freedom, 0.999)
+    nats = -0.5 * noise.freedom * np.log1p(-share)
+    chance = count * share_chance(float(share.max()), 2, noise.freedom)
+    return WaveFits(matrix, covariances, amplitudes, gains, nats, chance)
+
+
+def _clearest_wave(noise: NoiseFit) -> Wave | None:
+    """The wave of the least chance under a noise, None where that may be chance."""
+    system = noise.system
+    indices = _indices_of_waves(system.reference)
+    if not len(indices):
+        return None
+    fits = _fits_of(noise, system.x[:, indices])
+    if fits.chance >= FALSE_ALARM:
+        return None
+    best = fits.best
+    variance = float(np.trace(fits.covariances[best])) / 2.0
+    deviation = math.sqrt(variance * noise.correlation_time)
+    amplitude = float(np.linalg.norm(fits.amplitudes[best]))
+    is_larger = amplitude - WAVES.clear * deviation > WAVES.usual
+    return Wave(indices[best], is_larger and not fits.rivals.any())
+
+
+def _indices_of_waves(reference: Reference) -> Indices:
+    """Parameters (w, 2) of each wave of each turning joint: of its cosine and of its sine."""
+    curves = indices_of(reference.structure, ("curve",))
+    curves = curves.reshape(-1, 2, HARMONICS)
+    indices = np.swapaxes(curves, 1, 2).reshape(-1, 2)
+    is_new = ~np.isin(indices[:, 0], reference.waves)
+    return indices[is_new]
+
+
+def _follows_short_waves(noise: NoiseFit) -> bool:
+    """Whether what a joint's encoder is blamed for repeats with the joint, in waves too short.
+
+    A curve has 48 at most; a strain wave gear has twice its ratio, such as 200.
     """
     system = noise.system
-    side = system.observations.side
-    features = noise.nuisance.rest(system.play_columns(), noise.size)
-    products = np.einsum("nmd,nm->nd", features, noise.residual)
-    squares = np.maximum((features**2).sum(axis=(0, 1)), 1e-300)
-    total = products.sum(axis=0)
-    half = total / squares
-    explained = half * total / max((noise.residual**2).sum(), 1e-300)
-
-    # an encoder that is noisy moves the tip along the same slope, to either side
-    variance = len(products) * products.var(axis=0) + 1e-300
-    statistic = total**2 / (variance * noise.correlation_time)
-    # the model learned its own from rows, too, with an error that depends on their number
-    statistic /= 1.0 + _rows_beside_training(system)
-    may_play = _from_both_sides(side)
-    may_play &= half > 0.0
-    may_play &= explained > PLAY.least_explained
-    statistic[~may_play] = 0.0
-    joint = int(np.argmax(statistic))
-    chance = len(half) * f_chance(float(statistic[joint]), 1.0, noise.freedom)
-    score = score_of(chance)
-    if score <= 1.0:
-        return None
-    play = np.zeros_like(half)
-    play[joint] = half[joint]
-    learned = 0.0 if approach is None else approach.play[joint]
-    is_error = half[joint] <= PLAY.play_share * learned
-    return Play(
-        joint=joint,
-        half=play,
-        deviation=math.sqrt(noise.correlation_time / float(squares[joint])),
-        score=0.0 if is_error else score,
-    )
-
-
-def follows_sides(residual: Array, side: Array) -> bool:
-    """Whether residuals (n, m) differ, by no chance, with the side (n, dof) a joint came from.
-
-    Along each axis the sum of side * residual is normal; of its square, over that of both::
-
-        sum (side r)^2 / sum r^2 ~ chi-square (1)
-    """
-    from scipy.special import chdtrc
-
-    products = np.einsum("nj,nm->njm", side, residual)
-    variance = (products**2).sum(axis=0) + 1e-300
-    statistic = products.sum(axis=0) ** 2 / variance
-    chance = float(chdtrc(1, float(statistic.max())))
-    return chance * float(statistic.size) < FALSE_ALARM
-
-
-def _from_both_sides(side: Array) -> Mask:
-    """Whether enough rows come from either side of each joint, (dof,), of sides (n, dof)."""
-    above = (side > 0).mean(axis=0)
-    below = (side < 0).mean(axis=0)
-    smaller_share = np.minimum(above, below)
-    return np.asarray(smaller_share > PLAY.least_share)
-
-
-def _rows_beside_training(system: System) -> float:
-    """Rows of the log for each one that the model learned from; 0 where it was simulated."""
-    body = system.reference.body
-    if body.simulated or not body.rows:
-        return 0.0
-    return len(system.observations.q) / body.rows
+    if system.noisy is None:
+        return False
+    joint, _ = system.noisy
+    observations = system.observations
+    angles = observations.q[:, joint, None] * SHORT_WAVES
+    waves = np.stack([np.cos(angles), np.sin(angles)], axis=2)
+    moves = system.slope[..., joint]
+    columns = moves[:, :, None] * waves.reshape(len(waves), 1, -1)
+    x = system.whiten(columns).reshape(moves.size, -1, 2)
+    return _fits_of(noise, x).chance < FALSE_ALARM

@@ -26,10 +26,11 @@ from ..samples.motion import RowArrays
 from ..samples.samples import Samples
 from ..training.preparation import sound_log
 from ..training.socket_places import as_positions
-from .causes import changeable, sd_if_changed, sd_of_creep
+from .causes import sd_if_changed, sd_of_creep
 from .frame import Reference, offset_after
 
 OUTLIER = 5.0  # noises from which a row contradicts all others
+LASTING = 10  # rows over which noise may last
 
 # fewest different rows that a judgement or a correction can rest on
 LEAST_ROWS = 10
@@ -332,7 +333,7 @@ def sound_rows(reference: Reference, observations: Observations) -> Mask:
     body = reference.body
     start = reference.beta
     size = reference.sizes
-    sd = sd_if_changed(body, changeable(structure))
+    sd = sd_if_changed(body)
     prior = Prior(start, np.hypot(sd, sd_of_creep(body)))
     rows = spread_rows(len(q), OBSERVING.robust_rows)
     measured = [Rows(q[rows], z[rows], floor=size)]
@@ -357,3 +358,20 @@ def observations_of(rows: LogRows, reference: Reference) -> Observations:
     # that of the model's own log and of this one
     shared = math.sqrt(2.0) * rows.shared
     return Observations(rows.q, rows.x - added, rows.side, shared)
+
+
+def neighbours_apart_in_time(u: Array) -> tuple[Index, Index]:
+    """Pairs (p,), (p,) of rows of like joints (n, dof) between which noise does not last."""
+    from scipy.spatial import cKDTree
+
+    # of so many rows at least one is no neighbour in time
+    count = min(2 * LASTING + 2, len(u))
+    _, neighbours = cKDTree(u).query(u, count)
+    near = np.asarray(neighbours)
+    index = np.arange(len(u))
+    is_apart = np.abs(near - index[:, None]) > LASTING
+    row = np.flatnonzero(is_apart.any(axis=1))
+    nearest = is_apart[row].argmax(axis=1)
+    pairs = np.sort(np.stack([row, near[row, nearest]], axis=1), axis=1)
+    first, second = np.unique(pairs, axis=0).T
+    return first, second

@@ -19,16 +19,16 @@ import numpy as np
 from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
 from ..body.structure import Structure
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Mask
 from .causes import CREEP_WAVES, FRAME, indices_of, single_causes
 from .noise import (
     FALSE_ALARM,
     NoiseFit,
     f_chance,
-    follows_sides,
     score_of,
 )
-from .rows import LogRows
+from .order import follows_sides
+from .rows import LogRows, neighbours_apart_in_time
 from .system import CREEP_SHARE, NoisyJoint, Nuisance, Statistics
 
 
@@ -55,7 +55,6 @@ FEW_WRONG = 0.05
 LAGGING = 3.0
 # Share of rows beyond a 95 % bound that fails for sure: halves of A and C have 13 % at most
 BEYOND = 0.2
-LASTING = 10  # rows over which noise may last
 NOISE = "a noisier sensor or encoder, "
 NO_NOISE = "no noise, wrong rows, another sensor's or an unknown change, "
 SHOWN = {"scale": "sensor scale", "tilt": "sensor tilt"}
@@ -386,20 +385,3 @@ def variance_of_places(rows: LogRows, residual: Array) -> float:
     # whatever its size, noise makes either sign as likely
     sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
     return float(product.mean()) / residual.shape[1] if sure else 0.0
-
-
-def neighbours_apart_in_time(u: Array) -> tuple[Index, Index]:
-    """Pairs (p,), (p,) of rows of like joints (n, dof) between which noise does not last."""
-    from scipy.spatial import cKDTree
-
-    # of so many rows at least one is no neighbour in time
-    count = min(2 * LASTING + 2, len(u))
-    _, neighbours = cKDTree(u).query(u, count)
-    near = np.asarray(neighbours)
-    index = np.arange(len(u))
-    is_apart = np.abs(near - index[:, None]) > LASTING
-    row = np.flatnonzero(is_apart.any(axis=1))
-    nearest = is_apart[row].argmax(axis=1)
-    pairs = np.sort(np.stack([row, near[row, nearest]], axis=1), axis=1)
-    first, second = np.unique(pairs, axis=0).T
-    return first, second

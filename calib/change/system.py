@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, partial
 
 import numpy as np
 
@@ -62,6 +62,8 @@ class System:
     y : (N,), residuals
     x : (N, d), columns of all parameters
     noisy : a joint whose encoder is noisy, and its noise over that of the sensor [rad or m / size]
+    log_determinant : log |C| of the rows' noise, over the usual one
+    nuisance : what an unchanged arm may show whose joints may have waves of a size of `WAVE_SIZES`
     """
 
     def __init__(
@@ -76,14 +78,14 @@ class System:
         self.noisy = noisy
         q = observations.q
         self.slope = structure.slope(q, reference.beta)
+        self.roots, self.log_determinant = self._roots()
         self.predicted, columns = structure.linearise(q, reference.beta)
         residual = structure.residual(observations.z, self.predicted)
         self.y = self.whiten(residual)
         self.x = self.whiten(columns)
-        self._nuisance: dict[float, Nuisance] = {}
+        self.nuisance = cache(partial(Nuisance, self))
 
-    @cached_property
-    def _whitening(self) -> tuple[Array, float]:
+    def _roots(self) -> tuple[Array, float]:
         """Roots (n, m, m) of the precision of each row, and log |C| of their covariances C.
 
         The noise of a joint adds r^2 g g' to the covariance I of a row, g = slope / size: along g
@@ -105,16 +107,10 @@ class System:
         white -= less[:, None, None] * g[:, :, None] * along
         return white, float(np.log(variance).sum())
 
-    @property
-    def log_determinant(self) -> float:
-        """Log |C| of the rows' noise, over the usual one."""
-        return self._whitening[1]
-
     def whiten(self, x: Array) -> Array:
         """Return residuals (n, m) or columns (n, m, k) [unit] in noises: (N,) or (N, k)."""
-        roots, _ = self._whitening
         n, m, *columns = x.shape
-        flat: Array = roots @ x.reshape(n, m, -1)
+        flat: Array = self.roots @ x.reshape(n, m, -1)
         return flat.reshape(n * m, *columns)
 
     def residual(self, beta: Array, free: Indices) -> tuple[Array, Array]:
@@ -139,16 +135,9 @@ class System:
         q = self.observations.q
         nodes = q[spread_rows(len(q), SYSTEM.nodes)]
         smooth = smooth_columns(self.reference.body, sd, q, nodes)
-        shared = frame_columns(
-            self.reference, self.observations, self.predicted
-        )
+        places = self.predicted[:, : self.reference.structure.blocks[0]]
+        shared = frame_columns(self.reference, self.observations, places)
         return self.whiten(np.concatenate([smooth, shared], axis=2))
-
-    def nuisance(self, wave_size: float) -> Nuisance:
-        """What an unchanged arm may show whose joints may have waves of a size of `WAVE_SIZES`."""
-        if wave_size not in self._nuisance:
-            self._nuisance[wave_size] = Nuisance(self, wave_size)
-        return self._nuisance[wave_size]
 
 
 def system_of(reference: Reference, observations: Observations) -> System:
@@ -343,30 +332,16 @@ def prior_columns(
 
 
 def frame_columns(
-    reference: Reference, observations: Observations, predicted: Array
+    reference: Reference, observations: Observations, places: Array
 ) -> Array:
-    """Outputs (n, m, r) by what all rows share: a frame that is shifted, turned and bent."""
+    """Outputs (n, m, r) by what all rows share: a frame that is shifted, turned and bent.
+
+    places : (n, p), positions [unit]
+    """
+    n, outputs = observations.z.shape
     if not observations.shared:
-        return np.zeros((*observations.z.shape, 0))
-    structure = reference.structure
-    outputs = observations.z.shape[1]
-    places = predicted[:, : structure.blocks[0]]
-    columns = affine_columns(places / structure.extents[0], outputs)
-    return observations.shared * columns
-
-
-def frame_variance(reference: Reference, observations: Observations) -> Array:
-    """Variance (n,) of an axis [unit^2] of what all rows share: two frames, bent and shifted."""
-    columns = frame_columns(reference, observations, observations.z)
-    variances = (columns**2).mean(axis=1)
-    variance: Array = variances.sum(axis=1)
-    return variance
-
-
-def affine_columns(x: Array, outputs: int) -> Array:
-    """Displacements (n, m, (1 + p) m) of positions (n, p) by an affine map of their frame."""
-    n = len(x)
-    ones = np.ones((n, 1))
-    features = np.concatenate([ones, x], axis=1)
-    moves: Array = np.einsum("nk,ij->nikj", features, np.eye(outputs))
-    return moves.reshape(n, outputs, -1)
+        return np.zeros((n, outputs, 0))
+    extent = reference.structure.extents[0]
+    features = np.hstack([np.ones((n, 1)), places / extent])
+    columns: Array = np.einsum("nk,ij->nikj", features, np.eye(outputs))
+    return observations.shared * columns.reshape(n, outputs, -1)

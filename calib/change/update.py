@@ -14,7 +14,6 @@ import numpy as np
 from ..body.belief import Body
 from ..body.body_fit import fit
 from ..body.covariance import RADIUS_95
-from ..body.drawing import PlanarDrawing
 from ..body.parameters import Indices
 from ..body.planar import PlanarStructure
 from ..body.rows import Rows
@@ -99,15 +98,15 @@ def _update(
     residual: Array,
 ) -> Update:
     """An update, with whether it is better by rows (k,) of the log, of residuals (k, m) [unit]."""
-    made = Update(
+    before = evidence.rows.distance[rows]
+    return Update(
         body=body,
         explanation=explanation,
         rows=rows,
-        before=evidence.rows.distance[rows],
+        before=before,
         residual=residual,
-        improved=False,
+        improved=_is_better(evidence, body, before, row_lengths(residual)),
     )
-    return replace(made, improved=_is_better(evidence, made))
 
 
 def _basis(evidence: Evidence) -> Explanation:
@@ -157,19 +156,24 @@ def _with_tool(evidence: Evidence, belief: Update) -> Update:
     return replace(belief, body=tool.of(body), improved=True)
 
 
-def _is_better(evidence: Evidence, belief: Update) -> bool:
-    """Whether held-out rows gain by more than chance, and by the share that is needed."""
+def _is_better(
+    evidence: Evidence, body: Body, before: Array, after: Array
+) -> bool:
+    """Whether held-out rows gain by more than chance, and by the share that is needed.
+
+    before, after : distances (k,) from the model, and from the updated belief [unit]
+    """
     if evidence.is_one_place or evidence.step is not None:
         return False
     changed = evidence.score > 1.0
-    gain = belief.before - belief.after
+    gain = before - after
     share = UPDATING.changed if changed else UPDATING.refined
-    needed = max(_chance(gain), (1.0 - share) * float(belief.before.mean()))
+    needed = max(_chance(gain), (1.0 - share) * float(before.mean()))
     gains = evidence.is_explained and float(gain.mean()) > needed
     if changed or not gains:
         return gains
     # rows of an arm that did not change made a model of half of series A worse by 1.15
-    return evidence.tests.noisy is None and _is_surer(evidence, belief.body)
+    return evidence.tests.noisy is None and _is_surer(evidence, body)
 
 
 def _chance(gain: Array) -> float:
@@ -210,34 +214,16 @@ def _is_trainable(evidence: Evidence, explanation: Explanation) -> bool:
 def _update_by_training(evidence: Evidence, explanation: Explanation) -> Update:
     """The belief of training: its members by held-out rows, noise and scales by evidence.
 
-    In the plane the old belief is its drawing.  A simulation tells neither how noisy the sensor is
-    nor how large the waves of the joints are.
+    A simulation tells neither how noisy the sensor is nor how large the waves of the joints are.
     """
     structure = explanation.reference.structure
     if isinstance(structure, PlanarStructure):
-        structure = _drawn_as_believed(structure, explanation.reference.body)
+        structure = structure.with_fields(simulated=False)
     observations = evidence.observations
     rows = spread_rows(len(observations.q), UPDATING.rows_of_training)
     measured = [Rows(observations.q[rows], observations.z[rows])]
     fitted = fit(structure, measured, begin=explanation.beta)
     return _update(evidence, explanation, fitted.body, rows, fitted.held_out)
-
-
-def _drawn_as_believed(
-    structure: PlanarStructure, body: Body
-) -> PlanarStructure:
-    """The structure of a measured arm with a belief as its drawing."""
-    old = body.beta
-    groups = structure.groups
-    drawing = PlanarDrawing(
-        lengths=tuple(old[groups["length"]].tolist()),
-        offsets=tuple(old[groups["offset"]].tolist()),
-        rotation=float(old[groups["view.rotation"]][0]),
-        shift=tuple(old[groups["view.shift"]].tolist()),
-        mirror=structure.mirror,
-        signs=structure.signs,
-    )
-    return structure.with_fields(nominal=drawing, simulated=False)
 
 
 def _as_uncertain(body: Body, best: Explanation, evidence: Evidence) -> Body:

@@ -7,9 +7,9 @@ the first joint's axis and that joint's offset; a sensor that shows all larger a
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from operator import itemgetter
 
 import numpy as np
 
@@ -17,12 +17,11 @@ from ..body.covariance import Z95
 from ..body.curves import HARMONICS
 from ..body.parameters import Indices
 from ..body.settings import NATS
-from ..common.arrays import Array
 from ..common.wording import for_people, quantity, two_digits
 from .causes import FRAME, GROUPS, Cause, indices_of, kind_of
 from .evidence import Evidence, frame_between
-from .explanation import Explanation
-from .noise import NOISIER, Play
+from .noise import NOISIER
+from .order import Play
 from .significance import moves_of
 
 SCATTER = (
@@ -30,6 +29,9 @@ SCATTER = (
     "the same poses, measured again after the last one, tell which"
 )
 REPEATING = ", and no noise: rows of like joints err alike"
+WAVES = "the joints have waves that the model does not know: gears, or their sensors"
+UNEXPLAINED = "no single change of the sensor, a joint or a link explains it"
+ONE_PLACE = "rows of one place do not tell what changed: move the arm"
 
 
 @dataclass(frozen=True)
@@ -66,20 +68,14 @@ def causes_of(
         causes.append(_play(evidence, play))
     if drifted:
         changes = [*evidence.reference.causes, *_changes(evidence)]
-        if evidence.cause is None:
-            turns, notes = _turn_like_offset(evidence, changes)
-            notes += _scale_like_lengths(evidence, changes)
-            changes += turns
         if not changes:
-            words = (
-                "no single change of the sensor, a joint or a link explains it"
-            )
-            if evidence.is_one_place:
-                words = (
-                    "rows of one place do not tell what changed: move the arm"
-                )
+            words = ONE_PLACE if evidence.is_one_place else UNEXPLAINED
             changes.append(Cause("unknown", "", words))
         causes += changes
+        if evidence.cause is None:
+            by_name = {change.cause: change for change in changes}
+            twins, notes = _twins(evidence, by_name)
+            causes += twins
     causes += _noises(evidence, drifted=drifted)
     if evidence.tool.score > 1.0:
         causes.append(evidence.tool.cause)
@@ -117,14 +113,14 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
     if not (drifted or evidence.bound.may_be_noise):
         return causes
     if tests.noisy is not None and not drifted:
-        name, unit = _joint(evidence, tests.noisy[0])
-        sd = tests.noisy[1]
+        joint, sd = tests.noisy
+        name, unit = _joint(evidence, joint)
         factor, shown = for_people(unit)
         words = (
             f"{name} is noisy, by {two_digits(factor * sd)} {shown}: its encoder, or play; "
             "no calibration mends that"
         )
-        causes.append(Cause(f"noise:{name}", "noise", words, sd, None, unit))
+        causes.append(Cause(f"noise:{name}", "noise", words, sd, unit=unit))
     noise = tests.noise
     if evidence.is_attributed:
         # a large change is not linear: what the best one leaves
@@ -132,14 +128,13 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
         noise = min(noise, evidence.best.noise * size)
     times = noise / tests.usual
     if tests.noisier and times > NOISIER:
-        words = f"the scatter is {quantity(noise, evidence.unit)} per axis"
+        unit = evidence.unit
+        words = f"the scatter is {quantity(noise, unit)} per axis"
         if times < WORDS.exact:
             words += f", {times:.2g} times the usual"
         elif not drifted:  # a simulation has none
-            words += SCATTER if not evidence.bound.repeats else REPEATING
-        causes.append(
-            Cause("noise", "noise", words, noise, None, evidence.unit)
-        )
+            words += REPEATING if evidence.bound.repeats else SCATTER
+        causes.append(Cause("noise", "noise", words, noise, unit=unit))
     return causes
 
 
@@ -162,13 +157,6 @@ def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
     return [once, *(cause for cause in causes if cause not in moved)]
 
 
-class _Effect(NamedTuple):
-    """A cause, and the displacement that it makes over the learned range."""
-
-    size: float  # root mean square [unit]
-    cause: Cause
-
-
 def _changes(evidence: Evidence) -> list[Cause]:
     """Causes of the parameters that are clearly away from where they were, largest effect first.
 
@@ -178,21 +166,20 @@ def _changes(evidence: Evidence) -> list[Cause]:
         return []
     best = evidence.best
     if not len(best.indices):
-        words = "the joints have waves that the model does not know: gears, or their sensors"
-        return [Cause("curve", "curve", words)]
-    effects = _effects(evidence, best)
-    effects.sort(key=lambda effect: -effect.size)
+        return [Cause("curve", "curve", WAVES)]
+    effects = _effects(evidence)
+    effects.sort(key=itemgetter(0), reverse=True)
     # beside a sensor that was put elsewhere all else is small
     is_elsewhere = best.reference.is_fitted
     sizes = [
-        effect.size
-        for effect in effects
-        if not (is_elsewhere and effect.cause.cause == "sensor")
+        size
+        for size, cause in effects
+        if not (is_elsewhere and cause.cause == "sensor")
     ]
     least = WORDS.matters * max(sizes, default=0.0)
-    causes = [e.cause for e in effects if e.size >= least]
+    causes = [cause for size, cause in effects if size >= least]
     if FRAME[0] in best.groups and _frame_is_other(evidence):
-        causes.insert(0, _move_of_sensor(evidence, best))
+        causes.insert(0, _move_of_sensor(evidence))
     return causes
 
 
@@ -202,101 +189,95 @@ def _frame_is_other(evidence: Evidence) -> bool:
     return not discrete.isdisjoint(("mirror", "scale"))
 
 
-def _effects(evidence: Evidence, best: Explanation) -> list[_Effect]:
-    """Effects of the parameters that are clearly away from where they were."""
+def _effects(evidence: Evidence) -> list[tuple[float, Cause]]:
+    """Causes of the parameters that are clearly away from where they were.
+
+    Each beside the displacement that it makes over the learned range, root mean square [unit].
+    """
+    best = evidence.best
     structure = best.reference.structure
-    change = np.abs(best.beta - evidence.prior.beta)
+    change = np.abs(evidence.change)
     clear = change > WORDS.clear * best.deviation
     clear &= best.deviation > 0.0
-    moves = moves_of(structure, best.beta, evidence.rows.probes)
-    sizes = moves * change
-    is_scaled = any(c.cause == "scale" for c in evidence.reference.causes)
+    sizes = change * moves_of(structure, best.beta, evidence.rows.probes)
+    frame = indices_of(structure, FRAME)
+    is_scaled = evidence.reference.scale != 1.0
 
-    effects: list[_Effect] = []
+    effects: list[tuple[float, Cause]] = []
     for group in best.groups:
         if group in FRAME or (group == "view.scale" and is_scaled):
             continue
         if kind_of(group) == "curve":
-            effects.append(_wave(evidence, best, group, moves))
+            wave, cause = _wave(evidence, group)
+            # two parameters, of a cosine and a sine
+            effects.append((float(np.linalg.norm(sizes[wave])), cause))
             continue
         indices = indices_of(structure, (group,))
-        is_one_cause = GROUPS[group].whole
-        for part in [indices] if is_one_cause else indices[:, None]:
+        parts = [indices] if GROUPS[group].whole else indices[:, None]
+        for part in parts:
             telling = part[clear[part]]
             if len(telling):
                 largest = int(telling[np.argmax(sizes[telling])])
-                cause = _of_parameter(evidence, best, largest, part)
-                size = float(np.linalg.norm(sizes[part]))
-                effects.append(_Effect(size, cause))
-    frame = indices_of(structure, FRAME)
+                cause = _of_parameter(evidence, largest, part)
+                effects.append((float(np.linalg.norm(sizes[part])), cause))
     is_moved = FRAME[0] in best.groups and clear[frame].any()
     if is_moved and not _frame_is_other(evidence):
         size = float(np.linalg.norm(sizes[frame]))
-        moved = _move_of_sensor(evidence, best)
-        effects.append(_Effect(size, moved))
+        effects.append((size, _move_of_sensor(evidence)))
     return effects
 
 
-def _wave(
-    evidence: Evidence, best: Explanation, group: str, moves: Array
-) -> _Effect:
-    """The largest change of a wave of a joint's curve, that of its group.
-
-    moves : (d,), displacement by one of each parameter [unit]
-    """
+def _wave(evidence: Evidence, group: str) -> tuple[Indices, Cause]:
+    """The largest change of a wave of a joint's curve, that of its group, and its parameters."""
+    best = evidence.best
     structure = best.reference.structure
-    curve = structure.groups[group].reshape(2, HARMONICS)
-    change = best.beta - evidence.prior.beta
-    amplitudes = np.linalg.norm(change[curve], axis=0)
-    amplitudes[~np.isin(curve[0], best.indices)] = 0.0
+    waves = structure.groups[group].reshape(2, HARMONICS)
+    amplitudes = np.linalg.norm(evidence.change[waves], axis=0)
+    amplitudes[~np.isin(waves[0], best.indices)] = 0.0
     order = int(np.argmax(amplitudes))
-    wave = curve[:, order]
+    wave = waves[:, order]
     amplitude = float(amplitudes[order])
     half = Z95 * float(np.linalg.norm(best.deviation[wave])) / math.sqrt(2.0)
     joint = structure.labels[wave[0]].joint
+    size = quantity(amplitude, "rad", half)
     words = GROUPS["curve"].changed.format(
-        joint=joint,
-        size=quantity(amplitude, "rad", half),
-        order=order + 1,
+        joint=joint, size=size, order=order + 1
     )
     cause = Cause(f"curve:{joint}", "curve", words, amplitude, unit="rad")
-    size = float(np.linalg.norm(moves[wave])) * amplitude / math.sqrt(2.0)
-    return _Effect(size, cause.within(half))
+    return wave, cause.within(half)
 
 
-def _half_width(evidence: Evidence, best: Explanation, k: int) -> float:
+def _half_width(evidence: Evidence, k: int) -> float:
     """Half of the 95 % interval of a parameter's change.
 
     It holds the other explanations that the evidence hardly distinguishes from the best: rows
     that show a sum of two changes do not show each.
     """
-    half = Z95 * float(best.deviation[k])
-    least = best.evidence - NATS
+    best = evidence.best
+    half = 0.0
     for other in evidence.explanations:
-        if other.evidence > least:
+        if other.evidence > best.evidence - NATS:
             distance = abs(float(other.beta[k] - best.beta[k]))
             half = max(half, distance + Z95 * float(other.deviation[k]))
     return half
 
 
-def _of_parameter(
-    evidence: Evidence, best: Explanation, k: int, part: Indices
-) -> Cause:
+def _of_parameter(evidence: Evidence, k: int, part: Indices) -> Cause:
     """A cause of one parameter.
 
     part : all parameters that it covers
     """
-    label = best.reference.structure.labels[k]
+    label = evidence.reference.structure.labels[k]
     old = float(evidence.prior.beta[k])
-    changes = best.beta - evidence.prior.beta
-    change = float(changes[k])
-    half = _half_width(evidence, best, k)
+    change = float(evidence.change[k])
+    half = _half_width(evidence, k)
     value = math.expm1(change) if label.group == "view.scale" else change
     share = abs(change / old) if old else math.nan
+    most = float(np.abs(evidence.change[part]).max())
     words = GROUPS[label.group].changed.format(
         joint=label.joint,
         name=label.name,
-        most=two_digits(math.degrees(np.abs(changes[part]).max())),
+        most=two_digits(math.degrees(most)),
         size=quantity(value, label.unit, half, "+"),
         length=quantity(abs(change), label.unit, half),
         share=f"{100 * share:.2g} %",
@@ -308,8 +289,9 @@ def _of_parameter(
     return cause.within(half)
 
 
-def _move_of_sensor(evidence: Evidence, best: Explanation) -> Cause:
+def _move_of_sensor(evidence: Evidence) -> Cause:
     """The sensor's frame as one cause, its rotation as the number."""
+    best = evidence.best
     structure = best.reference.structure
     turn = structure.groups["view.rotation"]
     moved = frame_between(evidence, best.beta)
@@ -321,53 +303,46 @@ def _move_of_sensor(evidence: Evidence, best: Explanation) -> Cause:
         squares += (frame_between(evidence, nearby).shift - moved.shift) ** 2
     value = moved.angle
     if len(turn) == 1:  # with its sign, also of a mirrored one
-        change = best.beta - evidence.prior.beta
-        angle = float(change[turn[0]])
-        value = math.remainder(angle, 2 * math.pi)
+        value = math.remainder(float(evidence.change[turn[0]]), 2 * math.pi)
     size = moved.words(evidence.unit, half, Z95 * np.sqrt(squares))
     words = f"the sensor's frame moved: {size}"
     cause = Cause("sensor", "view.rotation", words, value, unit="rad")
     return cause.within(half)
 
 
-def _turn_like_offset(
-    evidence: Evidence, causes: Sequence[Cause]
+def _twins(
+    evidence: Evidence, causes: Mapping[str, Cause]
 ) -> tuple[list[Cause], list[str]]:
-    """The turn of the sensor that would look like an offset of the first joint, and a note."""
-    about = evidence.rows.model.about
-    first = about.joint_names[0]
-    by_name = {cause.cause: cause for cause in causes}
-    offset = by_name.get(f"offset:{first}")
-    if offset is None or not about.revolute[0] or "mirror" in by_name:
-        return [], []
-    turned = (
-        "an offset of the first joint and a turn of the sensor about its axis"
-    )
-    notes = [f"{turned} {_WHICH}"]
-    if "sensor" in by_name:
-        return [], notes
-    low, high = offset.interval or (0.0, 0.0)
-    turn = quantity((low + high) / 2, "rad", (high - low) / 2, "+")
-    words = f"the sensor turned by {turn} about {first} would look the same"
-    twin = replace(offset, cause="sensor", group="view.rotation", words=words)
-    return [twin], notes
+    """Causes that would look the same as those by these names, and notes.
 
-
-def _scale_like_lengths(
-    evidence: Evidence, causes: Sequence[Cause]
-) -> list[str]:
-    """A note where a scale of the sensor and links that are all longer are the same."""
+    A turn of the sensor is an offset of the first joint; where a sensor shows all larger, all
+    links may be longer.
+    """
     about = evidence.rows.model.about
-    names = {cause.cause for cause in causes}
+    first, *_ = about.joint_names
+    twins: list[Cause] = []
+    notes: list[str] = []
+    offset = causes.get(f"offset:{first}")
+    if offset is not None and about.revolute[0] and "mirror" not in causes:
+        notes.append(
+            "an offset of the first joint and a turn of the sensor about its axis "
+            + _WHICH
+        )
+        if "sensor" not in causes:
+            low, high = offset.interval or (0.0, 0.0)
+            turn = quantity((low + high) / 2, "rad", (high - low) / 2, "+")
+            words = (
+                f"the sensor turned by {turn} about {first} would look the same"
+            )
+            twin = replace(offset, cause="sensor", group=FRAME[0], words=words)
+            twins.append(twin)
+    scale = causes.get("scale")
+    has_links = "length" in evidence.rows.body.structure.groups
+    is_scaled = has_links and scale is not None and scale.interval is not None
     lengths = {f"length:{name}" for name in about.joint_names}
-    has_links = len(evidence.rows.body.structure.groups.get("length", ())) > 0
-    is_scaled = any(
-        cause.cause == "scale" and cause.interval is not None
-        for cause in causes
-    )
-    is_same = (is_scaled and has_links) or lengths <= names
-    if not (all(about.revolute) and is_same):
-        return []
-    return [
-        f"a sensor that shows all larger and links that are all longer {_WHICH}"
-    ]
+    if all(about.revolute) and (is_scaled or lengths <= causes.keys()):
+        notes.append(
+            "a sensor that shows all larger and links that are all longer "
+            + _WHICH
+        )
+    return twins, notes

@@ -16,6 +16,7 @@ from ..common.arrays import Array, Index, Mask
 from ..common.atomic import FilePath
 from ..common.wording import listing
 from ..errors import LogError, OptionError
+from ..model.about import About
 from ..model.model import Model
 from ..samples.lens import Lens
 from ..samples.samples import Samples
@@ -161,7 +162,7 @@ def find_board(
     pictures: Source,
     table: FilePath | JointTable | None,
     board: Pattern | str | None,
-    arm: SpatialArm | None = None,
+    arm: SpatialArm | About | None = None,
     camera: str | None = None,
     *,
     names: Sequence[str] | None = None,
@@ -170,7 +171,7 @@ def find_board(
     """Find a board in pictures.
 
     table : of joints, or its file, one row for each picture; a dataset brings it
-    arm : of which joints are read; else those of `names`, which turn
+    arm : or what a model is of, whose joints are read; else those of `names`, which turn
     camera : of a dataset with several
     Raises LogError if too few pictures show the board; the message names what they show instead.
     """

@@ -64,17 +64,33 @@ class Geometry:
         for k, name in enumerate(self.arm.joint_names):
             parts = np.zeros(self.structure.size)
             parts[self.structure.groups["offset"][k]] = 1.0
-            row = self.places.index(name)
-            along = self.structure.shifts
-            if self.arm.revolute[k]:
-                along = self.structure.turns
-            parts[along[row]] = self.structure.chain.axes[row]
+            if not isinstance(self.arm, PlanarArm):
+                row = self.places.index(name)
+                along = self.structure.shifts
+                if self.arm.revolute[k]:
+                    along = self.structure.turns
+                parts[along[row]] = self.structure.chain.axes[row]
             offsets[name] = self._quantity(parts)
         return offsets
 
     @property
+    def ends(self) -> list[Quantity]:
+        """Displacements in its plane of a planar arm's later joints and tip (dof) [m]."""
+        assert isinstance(self.arm, PlanarArm)  # noqa: S101
+        structure = self.structure
+        axes = self.arm.plane.basis[:2]
+        shifts = [
+            self._quantity(self._parts(row, axes))
+            for row in structure.shifts[1:]
+        ]
+        tool = self._parts(
+            structure.groups["tool"], axes @ self.arm.chain.rotation
+        )
+        return [*shifts, self._quantity(tool)]
+
+    @property
     def origins(self) -> list[tuple[Quantity, Quantity]]:
-        """Shifts [m] and turns [rad] of the joints' origins, then of the tip.
+        """Shifts [m] and turns [rad] of a spatial arm's joint origins, then of its tip.
 
         What is an offset of the joint is left out.
         """
@@ -108,16 +124,19 @@ class Geometry:
 
     def document(self) -> dict[str, Any]:
         """Return what `calib urdf --json` prints; intervals are half widths of 95 %."""
-        *places, tip = (
-            {"shift": shift, "turn": turn} for shift, turn in self.origins
-        )
-        # in space the sensed point is a probe or a tag, not the tip
-        is_written = isinstance(self.arm, PlanarArm)
-        return {
-            "offsets": self.offsets(),
-            "places": by_name(self.places, places),
-            "tip": {**tip, "written": is_written},
-            "frame": self.frame,
+        document: dict[str, Any] = {"offsets": self.offsets()}
+        frame = self.frame
+        if frame is None:
+            *places, tip = (
+                {"shift": shift, "turn": turn} for shift, turn in self.origins
+            )
+            document["places"] = by_name(self.places, places)
+            document["tip"] = {**tip, "written": False}
+        else:
+            names = self.arm.joint_names
+            document["moved"] = by_name(names, self.ends)
+            document["frame"] = frame
+        return document | {
             "frame_fitted": self.free,
             "residual": self.residual,
             "before": self.before,

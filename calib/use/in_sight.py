@@ -94,7 +94,7 @@ def _possible_rigs(
     flange : (4, 4) [m], where it is when the camera sees the middle of the board
     """
     if not isinstance(source, SpatialArm):
-        return [rig_of_model(source)]
+        return [expected_rig(source)]
     if flange is None or isinstance(board, bool):
         raise OptionError(
             "handeye: expected the board and `start`, joint values at which the camera sees it in "
@@ -145,7 +145,7 @@ def guessed_rig(
     return _rig(in_hand, np.stack([camera, frame]), lens, board, sizes)
 
 
-def rig_of_model(source: Arm | Model) -> ExpectedRig:
+def expected_rig(source: Arm | Model) -> ExpectedRig:
     """The rig of a model of pictures, by its body, board and lens.
 
     Raises OptionError of others.

@@ -35,7 +35,7 @@ def zeros_of(model: Model) -> dict[str, Quantity]:
 
 
 def with_corrected_zeros(
-    path: FilePath, offsets: Mapping[str, float]
+    path: FilePath, zeros: Mapping[str, Quantity]
 ) -> tuple[str, dict[str, int]]:
     """Return LeRobot's calibration with corrected zeros, and by how many ticks each moved.
 
@@ -45,20 +45,20 @@ def with_corrected_zeros(
     middle is the zero.
 
     path : of `calibration.json`
-    offsets : by joint what has to be added to its value [rad]
+    zeros : by joint what has to be added to its value [rad]
     Raises LogError if the file is none, OptionError if the motors are not those of the arm, or a
     zero is out of reach.
     """
     calibration = Motors.read(path)
-    missing = [name for name in offsets if name not in calibration.document]
+    missing = [name for name in zeros if name not in calibration.document]
     if missing:
         raise OptionError(
             f"the calibration has the motors {listing(calibration.document)}, not "
             f"{listing(missing)} of the model"
         )
     ticks = {
-        name: -round(value * TICKS / math.tau)
-        for name, value in offsets.items()
+        name: -round(float(zero.value) * TICKS / math.tau)
+        for name, zero in zeros.items()
     }
     document = {
         name: dict(entry) for name, entry in calibration.document.items()

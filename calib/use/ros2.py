@@ -15,6 +15,7 @@ from ..errors import OptionError
 from ..model.model import Model
 from ..model_file.storage import to_bytes
 from .formats import corrected_arm, static_transforms
+from .geometry import Quantity
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{1,60}")
 _XACRO = "http://www.ros.org/wiki/xacro"
@@ -78,23 +79,20 @@ def _contents(model: Model, package: str) -> dict[str, bytes]:
     with suppress(OptionError):  # where no sensor's place is known
         transforms = static_transforms(model)
     contents["transforms.json"] = json.dumps(transforms, indent=2).encode()
-    offsets = {
-        name: float(zero.value)
-        for name, zero in corrected_arm(model)[1].items()
-    }
-    contents["offsets.xacro"] = offsets_xacro(offsets).encode()
+    contents["offsets.xacro"] = offsets_xacro(corrected_arm(model)[1]).encode()
     return contents
 
 
-def offsets_xacro(offsets: dict[str, float]) -> str:
+def offsets_xacro(zeros: dict[str, Quantity]) -> str:
     """Return a property NAME_offset [rad or m] for each joint, to include into a xacro file.
 
     It is what has to be added to the joint's value, so that the drawing is true.
     """
     lines = [f'<robot xmlns:xacro="{_XACRO}">']
-    for name, value in offsets.items():
+    for name, zero in zeros.items():
+        value = repr(float(zero.value))
         attributes = (
-            f"name={quoteattr(name + '_offset')} value={quoteattr(repr(value))}"
+            f"name={quoteattr(name + '_offset')} value={quoteattr(value)}"
         )
         lines.append(f"  <xacro:property {attributes}/>")
     return "\n".join([*lines, "</robot>"]) + "\n"

@@ -14,9 +14,9 @@ import calib
 from calib.common.wording import error_size, for_people, with_unit
 
 from .. import options as opt
-from .. import parsing
 from ..logs import LogFormat, log_for
 from ..output import NO, Outcome, TextTable, say
+from ..parsing import above_zero, refuse
 from ..pictures import log_of_pictures
 from ..units import units_of
 
@@ -37,7 +37,7 @@ def check(
         opt.value(
             "--tolerance S",
             "Exit 3 where rows cannot show such a change [m].",
-            parsing.above_zero,
+            above_zero,
         ),
     ] = None,
     columns: opt.Columns = None,
@@ -50,8 +50,15 @@ def check(
     loaded = calib.load(model)
     log_format = LogFormat(columns, unit, time_offset, degrees)
     if joints_file is None and not Path(data).is_dir():
+        refuse({"camera": camera}, "is of a LeRobotDataset")
         log = log_for(loaded, data, log_format)
     else:
+        of_tables = {
+            "columns": columns,
+            "unit": unit,
+            "time_offset": time_offset,
+        }
+        refuse(of_tables, "is of tables, not of pictures")
         log = log_of_pictures(loaded, data, joints_file, camera, degrees)
     verdict = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     say(verdict.notes)

@@ -10,9 +10,9 @@ from calib.common.wording import with_unit
 from calib.use import standing
 
 from .. import options as opt
-from ..logs import LogFormat, log_of, with_facts
+from ..logs import FOR_LOGS, LogFormat, log_of, with_facts
 from ..output import Outcome, say
-from ..parsing import BadOption
+from ..parsing import BadOption, refuse
 from ..summary import error_table, summary
 
 if TYPE_CHECKING:
@@ -43,7 +43,11 @@ def evaluate(
     loaded = model_in(model, sensor)
     log_format = LogFormat(columns, unit, time_offset, degrees)
     log = log_of(loaded, data, log_format)
-    if log is not None:
+    if log is None:
+        anew = None if frame == "kept" else frame
+        of_logs = {"distance": distance, "plane": plane, "frame": anew}
+        refuse(of_logs, FOR_LOGS)
+    else:
         log = with_facts(log, distance, plane)
         loaded = loaded.by(log.sensor)
     started = time.perf_counter()

@@ -86,11 +86,15 @@ def export(
             "nothing to write: expected -o FILE.h, --camera, --transform, --ur or --mjcf FILE, or "
             "--ros2 FOLDER"
         )
-    check_file(output, (".h", ".hpp") if lerobot is None else (".json",))
-    check_file(camera, _YAML, option="--camera")
-    check_file(transform, (".json",), option="--transform")
-    check_file(ur, _YAML, option="--ur")
-    check_file(mjcf, (".xml",), option="--mjcf")
+    endings = {
+        "output": (".h", ".hpp") if lerobot is None else (".json",),
+        "camera": _YAML,
+        "transform": (".json",),
+        "ur": _YAML,
+        "mjcf": (".xml",),
+    }
+    for name, path in paths.items():
+        check_file(path, endings[name], option=f"--{name}")
     loaded = model_in(model, sensor)
     document: dict[str, object] = {
         "model": model,
@@ -102,11 +106,12 @@ def export(
         corrected, zeros = formats.corrected_arm(
             loaded, drawn=free == "offsets"
         )
-        offsets = {name: float(zero.value) for name, zero in zeros.items()}
-        intervals = {name: float(zero.interval) for name, zero in zeros.items()}
-        document |= {"offsets": offsets, "intervals": intervals}
+        document |= {
+            "offsets": {name: zero.value for name, zero in zeros.items()},
+            "intervals": {name: zero.interval for name, zero in zeros.items()},
+        }
     if output and lerobot:
-        text, ticks = with_corrected_zeros(lerobot, offsets)
+        text, ticks = with_corrected_zeros(lerobot, zeros)
         files.append(
             File(output, text, f"homing offsets moved by {ticks} ticks")
         )

@@ -71,9 +71,7 @@ def lerobot(
     assert rig.poses is not None  # noqa: S101 - of joints there is a log
     learned = calib.train(rig.poses)
     zeros = zeros_of(learned)
-    offsets = {name: float(zero.value) for name, zero in zeros.items()}
-    intervals = {name: float(zero.interval) for name, zero in zeros.items()}
-    text, ticks = with_corrected_zeros(calibration, offsets)
+    text, ticks = with_corrected_zeros(calibration, zeros)
     if model is not None:
         learned.save(model)
     atomic_write(output, text.encode())
@@ -81,8 +79,8 @@ def lerobot(
     document = {
         "output": output,
         "offsets": {
-            name: {"offset": offset, "interval": intervals[name]}
-            for name, offset in offsets.items()
+            name: {"offset": zero.value, "interval": zero.interval}
+            for name, zero in zeros.items()
         },
         "ticks": ticks,
         "hand": rig.hand,
@@ -90,14 +88,14 @@ def lerobot(
         "units": {"offsets": "rad", "position": "m", "rotation": "rad"},
     }
     rows = []
-    for name, offset in offsets.items():
+    for name, zero in zeros.items():
         old = int(motors.document[name]["homing_offset"])
-        zero = with_decimals(math.degrees(offset), 2)
-        interval = error_size(math.degrees(intervals[name]))
-        rows.append([name, zero, interval, str(old), str(old + ticks[name])])
+        offset = with_decimals(math.degrees(zero.value), 2)
+        interval = error_size(math.degrees(zero.interval))
+        rows.append([name, offset, interval, str(old), str(old + ticks[name])])
     header = ["joint", "zero is off by [deg]", "+-", "homing offset was", "is"]
-    line = f"{output}: {len(offsets)} zeros corrected"
-    unknown = [name for name in arm.joint_names if name not in offsets]
+    line = f"{output}: {len(zeros)} zeros corrected"
+    unknown = [name for name in arm.joint_names if name not in zeros]
     if unknown:
         line += f"; {' and '.join(unknown)} stay, since no picture shows theirs"
     warnings = standing.bound_warnings(learned.about)

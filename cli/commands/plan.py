@@ -98,12 +98,24 @@ def plan(
         from calib.recording.rig import is_rig
 
         if is_rig(robot):
+            of_joints = {
+                "joints": joints,
+                "tip": tip,
+                "lock": lock,
+                "range": ranges,
+                "margin": margin,
+                "from": start,
+                "touch": touch,
+                "above": above,
+            }
+            refuse(of_joints, "is of joints: a rig has flange poses alone")
             return _flange_poses(robot, output, poses, seed)
     source: Arm | calib.Model
     within = None
     if is_model:
         why = "is for ROBOT: a model has its joints and its tip already"
-        refuse({"joints": joints, "tip": tip, "lock": lock}, why)
+        of_robot = {"joints": joints, "tip": tip, "lock": lock}
+        refuse({**of_robot, "planar": planar or None}, why)
         model = calib.load(robot)
         source = model
         shown = JointFormat(model.about, degrees)

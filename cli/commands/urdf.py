@@ -85,9 +85,11 @@ def _table(geometry: Geometry) -> TextTable:
         (name, "offset", unit, parameters["offsets"][name])
         for name, unit in zip(arm.joint_names, arm.units_of_joints, strict=True)
     ]
-    tip = parameters["tip"]
-    name_of_tip = arm.tip if tip["written"] else "sensed point, not written"
-    places = {**parameters["places"], name_of_tip: tip}
+    for name, change in parameters.get("moved", {}).items():
+        changes.append((name, "far end of its link, along {}", "m", change))
+    places = dict(parameters.get("places", {}))
+    if "tip" in parameters:
+        places["sensed point, not written"] = parameters["tip"]
     for name, change in places.items():
         changes.append((name, "origin along {}", "m", change["shift"]))
         changes.append((name, "origin about {}", "rad", change["turn"]))
@@ -99,7 +101,7 @@ def _table(geometry: Geometry) -> TextTable:
         for axis, value, interval in zip(
             "xyz", values, intervals, strict=False
         ):
-            if interval and value:  # what was fitted, and can be seen
+            if interval:  # what was fitted
                 shown = (
                     with_decimals(float(value), 4),
                     error_size(float(interval)),

@@ -83,6 +83,17 @@ def test_a_log_within_which_something_changed_is_split_there(change, row):
     assert "step" not in names(calib.check(learned(), mixed))
 
 
+def test_what_grows_along_a_log_or_gets_noisier_is_no_step():
+    """Of six logs whose last fifth was 20 times noisier all were split there."""
+    old, new = (bare("two_link", 200, 1, *change) for change in ((), ("elbow.offset=0.005",)))
+    growing = old.x + np.linspace(0.0, 1.0, 200)[:, None] * (new.x - old.x)
+    (cause,) = calib.check(learned(), replace(old, x=growing)).causes
+    assert "bit by bit" in cause.words
+    noise = np.random.default_rng(0).normal(0.0, 20 * NOISE, (200, 2))
+    noisier = replace(old, x=np.where(np.arange(200)[:, None] < 160, old.x, old.x + noise))
+    assert "step" not in names(calib.check(learned(), noisier))
+
+
 def test_play_of_all_joints_along_a_path_is_no_change_within_the_log():
     three, t = calib.load_arm("spatial_three"), np.linspace(0, 20, 200)[:, None]
     middle, half = (three.lower + three.upper) / 2, (three.upper - three.lower) / 3

@@ -52,6 +52,8 @@ CASES = [
     ("adapt good.calib --data few.csv -o few.csv", 2, "few.csv replace"),
     ("query forward good.calib --input few.csv -o ./few.csv", 2, "few.csv replace"),
     ("log a.png --tag 1 --tags-at few.csv -o few.csv", 2, "few.csv replace"),
+    ("handeye a --poses-file few.csv --board 4x4:9mm --eye hand --transform few.csv", 2, "replace"),
+    ("log few.csv --tag 1 --picture few.csv -o l.csv", 2, "--picture few.csv replace"),
     ("train few.csv", 2, "table --data few.csv"),
     ("handeye a --poses-file few.csv --board 10x7:22mm --eye hand --tip t", 2, "--tip ROBOT"),
     ("log a --board 10x7:22mm --eye hand --tag 7 -o l.csv", 2, "--tag --eye"),
@@ -82,6 +84,10 @@ CASES = [
     ("plan two_link --from 1 -o p.csv", 2, "2 values"),
     ("plan two_link --from 1,9 -o p.csv", 1, "--from: elbow 9"),
     ("plan good.calib --tip t -o p.csv", 2, "--tip ROBOT"),
+    ("plan good.calib --planar -o p.csv", 2, "--planar ROBOT"),
+    ("evaluate good.calib --distance a,b=50mm", 2, "--distance --data"),
+    ("evaluate good.calib --frame free", 2, "--frame --data"),
+    ("check good.calib --data few.csv --camera left", 2, "--camera LeRobotDataset"),
 ]
 
 

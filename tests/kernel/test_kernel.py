@@ -4,15 +4,18 @@ import pickle
 import shutil
 import time
 from dataclasses import replace
+from functools import cache
 
 import models
 import numpy as np
 import pytest
+from chains import chain_urdf, turning
 from models import draw, in_pixels, in_space, log_of, of_a_third, six, trained, warm
 from refusals import refused
 
 import calib
 from calib import OptionError
+from calib.arm.loading import arm_from_urdf
 from calib.kernel.compiled import Compiler
 from calib.model.header import Header
 
@@ -52,24 +55,7 @@ def poses(model, n):
     return np.vstack([inside, stretched])
 
 
-def assert_alike(fast, model):
-    """Compiled C answers joints alone and together as NumPy does."""
-    q = np.vstack([poses(model, 30), np.full(len(model.about.lower), 1e9)])
-    atol = 1e-9 * model.reach
-    for name in ("forward", "expected_error", "model_error", "jacobian"):
-        expected = getattr(model, name)(q)
-        one = np.array([getattr(fast, name)(row) for row in q])
-        np.testing.assert_allclose(one, expected, rtol=0, atol=atol)
-        np.testing.assert_allclose(getattr(fast, name)(q), expected, rtol=0, atol=atol)
-        assert np.isnan(expected[-1]).all()
-
-
-@pytest.mark.parametrize("kind", MODELS)
-def test_joints_alone_and_together_are_answered_as_by_numpy(kind):
-    assert_alike(warm(MODELS[kind]()), MODELS[kind]())
-
-
-@pytest.fixture(scope="module")
+@cache
 def optimised():
     """A strict model, compiled as users' compilers do it; others are in a third of the time."""
     with pytest.MonkeyPatch.context() as patch:
@@ -81,9 +67,18 @@ def optimised():
     return model
 
 
-@needs_compiler
-def test_optimised_c_answers_as_numpy_too(optimised):
-    assert_alike(optimised, six())
+@pytest.mark.parametrize("kind", [*MODELS, pytest.param("optimised", marks=needs_compiler)])
+def test_joints_alone_and_together_are_answered_as_by_numpy(kind):
+    model = six() if kind == "optimised" else MODELS[kind]()
+    fast = optimised() if kind == "optimised" else warm(model)
+    q = np.vstack([poses(model, 30), np.full(len(model.about.lower), 1e9)])
+    atol = 1e-9 * model.reach
+    for name in ("forward", "expected_error", "model_error", "jacobian"):
+        expected = getattr(model, name)(q)
+        one = np.array([getattr(fast, name)(row) for row in q])
+        np.testing.assert_allclose(one, expected, rtol=0, atol=atol)
+        np.testing.assert_allclose(getattr(fast, name)(q), expected, rtol=0, atol=atol)
+        assert np.isnan(expected[-1]).all()
 
 
 @pytest.mark.parametrize("kind", MODELS)
@@ -174,21 +169,22 @@ def test_c_that_knows_less_than_numpy_does_not_answer(monkeypatch):
 
 
 @needs_compiler
-def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond(optimised):
-    q = (optimised.about.lower + optimised.about.upper) / 2 + 0.2
-    position, turn = optimised.pose(q)
-    assert np.isfinite(optimised.inverse_pose(position, turn, q)).all()
+def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond():
+    model = optimised()
+    q = (model.about.lower + model.about.upper) / 2 + 0.2
+    position, turn = model.pose(q)
+    assert np.isfinite(model.inverse_pose(position, turn, q)).all()
     started = time.thread_time()
     for _ in range(20):
-        assert np.isnan(optimised.inverse_pose(position + 9.0, turn, q)).all()
+        assert np.isnan(model.inverse_pose(position + 9.0, turn, q)).all()
     assert (time.thread_time() - started) / 20 < 1e-3
-    assert "bounded search" in optimised.unanswered
+    assert "bounded search" in model.unanswered
     # without an orientation, or without `near`, too
-    place = optimised.inverse_pose(position, near=q)
-    np.testing.assert_allclose(optimised.forward(place), position, atol=1e-7)
-    np.testing.assert_allclose(optimised.forward(optimised.inverse(position)), position, atol=1e-7)
-    assert np.isnan(optimised.inverse(position + 9.0)).all()
-    assert "nothing reaches" in optimised.unanswered
+    place = model.inverse_pose(position, near=q)
+    np.testing.assert_allclose(model.forward(place), position, atol=1e-7)
+    np.testing.assert_allclose(model.forward(model.inverse(position)), position, atol=1e-7)
+    assert np.isnan(model.inverse(position + 9.0)).all()
+    assert "nothing reaches" in model.unanswered
     # what is no question has the words of the batch as its reason
     for wrong, beside, words in (
         (0.5 * turn, q, "length 0.5: expected length 1"),
@@ -196,14 +192,14 @@ def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond(optimised
         (turn, q + 50.0, "expected a value in its range"),
     ):
         for frame in ("sensor", "base"):
-            assert np.isnan(optimised.inverse_pose(position, wrong, beside, frame=frame)).all()
-            assert words in optimised.unanswered
-    assert np.isnan(optimised.inverse(position, near=q + 50.0)).all()
-    assert "expected a value in its range" in optimised.unanswered
-    assert np.isnan(optimised.forward(q + 50.0)).all()
-    assert "is outside of the learned range" in optimised.unanswered
+            assert np.isnan(model.inverse_pose(position, wrong, beside, frame=frame)).all()
+            assert words in model.unanswered
+    assert np.isnan(model.inverse(position, near=q + 50.0)).all()
+    assert "expected a value in its range" in model.unanswered
+    assert np.isnan(model.forward(q + 50.0)).all()
+    assert "is outside of the learned range" in model.unanswered
     # in another process, too
-    again = cold(optimised)
+    again = cold(model)
     assert np.isnan(again.inverse_pose(position + 9.0, turn, q)).all()
     assert "bounded search" in again.unanswered
 
@@ -265,3 +261,24 @@ def test_a_position_a_hair_beyond_a_limit_is_no_answer():
     alone = [fast.inverse(place, near=joints) for place, joints in zip(beyond, q, strict=True)]
     assert np.isnan(alone).all()
     np.testing.assert_allclose(fast.inverse(x, near=q), q, atol=1e-8)
+
+
+@needs_compiler
+def test_places_with_joints_at_their_upper_limits_are_reached(monkeypatch):
+    """Optimised, a limit's share of its range rounds to less than one: once out of reach for C."""
+    # as users' compilers optimise it
+    quick = Compiler(quick=("-O3", "-freciprocal-math"))
+    monkeypatch.setattr("calib.kernel.compiled.COMPILER", quick)
+    joints = (
+        turning("0.13 -0.13 0.64", "0 0 0", "-0.8", "2.9"),
+        turning("-1.27 -0.62 0.04", "-0.32 0.36 0.04", "-2.7", "1.0"),
+        turning("0.41 1.04 -0.13", "0.12 -0.12 0.5", "-1.1", "2.2"),
+    )
+    arm = arm_from_urdf(chain_urdf(*joints, tip="0.38 0.15 0.12"))
+    fast = warm(calib.train(calib.babble(arm, 600, seed=0), size=8))
+    u = np.random.default_rng(0).random((300, 3))
+    q = arm.lower + np.where(u < 0.7, u, u.round()) * (arm.upper - arm.lower)
+    x = fast.forward(q)
+    assert np.isfinite(fast.inverse(x)).all()
+    for row, ways in zip(q, fast.inverse_all(x), strict=True):
+        assert np.abs(ways - row).max(axis=1).min(initial=1.0) < 1e-3

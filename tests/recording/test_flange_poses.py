@@ -258,6 +258,7 @@ def test_planned_poses_show_the_board_and_tell_what_is_promised(in_hand, tmp_pat
     rig.save(tmp_path / "rig.calib")
     words = ("--handeye", "-n", 2, "-o", tmp_path / "p.csv", "--json")
     done = run.done("plan", tmp_path / "rig.calib", *words)
+    assert run("plan", tmp_path / "rig.calib", *words, "--above", 0.1).code == 2
     poses = done.document["poses"]
     shifts = np.column_stack([poses[name] for name in "xyz"])
     turns = Rotation.from_quat(np.column_stack([poses[f"q{name}"] for name in "xyzw"]))

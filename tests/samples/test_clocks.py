@@ -62,13 +62,13 @@ def test_offset_and_rate_are_found(rate, epoch):
 @pytest.mark.parametrize("case", ["repeats itself", "another run", "rate", "still", "joints still"])
 def test_what_is_doubtful_is_refused(case):
     rng = np.random.default_rng(3)
-    joint_time, q = stops(40, rng)
+    joint_time, q = stops(28, rng)
     if case == "repeats itself":
         wave = 2 * np.pi * joint_time / 4.0
         q = 0.5 * np.stack([np.sin(wave), np.cos(wave)], 1)
     time, x, _ = filmed(joint_time, q, rng, 0.02 if case == "rate" else 0.0)
     if case == "another run":
-        _, q = stops(40, rng)
+        _, q = stops(28, rng)
     elif case == "still":
         x = x[:1] + rng.normal(0, 0.05, x.shape)
     elif case == "joints still":

@@ -208,25 +208,28 @@ def test_noise_that_drifts_slowly_is_no_change_and_hides_none(offset):
     assert alarmed(calib.monitor(model(1e-3)), noisy) == (offset > 0.0)
 
 
+def rippled(q, seed, offset=0.0):
+    """Rows of an arm whose errors differ from pose to pose by more than the readings of one."""
+    ripple = 3e-4 * np.sin(np.array([37.0, 41.0]) * q + 29.0 * q[:, ::-1])
+    noise = np.random.default_rng(seed).normal(0.0, 5e-5, q.shape)
+    return models.log_of(arm(), q, two_link(q + np.array([0.0, offset])) + ripple + noise)
+
+
+@cache
+def of_ripples(times):
+    """Return a model of 150 poses, each read so many times."""
+    q = np.random.default_rng(1).uniform(arm().lower, arm().upper, (150, 2))
+    return calib.train(rippled(np.repeat(q, times, axis=0), 2), size=10)
+
+
 @pytest.mark.parametrize(("times", "wrong", "late"), [(1, 0.0, 0), (1, 0.0, 1), (2, 0.02, 0)])
 @pytest.mark.parametrize("offset", [0.0, 0.005])
 def test_an_arm_that_dwells_shows_its_models_error_once(offset, times, wrong, late):
-    """Its errors differ from pose to pose by more than the readings of one; between are jumps.
-
-    Wrong detections of 1 in 20, and of each pose's first, hide no change, nor a late clock.
-    """
-    rng = np.random.default_rng(1)
-
-    def seen(q, offset=0.0):
-        ripple = 3e-4 * np.sin(np.array([37.0, 41.0]) * q + 29.0 * q[:, ::-1])
-        tips = two_link(q + np.array([0.0, offset]))
-        return models.log_of(arm(), q, tips + ripple + rng.normal(0.0, 5e-5, q.shape))
-
-    q = np.repeat(rng.uniform(arm().lower, arm().upper, (150, 2)), times, axis=0)
-    one = calib.train(seen(q), size=10)
+    """Wrong detections of 1 in 20, and of each pose's first, hide no change, nor a late clock."""
+    rng = np.random.default_rng(3)
     goals = rng.uniform(arm().lower, arm().upper, (15, 2))
     q = np.repeat(goals, 40, axis=0) + rng.normal(0.0, 1e-4, (600, 2))
-    samples, monitor = seen(q, offset), calib.monitor(one)
+    samples, monitor = rippled(q, 4, offset), calib.monitor(of_ripples(times))
     is_wrong = rng.random(600) < 0.05
     is_wrong[::40] = True
     x = samples.x + is_wrong[:, None] * rng.normal(0.0, wrong, (600, 2))

@@ -48,9 +48,9 @@ static inline calib_real calib_apart(const calib_joints a, const calib_joints b)
 static inline int calib_clipped(calib_joints q) {
   int k, inside = 1;
   for (k = 0; k < CALIB_DOF; ++k) {
-    const calib_real u = calib_share_of(k, q[k]);
-    if (!calib_periodic[k] && !(u > 0 && u < 1)) inside = 0;
-    q[k] = calib_between(calib_wrapped(k, q[k]), calib_lower[k], calib_lower[k] + calib_span[k]);
+    const calib_real least = calib_lower[k], most = least + calib_span[k];
+    if (!calib_periodic[k] && !(q[k] > least && q[k] < most)) inside = 0;
+    q[k] = calib_between(calib_wrapped(k, q[k]), least, most);
   }
   return inside;
 }
@@ -70,11 +70,13 @@ static inline int calib_move(int n, const calib_real *J, const calib_real *r, co
       for (k = 0; k < CALIB_DOF; ++k) lacking[i] -= own[i * CALIB_DOF + k] * ahead[k];
     if (!calib_forces(n, own, lacking, damping, y)) return 0;
     for (again = 0, k = 0; k < CALIB_DOF; ++k) {
-      const calib_real u = calib_share_of(k, q[k]);
+      /* joint values: a share of the range at its upper end may round to less than 1 */
+      const calib_real least = calib_lower[k], most = least + calib_span[k];
+      const calib_real near = slack * calib_span[k];
       move[k] = ahead[k];
       for (i = 0; i < n; ++i) move[k] += own[i * CALIB_DOF + k] * y[i];
       if (calib_periodic[k]) continue;
-      if (!((u <= slack && move[k] < 0) || (u >= 1 - slack && move[k] > 0))) continue;
+      if (!(move[k] < 0 ? q[k] <= least + near : move[k] > 0 && q[k] >= most - near)) continue;
       again = 1;
       ahead[k] = 0;
       for (i = 0; i < n; ++i) own[i * CALIB_DOF + k] = 0;

@@ -81,26 +81,28 @@ static inline int calib_take(calib_search *search, const calib_joints way) {
   return 1;
 }
 
-/* Takes the way that a start leads to, and what lies across a fold beside it; returns whether one was
- * new or nearer. */
+/* Takes the way that a start leads to, and what lies across a fold beside it, or beside what a limit lets
+ * miss the task a little; returns whether one was new or nearer. */
 static inline int calib_try(calib_search *search, const calib_joints start) {
   const int one = search->most == 1;
   calib_real way[CALIB_DOF], across[CALIB_DOF];
   calib_gap gap;
-  int gain;
+  int gain = 0;
   calib_copy(CALIB_DOF, start, way);
-  if (!calib_reach(search, way, &gap)) {
-    if (search->count || search->left <= gap.left || !(gap.left - gap.left == 0)) return 0;
-    search->left = gap.left;
-    calib_copy(CALIB_DOF, way, search->nearest);
-    return 0;
+  if (calib_reach(search, way, &gap)) {
+    gain = calib_take(search, way);
+    if (!gain && !one) return 0;
+  } else {
+    if (!search->count && gap.left - gap.left == 0 && !(search->left <= gap.left)) {
+      search->left = gap.left;
+      calib_copy(CALIB_DOF, way, search->nearest);
+    }
+    if (!(gap.left <= @edge@ * search->task->size)) return 0;
   }
-  gain = calib_take(search, way);
-  if (!gain && !one) return 0;
   if (CALIB_DOF > search->task->rows || (!one && search->count == search->most)) return gain;
-  if (one && calib_apart(way, search->from) <= @near_enough@) return gain;
+  if (one && gain && search->away <= @near_enough@) return gain;
   if (!calib_twin(search->task, way, &gap, across)) return gain;
-  if (one && calib_apart(across, search->from) > search->away + @margin@) return gain;
+  if (one && search->count && calib_apart(across, search->from) > search->away + @margin@) return gain;
   return (calib_descend(search, 0, across, &gap) && calib_take(search, across)) || gain;
 }
 

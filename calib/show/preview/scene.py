@@ -1,16 +1,14 @@
 """Scene: an arm or a rig with its surroundings, its rows, its bound and its maps, in layers.
 
-What is to be drawn is a `Subject`, found from a model and a log; `data_of_model` decides where the
-camera stands and has one function after the other draw its layer on a `Canvas`.
+`data_of_model` finds what there is, decides where the camera stands and has one function after the
+other draw its layer on a `Canvas`.
 """
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -30,7 +28,7 @@ from ..placement import Placement, place_model
 from ..robot import Robot
 from ..settings import SETTINGS
 from ..setup import Thing, things_of, things_of_rig
-from ..study import StudiedRows, Study, studies_of
+from ..study import StudiedRows, studies_of
 from ..workspace import bound_field, extent, node_errors
 from .camera import OBLIQUE, camera_onto, frame_of_view
 from .canvas import Canvas, packed
@@ -45,72 +43,30 @@ _THING = "#0c8599"
 NO_ARM = "the arm is not drawn: no URDF came with this model, or its maps have no body"
 
 
-class Motion(NamedTuple):
-    """What the arm goes through when the page is opened."""
-
-    q: Array  # (frames, dof)
-    measured: Array  # (frames, m) [unit], where the tip was
-    predicted: Array  # (frames, m) [unit], where the model expects it
-
-
-@dataclass(frozen=True, eq=False)
-class Subject:
-    """What a page shows, each where it is in space [m]."""
-
-    model: Model
-    studies: list[Study]  # of each sensor, the first one's model is `model`
-    placements: list[Placement]  # of each sensor
-    motion: Motion
-    things: list[Thing]  # camera, board, sockets, frames
-    robot: Robot | None  # None without a URDF to draw
-    poses: dict[str, Array]  # (frames, 4, 4) of each link of the robot
-
-    @classmethod
-    def of(cls, model: Model, log: Samples | None) -> Subject:
-        """Return what a page of a model shows, with the rows of a log where one is given."""
-        studies = studies_of(model, log)
-        placed = model.body is not None or model.about.unit == "m"
-        robot = Robot.of(model.about) if placed else None
-        motion = _motion(model, studies[0].rows)
-        return cls(
-            model,
-            studies,
-            [place_model(study.model, robot) for study in studies],
-            motion,
-            [thing for study in studies for thing in things_of(study.model)],
-            robot,
-            {} if robot is None else robot.poses(motion.q),
-        )
-
-    @property
-    def placement(self) -> Placement:
-        """That of the first sensor."""
-        return self.placements[0]
-
-    def nodes(self) -> Array:
-        """Places (nodes, 3) of the sensory map."""
-        return self.placement.lift(self.model.sensory.weights)
-
-    def reached(self) -> list[Array]:
-        """Places (n, 3) of the sensory map and of the moving links."""
-        links = [frames[:, :3, 3] for frames in self.poses.values()]
-        return [self.nodes(), *links]
-
-
 def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
     """Plain data for the page: what is drawn, legend, labels, links, camera and notes."""
+    # the arm, and what is around it
     about = model.about
-    subject = Subject.of(model, log)
-    reached = subject.reached()
+    robot = None
+    if model.body is not None or about.unit == "m":
+        robot = Robot.of(about)
+    studies = studies_of(model, log)
+    placements = [place_model(study.model, robot) for study in studies]
+    placement = placements[0]
+    things = [thing for study in studies for thing in things_of(study.model)]
+    q, measured = _motion(model, studies[0].rows)
+    poses = {} if robot is None else robot.poses(q)
+    nodes = placement.lift(model.sensory.weights)
+    reached = [nodes, *(frames[:, :3, 3] for frames in poses.values())]
     canvas = Canvas(float(np.ptp(np.vstack(reached), axis=0).max()))
-    frame = frame_of_view(subject.placement, downwards=about.unit == "px")
+    frame = frame_of_view(placement, downwards=about.unit == "px")
     # a little way to the eye: at equal depth the one would be drawn, or the other
     front = 0.006 * canvas.size * frame[2]
 
-    around = [*reached, *_standing(subject.things)]
+    around = [*reached, *_standing(things)]
     photo = model.photo if len(model.axes) == 2 else None
     if photo is not None:
-        around.append(_draw_photo(canvas, photo, subject.placement, front))
+        around.append(_draw_photo(canvas, photo, placement, front))
     dof = model.motor.units.shape[1]
     panel = Panel.beside(frame, np.vstack(around), 0.75 * canvas.size, dof)
     if not moves_in_space(model):  # with room for words at each side
@@ -120,32 +76,35 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
     # a scale that holds the errors of nodes and of rows, and the bound
     points, bound = bound_field(model)
     errors = [*node_errors(model), bound]
-    errors += [study.rows.distance for study in subject.studies if study.rows]
+    errors += [study.rows.distance for study in studies if study.rows]
     scale = ErrorScale.of(np.concatenate(errors), about.unit, extent(model))
-    if subject.robot is not None:
-        links = subject.robot.links
-        _draw_robot(canvas, links, subject.poses)
-        _draw_things(canvas, subject.things, links[-1])
-    draw_maps(canvas, model, subject.nodes(), panel, scale)
+    if robot is not None:
+        _draw_robot(canvas, robot.links, poses)
+        _draw_things(canvas, things, robot.links[-1])
+    draw_maps(canvas, model, nodes, panel, scale)
     canvas.layer("Reach", "scale", "bound on the true position", shown=False)
-    places = subject.placement.lift(points)
+    places = placement.lift(points)
     tints = scale.colours(bound)
     canvas.add("Reach/points", "points", tints, places, size=0.005)
-    for study, placement in zip(
-        subject.studies, subject.placements, strict=True
-    ):
-        _draw_rows(canvas, study, placement, front, scale)
-    _draw_motion(canvas, subject.motion, subject.placement, about.unit)
+    for study, of_sensor in zip(studies, placements, strict=True):
+        rows = study.rows
+        if rows is not None:
+            layer = f"Rows {study.model.about.sensor}".strip()
+            at = of_sensor.lift(rows.x) + front
+            # maps of a simulation show more
+            shown = study.model.about.simulation is None
+            _draw_points(canvas, layer, at, rows.distance, scale, shown=shown)
+    _draw_motion(canvas, model, placement, q, measured)
 
     measure = about.bound_of if about.source == "log" else "true position"
-    middle = subject.motion.measured[len(subject.motion.q) // 2]
+    middle = measured[len(q) // 2]
     return canvas.data(
         scale,
         camera,
         title=about.robot or "learned from a log",
         bound=f"95 % bound on the distance to the {measure}; rows: their error",
         links=links_of(model, int(model.sensory.winners(middle)[0])),
-        notes=[] if subject.robot is not None else [NO_ARM],
+        notes=[] if robot is not None else [NO_ARM],
     )
 
 
@@ -174,8 +133,12 @@ def data_of_rig(rig: HandEye) -> dict[str, object]:
     )
 
 
-def _motion(model: Model, rows: StudiedRows | None) -> Motion:
-    """The motion through a log's rows in their order; through others, or nodes, on a short way."""
+def _motion(model: Model, rows: StudiedRows | None) -> tuple[Array, Array]:
+    """What the arm goes through when the page is opened, and where its tip was measured.
+
+    A log's rows in their order; others, or nodes, on a short way: joints (frames, dof), positions
+    (frames, m) [unit].
+    """
     if rows is None:
         q = visited_joints(model, SETTINGS.played)
         measured = model.forward(q)
@@ -188,7 +151,7 @@ def _motion(model: Model, rows: StudiedRows | None) -> Motion:
         order = shortest_tour(np.linalg.norm(u[:, None] - u, axis=2))
         q = q[order]
         measured = measured[order]
-    return Motion(q, measured, model.forward(q))
+    return q, measured
 
 
 def _draw_photo(
@@ -222,24 +185,6 @@ def _draw_photo(
     return points
 
 
-def _draw_rows(
-    canvas: Canvas,
-    study: Study,
-    placement: Placement,
-    front: Array,
-    scale: ErrorScale,
-) -> None:
-    """Draw the rows that a sensor measured; of a simulation, whose maps show more, on demand."""
-    if study.rows is not None:
-        about = study.model.about
-        layer = f"Rows {about.sensor}".strip()
-        points = placement.lift(study.rows.x) + front
-        shown = about.simulation is None
-        _draw_points(
-            canvas, layer, points, study.rows.distance, scale, shown=shown
-        )
-
-
 def _draw_points(
     canvas: Canvas,
     layer: str,
@@ -260,13 +205,16 @@ def _draw_points(
 
 
 def _draw_motion(
-    canvas: Canvas, motion: Motion, placement: Placement, unit: str
+    canvas: Canvas,
+    model: Model,
+    placement: Placement,
+    q: Array,
+    measured: Array,
 ) -> None:
-    """Draw the balls that run along."""
-    errors = row_lengths(motion.predicted - motion.measured)
-    words_of_errors = f"{quantity(errors.mean(), unit)} off on average"
-    measured = placement.lift(motion.measured)
-    predicted = placement.lift(motion.predicted)
+    """Draw the balls that run along, where the tip was and where the model expects it."""
+    predicted = model.forward(q)
+    error = row_lengths(predicted - measured).mean()
+    words_of_errors = f"{quantity(error, model.about.unit)} off on average"
     # the two may coincide: the measured one is a glass ball around the other
     canvas.layer("Measured tip", _MEASURED, "")
     canvas.add(
@@ -277,10 +225,10 @@ def _draw_motion(
         opacity=0.45,
         order=1,
     )
-    _follow(canvas, "Measured tip/ball", measured)
+    _follow(canvas, "Measured tip/ball", placement.lift(measured))
     canvas.layer("Predicted tip", _PREDICTED, words_of_errors)
     canvas.add("Predicted tip/ball", "marker", _PREDICTED, size=0.012, order=2)
-    _follow(canvas, "Predicted tip/ball", predicted)
+    _follow(canvas, "Predicted tip/ball", placement.lift(predicted))
 
 
 def _follow(canvas: Canvas, name: str, places: Array) -> None:
