@@ -44,7 +44,6 @@ class Second(Gaussian):
     active: Annotated[Indices, Shape("k")]
     # of their covariance
     root: Annotated[Array, Shape("k", "k", storage=TRIANGLE)]
-    noise: Annotated[Array, Shape("outputs")]
 
 
 @dataclass(frozen=True)
@@ -76,15 +75,11 @@ class Body(OfStructure):
 
     def with_covariance(self, indices: Indices, covariance: Array) -> Body:
         """The belief with a further covariance (p, p) of some parameters (p,)."""
+        root = self.full_root
+        total = root @ root.T
+        total[np.ix_(indices, indices)] += covariance
         active = np.union1d(self.active, indices)
-        total = np.zeros((len(active), len(active)))
-        places = np.searchsorted(active, self.active)
-        block = np.ix_(places, places)
-        total[block] = self.covariance
-        places = np.searchsorted(active, indices)
-        block = np.ix_(places, places)
-        total[block] += covariance
-        root = root_of(total)
+        root = root_of(total[np.ix_(active, active)])
         return replace(self, active=active, root=root)
 
     def predict(self, q: Array) -> Array:
@@ -195,10 +190,9 @@ class Body(OfStructure):
             group, joint, name, unit = self.structure.labels[k]
             if not group.startswith("curve"):
                 value = float(self.beta[k])
-                low = float(value - half[k])
-                high = float(value + half[k])
+                ends = (float(value - half[k]), float(value + half[k]))
                 parameters.append(
-                    Parameter(name, group, joint, value, low, high, unit)
+                    Parameter(name, group, joint, value, *ends, unit)
                 )
         return tuple(parameters)
 

@@ -54,9 +54,6 @@ class BodyFit:
         Parameters that orientations determined stay, the tool's rotation among them.
         """
         body = self.body
-        second = body.second
-        if second is not None:
-            second = replace(second, noise=second.noise[:3])
         view = "base" if body.structure.view.startswith("base") else "rigid"
         positions = replace(
             body,
@@ -64,7 +61,6 @@ class BodyFit:
             noise=body.noise[:3],
             tau=body.tau[:3],
             residual=body.residual[:3],
-            second=second,
         )
         errors = row_lengths(self.held_out[:, 3:])
         held_out = self.held_out[:, :3]
@@ -121,10 +117,10 @@ def _fit(
     member = pass_gate(start, chain, gate_rows)
     final = _over_all_rows(member.fit, rows)
     root = as_kept(root_of(final.covariance))
-    seconds = _second_fits(member, chain, gate_rows)
+    second = _second_fit(member, chain, gate_rows)
     first, *beside = [
         _with_bound(member, final, root, sensor, second)
-        for sensor, second in enumerate(seconds)
+        for sensor in range(len(rows))
     ]
     return replace(first, beside=tuple(beside))
 
@@ -214,25 +210,24 @@ def _with_bound(
     return BodyFit(body, errors, held_out.widening)
 
 
-def _second_fits(
+def _second_fit(
     member: Member, chain: tuple[str, ...], rows: Sequence[Rows]
-) -> Sequence[Second | None]:
-    """A fit of what the member has not, for the bound, as each sensor sees it.
+) -> Second | None:
+    """A fit of what the member has not, for the bound.
 
     The whole chain, lens and elasticity, and larger curves.  None of exact samples, and where the
     member has them and the evidence is against curves.
     """
     structure = member.fit.structure
-    none = [None] * len(rows)
     if structure.simulated or structure.zeros_alone:
-        return none
+        return None
     blocks = {*chain}
     if len(rows[0]) >= FIT.guarded_rows:
         blocks |= {*_GUARDED} & structure.groups.keys()
     if "curve" in member.free or member.against_curves < FIT.no_curves:
         blocks.add("curve")
     elif blocks <= {*member.free}:
-        return none
+        return None
     wide = member.fit.continued_on(rows, _wide_prior(member, blocks))
     wide.maximise(steps=4)
     share = 1.0
@@ -240,10 +235,7 @@ def _second_fits(
         ratio = leave_blocks_out(wide).ratio
         share = float(np.clip(ratio, FIT.least_share, 1.0))
     root = as_kept(share * root_of(wide.covariance))
-    return [
-        Second(wide.beta, wide.active, root, readings.noise)
-        for readings in wide.readings
-    ]
+    return Second(wide.beta, wide.active, root)
 
 
 def _wide_prior(member: Member, blocks: set[str]) -> Prior:

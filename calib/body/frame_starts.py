@@ -30,11 +30,10 @@ def best_frame(structure: SpatialStructure, rows: Rows, arm: Array) -> Start:
     groups = [group for group in structure.frame_groups if group != "lens"]
     sd = structure.prior(groups).sd
     subset = rows.spread(START.guessed_rows)
-    runs: list[Start] = []
-    for guess in _guesses(structure, rows, arm):
-        prior = Prior(guess, sd)
-        start = Start(structure, guess)
-        runs.append(start.run(subset, prior, START.guess_steps))
+    runs = [
+        Start(structure, guess).run(subset, Prior(guess, sd), START.guess_steps)
+        for guess in _guesses(structure, rows, arm)
+    ]
     best = min(runs, key=lambda run: run.cost)
     prior = Prior(best.beta, sd)
     return best.run(rows, prior, START.steps)
@@ -121,10 +120,9 @@ def _trackers(
     # from the tip alone 2 of 96 mountings of long tools were not found
     sides = [0.0, side, -side]
     tools = np.outer(sides, [1.0, 0.0, 0.0])
-    turns: list[Array] = []
-    for tool in tools:
-        turn, _, _ = similarity(points + rotations @ tool, readings)
-        turns.append(turn)
+    turns = [
+        similarity(points + rotations @ tool, readings)[0] for tool in tools
+    ]
     if structure.outputs == 6:
         # without it 2 of 48 mountings of long tools were not found
         orientations = exponential(z[:, 3:])

@@ -160,10 +160,10 @@ def _largest_ratio(
     there are too few rows; outliers of the fit do not count.
     """
     outlier = readings.weight[:, 0] <= FIT.outlier
-    ratios: list[Array] = []
-    for prediction in predictions:
-        ratio = prediction.error / prediction.radius
-        ratios.append(np.where(outlier, np.nan, ratio))
+    ratios = [
+        np.where(outlier, np.nan, prediction.error / prediction.radius)
+        for prediction in predictions
+    ]
     quantiles = _quantiles(ratios)
     blocks = np.split(ratios[-1], readings.edges[1:-1])
     of_blocks = _quantiles(blocks)
@@ -175,12 +175,9 @@ def _largest_ratio(
 
 def _quantiles(samples: Sequence[Array]) -> list[float]:
     """The 95 % quantile of each sample (n,) that has enough finite values."""
-    quantiles: list[float] = []
-    for sample in samples:
-        finite = sample[np.isfinite(sample)]
-        if len(finite) > FIT.least_rows_of_a_quantile:
-            quantiles.append(float(np.quantile(finite, 0.95)))
-    return quantiles
+    finite = [sample[np.isfinite(sample)] for sample in samples]
+    least = FIT.least_rows_of_a_quantile
+    return [float(np.quantile(s, 0.95)) for s in finite if len(s) > least]
 
 
 def _tau(readings: Readings, residual: Array) -> Array:

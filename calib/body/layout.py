@@ -15,6 +15,7 @@ import numpy as np
 
 from ..common.arrays import Array, Mask
 from ..common.choices import check_choice
+from ..common.wording import by_name
 from ..errors import OptionError
 from .curves import HARMONICS
 from .parameters import Block, Hyper, Indices, Label, Prior
@@ -127,13 +128,8 @@ class Layout:
     @property
     def tool(self) -> Hyper | None:
         """What is known of the tool; one sensor that measures lengths is enough to determine it."""
-        for other in self.others:
-            if other.tool is not None:
-                return other.tool
-        tools = [sensor.tool for sensor in self.sensors]
-        if None in tools:
-            return None
-        return tools[0]
+        tools = [sensor.tool for sensor in self.others[:1] or self.sensors]
+        return None if None in tools else tools[0]
 
     @property
     def frame_groups(self) -> tuple[str, ...]:
@@ -285,13 +281,9 @@ class Layout:
     @cached_property
     def groups(self) -> Mapping[str, Indices]:
         """Indices of the parameters of each block, by its name."""
-        groups: dict[str, Indices] = {}
-        start = 0
-        for block in self.layout:
-            end = start + len(block.parts)
-            groups[block.name] = np.arange(start, end)
-            start = end
-        return groups
+        names = [block.name for block in self.layout]
+        ends = np.cumsum([len(block.parts) for block in self.layout])
+        return by_name(names, np.split(np.arange(ends[-1]), ends[:-1]))
 
     @property
     def size(self) -> int:

@@ -241,13 +241,13 @@ class PlanarStructure(Structure):
     def _elasticity(self, size: float) -> Block:
         """How much loads bend the joints, with the prior's scale [rad]."""
         names = self.joint_names
-        labels: list[tuple[str, str, str]] = []
-        for i, j in self.loads["elastic"].pairs:
-            for wave in ("cos", "sin"):
-                name = f"{names[i]}.elastic {wave} {names[j]}"
-                labels.append((names[i], name, "rad"))
+        labels = tuple(
+            (names[i], f"{names[i]}.elastic {wave} {names[j]}", "rad")
+            for i, j in self.loads["elastic"].pairs
+            for wave in ("cos", "sin")
+        )
         scale = Hyper("elastic", size, pseudo=4.0)
-        return Block("elastic", tuple(labels), scales=(scale,))
+        return Block("elastic", labels, scales=(scale,))
 
     def offsets(self, beta: Array) -> Array:
         """What is added to the joints' values (dof,); a slide's offset is its direction."""

@@ -91,11 +91,8 @@ class Readings:
         self.q = rows.q
         self.z = rows.z
         self.nu = nu
-        self.outputs: list[slice] = []
-        first = 0
-        for size in self.structure.blocks:
-            self.outputs.append(slice(first, first + size))
-            first += size
+        sizes = self.structure.blocks
+        self.outputs = [slice(3 * k, 3 * k + p) for k, p in enumerate(sizes)]
         self.edges = edges_of(len(rows), blocks)
         stated = self.structure.measurement.noise
         self.stated = stated is not None

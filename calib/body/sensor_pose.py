@@ -153,9 +153,8 @@ class SensorPose:
 
     def words(self, what: str) -> list[str]:
         """Lines on where it is; `what` names it."""
-        coordinates: list[str] = []
-        for value, sd in zip(self.position, self.sd[:3], strict=True):
-            coordinates.append(with_interval(1e3 * value, 1e3 * Z95 * sd))
+        halves = 1e3 * Z95 * self.sd[:3]
+        coordinates = map(with_interval, 1e3 * self.position, halves)
         quaternion = ", ".join(f"{v:.5f}" for v in self.quaternion)
         lines = [
             f"{what} at ({', '.join(coordinates)}) mm in the base frame, turned within "

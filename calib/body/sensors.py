@@ -19,7 +19,6 @@ from ..common.arrays import Array
 from .parameters import Block, Hyper
 from .settings import FREE, PRIOR
 from .views import (
-    LEAST_DEPTH,
     PLANAR,
     SPATIAL,
     ArmSize,
@@ -31,16 +30,6 @@ from .views import (
 
 PLACE = ("view.rotation", "view.shift", "view.scale", "lens")
 """Blocks of the place of a sensor in space, and of its lens."""
-
-PLANE = (
-    "view.rotation",
-    "view.scale",
-    "view.shear",
-    "view.shift",
-    "view.tilt",
-    "lens",
-)
-"""Blocks of a sensor of a planar arm, in the order of its parameters."""
 
 Lens = tuple[float, float, float, float]
 """Focal length, centre [px] and k1 of a camera."""
@@ -207,7 +196,14 @@ class InPlane(Sensor):
         radial = beta["lens"][0]
         middle = self.centre + size * beta["lens"][1:]
         shift = beta["view.shift"]
-        linear = self._turn(beta) @ self._sides(beta)
+        angle = beta["view.rotation"][0]
+        cosine = np.cos(angle)
+        sine = np.sin(angle)
+        turn = np.array([[cosine, -sine], [sine, cosine]])
+        scale = self.metre * np.exp(beta["view.scale"][0])
+        stretch, shear = beta["view.shear"]
+        sides = np.array([[1.0 + stretch, shear], [shear, 1.0 - stretch]])
+        linear = scale * turn @ sides @ np.diag([1.0, self.mirror])
         tilt = beta["view.tilt"]
         if not radial and not tilt.any() and self.view != "homography":
             return Projection(np.column_stack([linear, shift]))
@@ -217,44 +213,3 @@ class InPlane(Sensor):
         picture[:2, :2] += linear / size
         lens = np.array([size, *middle, radial])
         return Projection(picture, lens)
-
-    def slopes(self, beta: Mapping[str, Array], motion: Motion) -> Array:
-        """How outputs (k, 2, n) move with the sensor's own parameters (k,)."""
-        turn = self._turn(beta)
-        depth = beta["view.tilt"] @ motion.position + 1.0
-        flat = motion.position / np.maximum(depth, LEAST_DEPTH)
-        away = turn @ self._sides(beta) @ flat
-        turned = np.stack([-away[1], away[0]])
-        image = flat * [[1.0], [self.mirror]]
-        stretched = turn @ (image * [[1.0], [-1.0]])
-        sheared = turn @ image[::-1]
-        sizes = np.stack([turned, away, stretched, sheared])
-        axes = np.eye(2)[..., None]
-        shifted = np.broadcast_to(axes, (2, *flat.shape))
-        tilted = -away * flat[:, None]
-        by_plane = np.concatenate([sizes, shifted, tilted])
-        # and of the lens: y bends by size k |u|^2 u
-        size = PRIOR.lens_size * self.extent
-        radial, *centre = beta["lens"]
-        origin = (beta["view.shift"] - self.centre) / size - centre
-        place = away / size + origin[:, None]
-        square = (place**2).sum(axis=0)
-        bend = radial * (square * axes + 2 * place[:, None] * place)
-        by_plane += np.einsum("ijn,kjn->kin", bend, by_plane)
-        by_radial = size * square * place
-        return np.concatenate([by_plane, by_radial[None], -size * bend])
-
-    def _turn(self, beta: Mapping[str, Array]) -> Array:
-        """Rotation and scale of the plane (2, 2)."""
-        angle = beta["view.rotation"][0]
-        cosine = np.cos(angle)
-        sine = np.sin(angle)
-        scale = self.metre * np.exp(beta["view.scale"][0])
-        turn: Array = scale * np.array([[cosine, -sine], [sine, cosine]])
-        return turn
-
-    def _sides(self, beta: Mapping[str, Array]) -> Array:
-        """Shear of the plane (2, 2) and on which side the sensor is."""
-        stretch, shear = beta["view.shear"]
-        sides = np.array([[1.0 + stretch, shear], [shear, 1.0 - stretch]])
-        return sides @ np.diag([1.0, self.mirror])

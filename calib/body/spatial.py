@@ -19,6 +19,7 @@ from ..arm.rotations import logarithm
 from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array, Mask
 from ..common.rows import row_lengths
+from ..common.scale import METRES
 from .curves import curve_shape
 from .parameters import Block, Hyper, Indices
 from .sensors import InSpace
@@ -364,15 +365,14 @@ def unknown_structure(
     revolute: Sequence[bool],
     extent: float,
     unit: str = "m",
-    metre: float = 1.0,
     simulated: bool = False,
 ) -> SpatialStructure:
     """The structure of a serial arm of which only its joints' names are known.
 
     extent : size of the workspace along an output [unit]: the positions' rms spread
-    metre : units of positions in one metre
     """
     dof = len(joint_names)
+    metre = METRES.get(unit, 1.0)
     ends = np.zeros((dof + 1, 3))
     link = extent / metre / max(dof, 1)
     ends[:, 2] = link * np.arange(dof + 1)

@@ -38,10 +38,10 @@ def best_start(
     if len(starts) == 1:  # nothing to choose from: the gate starts here
         return starts[0]
     for steps in START.run_steps:
-        refined: list[Start] = []
-        for start in starts:
-            prior = start.structure.prior(free)
-            refined.append(start.run(subset, prior, steps))
+        refined = [
+            start.run(subset, start.structure.prior(free), steps)
+            for start in starts
+        ]
         refined.sort(key=lambda start: start.cost)
         starts = refined[: START.runs]
     # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.

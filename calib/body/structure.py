@@ -32,7 +32,7 @@ from .curves import (
 from .layout import Layout
 from .loads import BendingLoads, loads_at
 from .parameters import Gaussian, Indices
-from .sensors import PLANE, InPlane, InSpace, Sensor
+from .sensors import InSpace, Sensor
 from .views import Projection, Sight, TipMotion, compose
 
 Moving = Iterator[tuple[Indices, Callable[[], TipMotion]]]
@@ -226,7 +226,15 @@ class Structure(Layout):
     ) -> Iterator[tuple[Indices, Callable[[], Array]]]:
         """Parameters, and how outputs (..., m, n) move with them."""
         groups = self.groups
-        yield from self._sensor_columns(q, beta, motion, sight)
+        placing: Mapping[str, TipMotion] = {}
+        if isinstance(self.measurement, InSpace):
+            placing = self.sensor(beta).placing(motion.position)
+        for name, motions in placing.items():
+            yield groups[name], partial(sight.push, *motions)
+        for name in self.sensor_blocks:
+            if name not in placing:
+                by_sensor = partial(self._by_sensor, name, q, motion, beta)
+                yield groups[name], by_sensor
         chain_slope = sight.push(*motion.joints())
         for block in self.loads:
             by_loads = partial(self._by_loads, block, q, beta, chain_slope)
@@ -248,27 +256,6 @@ class Structure(Layout):
             by_curve = partial(_by_curve, joints[:, k], joint_slope[k])
             yield groups[f"curve.{k}"], by_curve
 
-    def _sensor_columns(
-        self, q: Array, beta: Array, motion: Motion, sight: Sight
-    ) -> Iterator[tuple[Indices, Callable[[], Array]]]:
-        """Parameters of what measures, and how outputs (k, m, n) move with them."""
-        groups = self.groups
-        sensor = self.measurement
-        if isinstance(sensor, InPlane):
-            blocks = constants_at(self, beta).blocks
-            indices = np.concatenate([groups[name] for name in PLANE])
-            yield indices, partial(sensor.slopes, blocks, motion)
-            return
-        placing: Mapping[str, TipMotion] = {}
-        if isinstance(sensor, InSpace):
-            placing = self.sensor(beta).placing(motion.position)
-        for name, motions in placing.items():
-            yield groups[name], partial(sight.push, *motions)
-        for name in self.sensor_blocks:
-            if name not in placing:
-                by_sensor = partial(self._by_sensor, name, q, motion, beta)
-                yield groups[name], by_sensor
-
     def _by_loads(
         self, block: str, q: Array, beta: Array, chain_slope: Array
     ) -> Array:
@@ -280,34 +267,30 @@ class Structure(Layout):
 
     def _by_gravity(self, q: Array, beta: Array, chain_slope: Array) -> Array:
         """How outputs (t, m, n) move as gravity tilts."""
-        slopes: list[Array] = []
-        for tilt in self.tilts["gravity"]:
-            bends = self.bends(q, beta, tilt)
-            by_joints = chain_slope * bends[:, None]
-            slopes.append(by_joints.sum(axis=0))
-        return np.array(slopes)
+        bends = [self.bends(q, beta, tilt) for tilt in self.tilts["gravity"]]
+        slopes: Array = np.einsum("cmn,tcn->tmn", chain_slope, bends)
+        return slopes
 
     def _by_sensor(
         self, block: str, q: Array, motion: Motion, beta: Array
     ) -> Array:
         """How outputs (k, m, n) move with a block of the sensor's parameters, by differences."""
+        blocks = constants_at(self, beta).blocks
+        indices = self.groups[block]
+        row_facts = q[:, self.dof :]
+
+        def outputs_after(step: Array) -> Array:
+            moved = self.retract(beta, step)[indices]
+            stepped = {**blocks, block: moved}
+            return self.measurement.look(stepped, motion, row_facts).values
+
         slopes: list[Array] = []
-        for index in self.groups[block]:
+        for index in indices:
             step = np.zeros(self.size)
             step[index] = _STEP
-            ahead = self._sight_after(step, beta, motion, q)
-            behind = self._sight_after(-step, beta, motion, q)
-            slopes.append(self.residual(ahead, behind).T)
+            ahead = outputs_after(step)
+            slopes.append(self.residual(ahead, outputs_after(-step)).T)
         return np.array(slopes) / (2 * _STEP)
-
-    def _sight_after(
-        self, step: Array, beta: Array, motion: Motion, q: Array
-    ) -> Array:
-        """Outputs (n, m) of a motion at rows (n, dof + a), after a step (d,) of the sensor."""
-        blocks = self.by_blocks(self.retract(beta, step))
-        row_facts = q[:, self.dof :]
-        sight = self.measurement.look(blocks, motion, row_facts)
-        return sight.values
 
     def by_blocks(self, beta: Array) -> dict[str, Array]:
         """Parameters (d,) by block."""
@@ -369,21 +352,16 @@ def constants_at(structure: Structure, beta: Array) -> Constants:
 def _constants(structure: Structure, parameters: bytes) -> Constants:
     beta = np.frombuffer(parameters)
     blocks = structure.by_blocks(beta)
-    bent: list[int] = []
-    curves: list[Array] = []
-    for joint in range(structure.dof):
-        curve = blocks[f"curve.{joint}"]
-        if curve.any():
-            bent.append(joint)
-            curves.append(curve)
+    joints = range(structure.dof)
+    bent = [joint for joint in joints if blocks[f"curve.{joint}"].any()]
+    curves = [blocks[f"curve.{joint}"] for joint in bent]
     amplitudes = amplitudes_of(np.reshape(curves, (-1, 2 * HARMONICS)))
     gain = blocks["gain"] * structure.directions
     offset = structure.offsets(beta)
     coupling = blocks.get("coupling", np.zeros(0))
-    elastic: dict[str, Array] = {}
-    for name in structure.loads:
-        if blocks[name].any():
-            elastic[name] = blocks[name]
+    elastic = {
+        name: blocks[name] for name in structure.loads if blocks[name].any()
+    }
     return Constants(
         gain=gain[:, None],
         offset=offset[:, None],

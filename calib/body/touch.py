@@ -79,11 +79,9 @@ class Facts(Measurement):
     ) -> Sight:
         """See how far the sockets are off."""
         places = blocks["point"].reshape(-1, 3)
-        misfits: list[Array] = []
-        for fact in self.facts:
-            misfit = fact.misfit(places)
-            misfits.append(misfit / fact.tolerance)
-        misfit = np.concatenate(misfits)
+        misfit = np.concatenate(
+            [fact.misfit(places) / fact.tolerance for fact in self.facts]
+        )
         rows = row_facts[:, 0].astype(int)
         values = misfit[rows, None]
         return Sight(values, np.zeros((1, 3)))
@@ -231,10 +229,9 @@ def _about_means(residual: Array, point: Indices) -> Array:
 
 def in_structure(body: Body, structure: SpatialStructure) -> Body:
     """The belief in another structure of the same arm, without what that does not have."""
-    index = {label.name: k for k, label in enumerate(structure.labels)}
-    names = [label.name for label in body.structure.labels]
-    shared = [k for k, name in enumerate(names) if name in index]
-    places = [index[names[k]] for k in shared]
+    before = [label.name for label in body.structure.labels]
+    after = [label.name for label in structure.labels]
+    _, shared, places = np.intersect1d(before, after, return_indices=True)
 
     def moved(belief: Gaussian) -> tuple[Array, Array]:
         beta = structure.neutral()

@@ -8,7 +8,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.wording import number, with_interval
+from ..common.scale import TURN
+from ..common.wording import for_people, number, with_interval
 from .covariance import Z95
 from .parameters import Indices
 from .structure import Structure
@@ -94,18 +95,12 @@ def _of_loads(
 
 def _interval(value: float, half: float, unit: str, sign: str = "") -> str:
     """A value with its interval, angles in degrees and metres in mm."""
-    suffix = "" if unit == "1" else f" {unit}"
     if unit == "rad":
-        turn = (value + np.pi) % (2 * np.pi)
-        turn -= np.pi
-        value = float(np.degrees(turn))
-        half = float(np.degrees(half))
-        suffix = " deg"
-    elif unit == "m":
-        value *= 1e3
-        half *= 1e3
-        suffix = " mm"
-    return f"{with_interval(value, half, sign)}{suffix}"
+        turn = (value + np.pi) % TURN
+        value = turn - np.pi
+    factor, name = for_people(unit)
+    text = with_interval(factor * value, factor * half, sign)
+    return text if unit == "1" else f"{text} {name}"
 
 
 def _of_sensor(structure: Structure, beta: Array, half: Array) -> Iterator[str]:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -120,21 +121,29 @@ def noise_with_joint(noise: NoiseFit) -> NoiseFit:
     slope = system.slope / system.reference.sizes[:, None]
     squares = (slope**2).sum(axis=1)
     typical = np.sqrt(np.maximum(squares.mean(axis=0), 1e-300))
-    joint = _noisiest_joint(noise.residual, slope, squares, typical)
-    fits = []
-    for times in JOINT_NOISES:
-        noisy = joint, times / float(typical[joint])
-        noisy_system = System(system.reference, system.observations, noisy)
-        fits.append(noise_of(noisy_system))
-    best = max(fits, key=lambda fit: fit.likelihood)
+    joint, step = _noisiest_joint(noise.residual, slope, squares, typical)
+
+    @cache
+    def fit_at(step: int) -> NoiseFit:
+        ratio = JOINT_NOISES[step] / float(typical[joint])
+        noisy = System(system.reference, system.observations, (joint, ratio))
+        return noise_of(noisy)
+
+    # from the guess to the nearest noise beside which none is more likely
+    before = -1
+    while step != before:
+        before = step
+        steps = range(max(step - 1, 0), min(step + 2, len(JOINT_NOISES)))
+        step = max(steps, key=lambda step: fit_at(step).likelihood)
+    best = fit_at(step)
     chance = best.chance_beside(noise.likelihood) * (1 + len(typical))
     return best if chance < FALSE_ALARM else noise
 
 
 def _noisiest_joint(
     residual: Array, slope: Array, squares: Array, typical: Array
-) -> int:
-    """The joint j whose noise makes residuals r (n, m) most likely, by one step.
+) -> tuple[int, int]:
+    """The joint j, and which of `JOINT_NOISES`, that makes residuals r (n, m) most likely.
 
     A row has the covariance I + ratio^2 g g' (g the slope), and so the likelihood
     -2 log p = log(1 + ratio^2 g'g) + r'r - ratio^2 (g'r)^2 / (1 + ratio^2 g'g).
@@ -152,8 +161,8 @@ def _noisiest_joint(
         ratio_of_means = square.mean() / left_over.mean(axis=0)
         gain = residual.size * np.log(ratio_of_means)
         gains.append(gain - np.log(variance).sum(axis=0))
-    best = np.max(gains, axis=0)
-    return int(np.argmax(best))
+    step, joint = np.unravel_index(np.argmax(gains), np.shape(gains))
+    return int(joint), int(step)
 
 
 def sd_of_changes(reference: Reference) -> Array:

@@ -67,16 +67,14 @@ class Alignment:
         self,
         unit: str,
         turn_half: float = 0.0,
-        shift_half: Array | None = None,
+        shift_half: Array | float = 0.0,
     ) -> str:
         """The whole map in words.
 
         turn_half, shift_half : halves of 95 % intervals, where they are known, of the rotation
             [rad] and of the shift, (m,) [unit]
         """
-        halves = np.zeros(len(self.shift))
-        if shift_half is not None:
-            halves = shift_half
+        halves = np.broadcast_to(shift_half, self.shift.shape)
         parts = [f"turned {quantity(self.angle, 'rad', turn_half)}"]
         if self.is_mirrored:
             parts.insert(0, "mirrored")
@@ -85,9 +83,7 @@ class Alignment:
             parts.append(f"scaled {scale}")
         shifts = [
             quantity(shift, unit, half)
-            for shift, half in zip(
-                self.shift.tolist(), halves.tolist(), strict=True
-            )
+            for shift, half in zip(self.shift, halves, strict=True)
         ]
         parts.append(f"shifted {', '.join(shifts)}")
         return ", ".join(parts)

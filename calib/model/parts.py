@@ -132,10 +132,7 @@ class Parts:
     @property
     def sensors(self) -> tuple[str, ...]:
         """Names of the sensors that saw the arm, the one whose model this is first."""
-        return (
-            self.about.sensor,
-            *(other.about.sensor for other in self.others),
-        )
+        return tuple(model.about.sensor for model in (self, *self.others))
 
     @cached_property
     def cache(self) -> dict[str, Any]:
@@ -348,17 +345,13 @@ def with_arm_of(parts: _P, adapted: _P) -> _P:
     names = [label.name for label in before.structure.labels]
     if names != [label.name for label in after.structure.labels]:
         return alone
-    second = after.second
-    if second is not None:
-        noise = before.noise if before.second is None else before.second.noise
-        second = replace(second, noise=noise)
     body = replace(
         before,
         beta=after.beta,
         active=after.active,
         root=after.root,
         scales=after.scales,
-        second=second,
+        second=after.second,
     )
     reading, position = bounds_of_nodes(parts.motor, body)
     return replace(

@@ -229,6 +229,7 @@ def _in_base(body: Body | None) -> Body | None:
     return replace(
         _of_the_arm(structure, body),
         structure=without_sensor(structure, body.beta)[0],
+        noise=zeros,
         tau=zeros,
         residual=zeros,
         second=second,
@@ -247,7 +248,6 @@ def _of_the_arm(structure: SpatialStructure, belief: _Belief) -> _Belief:
         beta=without_sensor(structure, belief.beta)[1],
         active=belief.active[arm],
         root=root[arm],
-        noise=np.zeros(3),
     )
 
 

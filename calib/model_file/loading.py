@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import stat
 from pathlib import Path
 
 from ..errors import ModelError
@@ -72,15 +71,11 @@ def load_maps(path: str | os.PathLike[str]) -> Map | Association:
 def _content(path: Path, expected: str) -> bytes:
     """Bytes of a file of a sensible size."""
     try:
-        status = path.stat()
-        if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(
-            status.st_mode
-        ):  # some never end
+        if path.is_char_device() or path.is_block_device():  # some never end
             raise ModelError(f"{path}: is a device, {expected}")
-        if status.st_size > _LARGEST:
-            raise ModelError(
-                f"{path}: {status.st_size:,} bytes are too many for a model"
-            )
+        size = path.stat().st_size
+        if size > _LARGEST:
+            raise ModelError(f"{path}: {size:,} bytes are too many for a model")
         return path.read_bytes()
     except FileNotFoundError as error:
         raise ModelError(f"{path}: no such file, {expected}") from error

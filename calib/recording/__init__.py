@@ -26,6 +26,7 @@ Tags and films (logs of a tag on the tip):
     setting           tag, reference and lens of a recording, and what pictures show
     track             how well joints predict the tag
     clocks            the sensor's clock against the joints'
+    clock_models      the track by joints: smooth functions, or a planar chain
     tag_logs          the log
     printing          tags and boards to scale
 Bags and LeRobot:

@@ -2,12 +2,12 @@
 
 A correlation of speeds names candidates, for an arm may repeat itself; from each, steps of Gauss
 and Newton move the clocks to where joints predict the track best; the best fit is taken, if its
-rival is clearly worse.
+rival is clearly worse.  See :mod:`calib.recording.clock_models`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
@@ -16,54 +16,13 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..common.rows import median_length, row_lengths, spread_rows
-from ..errors import LogError
-from ..samples.delays import Delay, estimate_delay
+from ..errors import CalibError, LogError
 from ..samples.motion import joints_at
-from .track import Judge, jumps
+from .clock_models import CLOCK, Chain, TrackRows, Waves
+from .track import jumps
 
 SURE = 1.5e-3
 """Largest standard deviation of the offset that is accepted [s]."""
-
-
-@dataclass(frozen=True)
-class ClockSettings:
-    """How clocks are compared."""
-
-    # peaks of the correlation of speeds that get a short fit
-    candidates: int = 15
-    # rows that a fit has at least
-    fewest: int = 16
-    # the best of them, which get a long one
-    long_fits: int = 3
-    # rate at which speeds are compared [1/s]
-    grid: float = 50.0
-    # share of the shorter recording that must have a counterpart
-    overlap: float = 0.8
-    # rows and steps of a short fit
-    short: tuple[int, int] = (120, 4)
-    # rows and steps of a long one
-    long: tuple[int, int] = (300, 12)
-    # time to either side over which a velocity is taken [s]
-    step: float = 0.01
-    # largest step of the offset [s]: far from the solution the velocity is a poor guide
-    farthest_step: float = 0.08
-    # furthest that a candidate moves from its peak [s]
-    farthest: float = 0.15
-    # prior sd of how much the rates of clocks differ
-    rate_sd: float = 4e-3
-    # where the rows show a rate, less than this share of the error is left
-    shows_rate: float = 0.9
-    # the best candidate's error must be less than this share of its rival's
-    clearly: float = 0.6
-    # the best candidate's error must be less than this share of the track's spread
-    fits: float = 0.25
-    # difference of the rates: beyond it the stated frame rate is not the true one
-    fastest: float = 0.012
-    # candidates further apart than this are rivals [s]
-    apart: float = 0.3
-
-
-CLOCK = ClockSettings()
 
 
 class ClockError(LogError):
@@ -149,46 +108,44 @@ class _Pair:
         start = joint_grid[0] - track_grid[0]
         return [float(start + lags[peak] / CLOCK.grid) for peak in best]
 
-    def delay(
-        self, clocks: Clocks, count: int, rate_sd: float
-    ) -> tuple[float, tuple[Delay, Array] | None]:
-        """How well joints predict about `count` rows, and how late these are by the clocks.
-
-        Joints predict by smooth functions, each block of rows by the fit to the others.
-        Returns the median miss [px or mm]; the delay [s], and the change (1,) of the clocks' rate,
-        of which `rate_sd` is known.  None where the rows do not determine them.
-        """
+    def sample(self, clocks: Clocks, count: int) -> TrackRows:
+        """About `count` rows with joints."""
         times = clocks.joints_time(self.t)
         first, last = self.joint_time[[0, -1]]
         inside = np.flatnonzero((times >= first) & (times <= last))
         rows = inside[spread_rows(len(inside), count)]
-        if len(rows) < CLOCK.fewest:
-            return np.inf, None
-        track = self.x[rows]
         when = times[rows]
-        judge = Judge(self.joints(when))
-        ahead = judge.predict(self.joints(when + CLOCK.step), track)
-        behind = judge.predict(self.joints(when - CLOCK.step), track)
-        speed = (ahead - behind) / (2.0 * CLOCK.step)
-        since = when - when.mean()
-        by_rate = judge.miss(speed * since[:, None])
-        miss = judge.miss(track)
-        velocity = judge.miss(speed)
-        precision = [rate_sd**-2.0]
-        pull = [-clocks.rate]
-        return median_length(miss), estimate_delay(
-            miss, velocity, by_rate[:, :, None], precision, pull
+        return TrackRows(
+            self.x[rows],
+            self.joints(when),
+            ahead=self.joints(when + CLOCK.step),
+            behind=self.joints(when - CLOCK.step),
+            time=when,
         )
 
-    def refine(self, start: Clocks) -> Clocks:
-        """Fit the offset, and the rate where rows show one."""
-        in_step = self.fit(start, CLOCK.long)
-        free = self.fit(in_step, CLOCK.long, rate=True)
+    def refine(
+        self, start: Clocks, revolute: tuple[bool, ...] | None
+    ) -> Clocks | None:
+        """Fit the offset, and the rate where rows show one; without `revolute` no planar chain."""
+        rows = self.sample(start, CLOCK.long[0])
+        try:
+            model: Waves | Chain = Waves()
+            if revolute:
+                model = Chain(rows.q, rows.track, revolute)
+            in_step = self.fit(model, start, CLOCK.long)
+            free = self.fit(model, in_step, CLOCK.long, rate=True)
+        except (CalibError, np.linalg.LinAlgError):
+            return None
         is_clear = free.error < CLOCK.shows_rate * in_step.error
         return free if is_clear else in_step
 
     def fit(
-        self, start: Clocks, most: tuple[int, int], *, rate: bool = False
+        self,
+        model: Waves | Chain,
+        start: Clocks,
+        most: tuple[int, int],
+        *,
+        rate: bool = False,
     ) -> Clocks:
         """Move clocks to where rows are predicted best, by Gauss and Newton's method.
 
@@ -199,25 +156,32 @@ class _Pair:
         best = replace(start, error=np.inf)
         rate_sd = CLOCK.rate_sd if rate else 1e-12
         for _ in range(steps):
-            # how late the track is, and how the rate changes
-            error, step = self.delay(clocks, count, rate_sd)
+            # how late the track is, and how rate and chain change
+            sample = self.sample(clocks, count)
+            if len(sample.q) < 16:
+                break
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                linear = model.linearise(sample)
+                step = linear.delay(clocks.rate, rate_sd)
             if step is None or not np.isfinite(step[0].value):
                 break
-            late, (change,) = step
+            late, change = step
 
             # the best clocks, until they settle
             error_before = clocks.error
             # three neighbouring rows count as one; at the ends of a line twice the sd
             doubt = np.sqrt(3.0) * late.sd * (2.0 if rate else 1.0)
+            error = median_length(linear.residual)
             clocks = replace(clocks, error=error, doubt=doubt)
             best = min(best, clocks, key=attrgetter("error"))
-            moved = max(abs(late.value), abs(change) * np.ptp(self.t))
+            moved = max(abs(late.value), abs(change[-1]) * np.ptp(self.t))
             gain = abs(error - error_before)
             if moved < 4e-5 and gain < 1e-3 * error:
                 break
 
             # a step, shortened where the velocity is a poor guide, not far from the start
             scale = min(1.0, CLOCK.farthest_step / max(abs(late.value), 1e-12))
+            model.move(scale * change[:-1])
             later = clocks.offset - scale * late.value
             away = np.clip(
                 later - start.offset, -CLOCK.farthest, CLOCK.farthest
@@ -225,7 +189,7 @@ class _Pair:
             clocks = replace(
                 clocks,
                 offset=start.offset + float(away),
-                rate=clocks.rate + float(scale * change),
+                rate=clocks.rate + float(scale * change[-1]),
             )
         return best
 
@@ -244,6 +208,7 @@ def align_clocks(
     track: Array,
     joint_time: Array,
     q: Array,
+    revolute: Sequence[bool] | None = None,
     unit: str = "px",
 ) -> Clocks:
     """Find when the joints were where a sensor saw the tip.
@@ -251,6 +216,7 @@ def align_clocks(
     time, track : (n,) [s], (n, m) [unit], times by the sensor's clock, and where the tip was, in
         pixels, or mm in space; NaN where it was not seen
     joint_time, q : (k,) [s], (k, joints) [rad or m], joints at increasing times by their clock
+    revolute : which joints turn; all if not given
     Raises ClockError if nothing moves, no offset fits, or more than one does.
     """
     usable = np.isfinite(track[:, 0]) & ~jumps(track)
@@ -267,15 +233,19 @@ def align_clocks(
 
     middle = float(pair.t[[0, -1]].mean())
     starts = [Clocks(peak, middle=middle) for peak in peaks]
-    short_fits = _by_error(pair.fit(start, CLOCK.short) for start in starts)
+    short_fits = _by_error(
+        pair.fit(Waves(), start, CLOCK.short) for start in starts
+    )
     # the best fit of each peak
     candidates = [
         fit
         for k, fit in enumerate(short_fits)
         if not any(fit.is_peak_of(better) for better in short_fits[:k])
     ]
-    long_fits = _by_error(map(pair.refine, candidates[: CLOCK.long_fits]))
-    best, *others = long_fits
+    most = CLOCK.chain_fits * spread
+    some = candidates[: CLOCK.long_fits]
+    long_fits = _long_fits(pair, some, revolute, most)
+    best, *others = long_fits or short_fits
 
     rivals = [fit.error for fit in others if not fit.is_peak_of(best)]
     rival = min(rivals, default=np.inf)
@@ -295,6 +265,28 @@ def align_clocks(
     return best
 
 
-def _by_error(fits: Iterable[Clocks]) -> list[Clocks]:
-    """Fits, the best first."""
-    return sorted(fits, key=attrgetter("error"))
+def _long_fits(
+    pair: _Pair,
+    candidates: Sequence[Clocks],
+    revolute: Sequence[bool] | None,
+    most: float,
+) -> list[Clocks]:
+    """Fits from candidates, the best first.
+
+    A planar chain needs fewer rows, so it goes first; an arm in space has none that leaves less
+    than `most` [px].
+    """
+    if pair.x.shape[1] == 2:
+        kinds = (
+            (True,) * pair.q.shape[1] if revolute is None else tuple(revolute)
+        )
+        chains = _by_error(pair.refine(start, kinds) for start in candidates)
+        if chains and chains[0].error < most:
+            return chains
+    return _by_error(pair.refine(start, None) for start in candidates)
+
+
+def _by_error(fits: Iterable[Clocks | None]) -> list[Clocks]:
+    """The fits that there are, the best first."""
+    clocks = [fit for fit in fits if fit is not None]
+    return sorted(clocks, key=attrgetter("error"))

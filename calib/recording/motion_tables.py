@@ -43,6 +43,7 @@ class JointTable:
     pictures: Sequence[str] | None  # names of the rows' pictures
     dropped: int = 0
     episodes: Index | None = None  # (n,), the series of each row
+    revolute: Sequence[bool] | None = None  # which joints turn; None: all
 
     @property
     def what(self) -> str:
@@ -93,6 +94,7 @@ def read_joints(
         q=q,
         time=columns.get("time"),
         episodes=None if episodes is None else episodes.astype(np.intp),
+        revolute=tuple(revolute.tolist()),
     )
 
 

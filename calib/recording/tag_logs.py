@@ -124,7 +124,9 @@ def log_video(
     # joints at the frames
     clocks = Clocks(time_offset or 0.0)
     if time_offset is None:
-        clocks = align_clocks(time, track, joint_time, joint_values)
+        clocks = align_clocks(
+            time, track, joint_time, joint_values, joints.revolute
+        )
         notes.append(clocks.words())
     when = clocks.joints_time(time)
     q = joints_at(when, joint_time, joint_values)

@@ -141,18 +141,15 @@ def _values(what: str, value: str, relative: bool) -> tuple[float, ...]:
     """The numbers of a change as typed, +20% as 1.2; none where there are no such numbers."""
     if what == "mirror":
         return _MIRRORS.get(value, ())
-    percent = value.endswith("%") and (relative or what == "outliers")
-    if percent:
+    whole = 1.0
+    if value.endswith("%") and (relative or what == "outliers"):
         value = value.removesuffix("%")
+        whole = 100.0
+    first = 1.0 if relative else 0.0
     try:
-        numbers = [float(number) for number in value.split(",")]
+        return tuple(first + float(text) / whole for text in value.split(","))
     except ValueError:
         return ()
-    if percent:
-        numbers = [number / 100.0 for number in numbers]
-    if relative:
-        numbers = [1.0 + number for number in numbers]
-    return tuple(numbers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +217,7 @@ class Simulation:
     @property
     def has_outliers(self) -> bool:
         """Whether some of the sensor's readings are wrong."""
-        return bool(self._of_sensor("outliers"))
+        return bool(self._values("sensor", "outliers"))
 
     def draw(self, n: int, rng: Generator) -> Array:
         """Draw what the encoders read (n, dof) [rad or m], uniformly from the arm's range."""
@@ -257,7 +254,7 @@ class Simulation:
         x = self.true(rows, rng)
         sensor_noise, outliers = rng.spawn(2)
         x += self.noise * sensor_noise.standard_normal(x.shape)
-        for (share,) in self._of_sensor("outliers"):
+        for share in self._values("sensor", "outliers"):
             wrong = outliers.random(len(x)) < share
             # enough rows to know the extent of the workspace to a few percent
             workspace = self.exact(self.draw(4096, np.random.default_rng(0)))
@@ -294,31 +291,26 @@ class Simulation:
         lock = self._by_joint("lock", np.nan)
         theta = np.where(np.isnan(lock), theta, lock)
         x = np.array(self.true_arm.forward(theta), dtype=np.float64)
-        for factors in (*self._of_sensor("mirror"), *self._of_sensor("scale")):
-            x *= factors
-        for (angle,) in self._of_sensor("rotate"):
+        x *= self._values("sensor", "mirror", 1.0)
+        x *= self._values("sensor", "scale", 1.0)
+        for angle in self._values("sensor", "rotate"):
             c = math.cos(angle)
             s = math.sin(angle)
             x = x @ np.array([[c, s], [-s, c]])
-        for shift in self._of_sensor("shift"):
-            x += shift
+        x += self._values("sensor", "shift", 0.0)
         return x
 
-    def _of_sensor(self, what: str) -> list[tuple[float, ...]]:
-        return [
-            change.values
-            for change in self.changes
-            if (change.part, change.what) == ("sensor", what)
-        ]
+    def _values(self, part: str, what: str, *usual: float) -> tuple[float, ...]:
+        """What a part is changed by, `usual` where it is not."""
+        for change in self.changes:
+            if (change.part, change.what) == (part, what):
+                return change.values
+        return usual
 
     def _by_joint(self, what: str, usual: float = 0.0) -> Array:
         """What each joint is changed by, (dof,), `usual` of those that are not."""
         names = self.arm.joint_names
-        values = np.full(len(names), usual)
-        for change in self.changes:
-            if change.what == what and change.part in names:
-                values[names.index(change.part)] = change.values[0]
-        return values
+        return np.array([self._values(name, what, usual)[0] for name in names])
 
 
 def _behind_play(theta: Array, width: float) -> Array:

@@ -136,17 +136,14 @@ class Source:
         import polars as pl
 
         table = self.read(names)
-        values = np.empty((len(table), len(names)))
-        for k, name in enumerate(names):
-            column = table[name]
-            if column.dtype == pl.String:
-                column = column.str.strip_chars()
-            elif not (column.dtype.is_numeric() or column.dtype == pl.Null):
+        for name, kind in table.schema.items():
+            if not (kind.is_numeric() or kind in (pl.String, pl.Null)):
                 raise LogError(
-                    f"{self.label}, column {name!r} holds {column.dtype}, expected numbers"
+                    f"{self.label}, column {name!r} holds {kind}, expected numbers"
                 )
-            values[:, k] = column.cast(pl.Float64, strict=False).to_numpy()
-        return values, self.table[_ROW].to_numpy().astype(np.intp)
+        table = table.with_columns(pl.col(pl.String).str.strip_chars())
+        values = table.cast(pl.Float64, strict=False).to_numpy()
+        return values.copy(), self.table[_ROW].to_numpy().astype(np.intp)
 
 
 def open_source(path: str | os.PathLike[str] | Source) -> Source:

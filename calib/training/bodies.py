@@ -176,14 +176,12 @@ def _in_space(samples: Samples, view: str) -> Template:
     measured = Rows(samples.q, samples.x)
     extent = _extent(measured.z)
     unit = samples.unit
-    metre = METRES.get(unit, 1.0)
     if not isinstance(arm, SpatialArm):
         unknown = unknown_structure(
             samples.joint_names,
             samples.revolute,
             extent=extent,
             unit=unit,
-            metre=metre,
             simulated=simulation is not None,
         )
         return unknown, measured
@@ -196,6 +194,7 @@ def _in_space(samples: Samples, view: str) -> Template:
         view = "base"
     elif view == "auto":
         view = "rigid" if unit in METRES else "similarity"
+    metre = METRES.get(unit, 1.0)
     structure = structure_of(arm, view, unit=unit, metre=metre, extent=extent)
     if simulation is not None:
         structure = replace(structure, informed=False, simulated=True)

@@ -5,9 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ..body.belief import Body
-from ..body.parameters import Prior
-from ..body.structure import Structure
-from ..common.arrays import Array
 from ..common.rows import finite_rows
 from ..samples.delays import Delay, Trajectory, estimate_delay
 from ..samples.motion import directions
@@ -44,6 +41,7 @@ def _delay(
     if structure.outputs != samples.x.shape[1]:
         return None
     prior = structure.prior(structure.chain_blocks)
+    active = prior.active
     beta = body.beta.copy()
     if fresh:
         beta[prior.sd == 0] = prior.mean[prior.sd == 0]
@@ -61,13 +59,21 @@ def _delay(
         q = q[inside]
         predicted, slope = structure.predict_and_slope(q, beta)
         residual = structure.residual(samples.x[inside], predicted)
-        velocity = np.einsum("nmk,nk->nm", slope, speed[inside])
-        # joints with play err by their direction
-        play = slope * directions(q)[:, None]
-        step = _step(structure, prior, beta, q, residual, velocity, play)
-        if step is None:
+        estimate = estimate_delay(
+            residual,
+            velocity=np.einsum("nmk,nk->nm", slope, speed[inside]),
+            columns=structure.linearise(q, beta, active)[1],
+            precision=prior.sd[active] ** -2.0,
+            pull=(prior.mean - beta)[active],
+            # joints with play err by their direction
+            play=slope * directions(q)[:, None],
+        )
+        if estimate is None:
             return None
-        delay, beta = step
+        delay, change = estimate
+        step = np.zeros(len(beta))
+        step[active] = change
+        beta = structure.retract(beta, step)
         share = share or delay.share
         late += delay.value
         # while the other parameters still move, its deviation is too large
@@ -77,31 +83,3 @@ def _delay(
         if is_settled and rms > LATE_CLOCK.falls * rms_before:
             break
     return Delay(late, delay.sd, trajectory.unit, share)
-
-
-def _step(
-    structure: Structure,
-    prior: Prior,
-    beta: Array,
-    q: Array,
-    residual: Array,
-    velocity: Array,
-    play: Array,
-) -> tuple[Delay, Array] | None:
-    """Delay of positions after joints (n, dof), and the parameters (d,) fitted with it.
-
-    residual, velocity, play : (n, m), (n, m), (n, m, dof), see `estimate_delay`
-    """
-    active = prior.active
-    _, columns = structure.linearise(q, beta, active)
-    precision = prior.sd[active] ** -2.0
-    pull = (prior.mean - beta)[active]
-    estimate = estimate_delay(
-        residual, velocity, columns, precision, pull, play=play
-    )
-    if estimate is None:
-        return None
-    delay, change = estimate
-    moved = np.zeros(len(beta))
-    moved[active] = change
-    return delay, structure.retract(beta, moved)

@@ -151,14 +151,9 @@ def _with_noise_of_readings(fit: BodyFit, samples: Samples) -> BodyFit:
     repeat, hidden = noise_beside_poses(samples)
     if not hidden:
         return fit
-    body = fit.body
-    second = body.second
-    if second is not None:
-        second = replace(second, noise=np.hypot(second.noise, hidden))
-    noise = np.hypot(body.noise, hidden)
-    return replace(
-        fit, body=replace(body, noise=noise, second=second, repeat=repeat)
-    )
+    noise = np.hypot(fit.body.noise, hidden)
+    body = replace(fit.body, noise=noise, repeat=repeat)
+    return replace(fit, body=body)
 
 
 def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
