@@ -159,9 +159,8 @@ class Evidence:
     bound: BoundTest
     unnamed: float  # evidence of a smooth change that no cause names [nats]
     explanations: tuple[Explanation, ...] = ()  # the best first
-    step: Step | None = (
-        None  # of a change within the log, its row as the file counts
-    )
+    # of a change within the log, its row as the file counts
+    step: Step | None = None
 
     @property
     def unit(self) -> str:

@@ -63,7 +63,9 @@ static inline int calib_move(int n, const calib_real *J, const calib_real *r, co
       move[k] = ahead[k];
       for (i = 0; i < n; ++i) move[k] += own[i * CALIB_DOF + k] * y[i];
       if (calib_periodic[k]) continue;
-      if (!(move[k] < 0 ? q[k] <= least + near : move[k] > 0 && q[k] >= most - near)) continue;
+      const int is_below = move[k] < 0 && q[k] <= least + near;
+      const int is_above = move[k] > 0 && q[k] >= most - near;
+      if (!is_below && !is_above) continue;
       again = 1;
       ahead[k] = 0;
       for (i = 0; i < n; ++i) own[i * CALIB_DOF + k] = 0;
