@@ -90,7 +90,11 @@ def notes_of(
         notes += _size(rig)
         notes += _lenses(problem, fit)
     arm = problem.arm
-    notes += _nearness(rig) if arm is None else _arm(problem, arm, fit, rig)
+    hand, base = rig.distances
+    if arm is not None:
+        notes += _arm(problem, arm, fit, rig)
+    elif rig.eye_is_doubtful or hand > max(base, NOTE_LIMITS.near):
+        notes.append(rig.eye_doubt)
     return tuple(notes)
 
 
@@ -102,7 +106,7 @@ def _contradicting(rig: HandEye, agreeing: Mask) -> Iterator[str]:
     is_end = count > 1 and not agreeing[-count:].any()
     where = f"from {names[0]} on" if is_end else "in them"
     yield (
-        f"{len(names)} pictures contradict the others and are left out ({listing(names)}): {where} "
+        f"pictures contradict the others and are left out ({listing(names)}): {where} "
         "camera or board was moved, the camera refocused or zoomed, or the joints or poses are "
         "not theirs"
     )
@@ -195,19 +199,6 @@ def _lenses(problem: Problem, fit: CornerFit) -> Iterator[str]:
                 f"{focal:.1f} ({100 * off:+.2g} %): it is of another camera, or the camera "
                 "refocused or zoomed; what the pictures say is used"
             )
-
-
-def _nearness(rig: HandEye) -> Iterator[str]:
-    """Doubt an eye whose thing in the hand is further off than that at rest."""
-    hand = float(np.linalg.norm(rig.hand["position"]))
-    base = float(np.linalg.norm(rig.base["position"]))
-    if hand > max(base, NOTE_LIMITS.near):
-        other = "base" if rig.eye == "hand" else "hand"
-        yield (
-            f"with eye {rig.eye} what is in the hand is {two_digits(hand)} m from the flange, "
-            f"what stands still {two_digits(base)} m from the base: is it `eye={other!r}`? "
-            "Poses alone do not tell"
-        )
 
 
 def _arm(
