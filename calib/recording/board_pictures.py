@@ -63,12 +63,6 @@ class BoardPictures:
     # whether corners are those of boards' poses, which no camera took
     is_of_poses: bool = False
 
-    @property
-    def points(self) -> list[Array]:
-        """The corners that each picture shows (n, 3), in OpenCV's frame of the board [m]."""
-        world = self.board.points()
-        return [world[list(shown)] for shown in self.corners]
-
     def turned(self: _P, others: Mask) -> _P:
         """The pictures with the board of some (p,) numbered from its other end."""
         last = len(self.board.points()) - 1
@@ -81,9 +75,11 @@ class BoardPictures:
 
     def poses(self, lens: Lens) -> list[Pose]:
         """Where the board is before the camera in each picture."""
-        places = [np.array([*shown.values()]) for shown in self.corners]
-        pairs = zip(self.points, places, strict=True)
-        return [find_pose(lens, points, pixels) for points, pixels in pairs]
+        points = self.board.points()
+        return [
+            find_pose(lens, points[list(shown)], np.array([*shown.values()]))
+            for shown in self.corners
+        ]
 
     def lens(self) -> Lens:
         """The camera's lens, calibrated by the same pictures."""

@@ -10,11 +10,14 @@ from typing import Any
 
 from .pictures import package
 
+Json = Any
+"""A mapping, a list, a number or a text."""
+
 # OpenCV's first line and tag of matrices, which no version of YAML has
 _OF_OPENCV = r"\A%YAML.*|!!opencv-matrix"
 
 
-def parse_document(text: str) -> Any:
+def parse_document(text: str) -> Json:
     """The mapping or list of a JSON or YAML text.  Raises ValueError if it is neither."""
     with suppress(ValueError):
         return json.loads(text)
@@ -32,7 +35,7 @@ def parse_document(text: str) -> Any:
     return document
 
 
-def values_of(document: Any, key: str) -> Iterator[Any]:
+def values_of(document: Json, key: str) -> Iterator[Json]:
     """Values of a key, however deep it is in a document."""
     if isinstance(document, dict):
         if key in document:

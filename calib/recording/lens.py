@@ -17,7 +17,7 @@ from ..common.atomic import FilePath
 from ..errors import LogError, OptionError
 from ..samples.lens import Lens
 from .board import LEAST_CORNERS, Pattern
-from .documents import parse_document, values_of
+from .documents import Json, parse_document, values_of
 from .pictures import list_pictures, one_thread, opencv, read_series
 
 if TYPE_CHECKING:
@@ -226,7 +226,7 @@ def load_lens(
     return lens, tuple(notes)
 
 
-def _numbers(document: Any, keys: str) -> Array:
+def _numbers(document: Json, keys: str) -> Array:
     """The numbers under the first of some keys, in order; none where no key is there."""
     for key in keys.split("|"):
         for value in values_of(document, key):

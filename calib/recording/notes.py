@@ -124,7 +124,7 @@ def _open(rig: HandEye, agreeing: Mask) -> Iterator[str]:
         f"what is in the hand is open along {_direction(directions[:, -1])} of the flange, to "
         f"± {two_digits(half)} mm: "
         f"the hand turns by {first} deg about one axis, by {second} and {third} about the others. "
-        f"Two poses more tell it: turned by 30 deg about {_direction(axes[1])} and about "
+        f"Two poses more determine it: turned by 30 deg about {_direction(axes[1])} and about "
         f"{_direction(axes[2])} of the flange"
     )
 
@@ -179,7 +179,7 @@ def _lenses(problem: Problem, fit: CornerFit) -> Iterator[str]:
         if corner > NOTE_LIMITS.corner:
             yield (
                 f"{view.name}: corners are off by {two_digits(corner)} px, whatever lens and board "
-                "are: blurred pictures, or a lens that bends more than five terms say (fisheye), "
+                "are: blurred pictures, or a lens that five terms do not describe (fisheye), "
                 "of which the intervals know nothing"
             )
         elif focus > NOTE_LIMITS.focus:
@@ -195,9 +195,9 @@ def _lenses(problem: Problem, fit: CornerFit) -> Iterator[str]:
         off = focal / given - 1.0
         if abs(off) > NOTE_LIMITS.focal:
             yield (
-                f"the lens that was given has a focal length of {given:.1f} px, the pictures say "
+                f"the lens that was given has a focal length of {given:.1f} px, the pictures show "
                 f"{focal:.1f} ({100 * off:+.2g} %): it is of another camera, or the camera "
-                "refocused or zoomed; what the pictures say is used"
+                "refocused or zoomed; the lens of the pictures is used"
             )
 
 
@@ -227,8 +227,8 @@ def _arm(
     about = np.degrees(max(rig.hand["rotation_95"]))
     along = 1e3 * max(rig.hand["position_95"])
     yield (
-        f"no picture tells a turn about {first} and a shift along it from where the base stands, "
-        f"nor a turn about {last} and a shift along it from what is in the hand: both joints count "
-        f"as their encoders say. Of a tip that the true {last} carries, the place in the hand is "
+        f"no picture shows a turn about {first} or a shift along it apart from the base's place, "
+        f"nor the same about {last} apart from what is in the hand: both joints are taken from "
+        f"their encoders. Of a tip that the true {last} carries, the place in the hand is "
         f"sure to {two_digits(about)} deg and {two_digits(along)} mm"
     )

@@ -9,7 +9,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
-from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -20,7 +19,7 @@ from ..common.choices import PICTURES
 from ..common.wording import listing, printable
 from ..errors import LogError
 from ..samples.tables import Source, open_source, parse_source
-from .documents import parse_document
+from .documents import Json, parse_document
 from .motion_tables import JointTable, file_name, number_rows_of, picture_column
 from .pictures import natural_key
 
@@ -110,7 +109,7 @@ def read_flange_poses(path: FilePath) -> FlangeTable:
     return _text(label, text)
 
 
-def _document(path: Path) -> Any:
+def _document(path: Path) -> Json:
     """What a file holds, of a text that is no document the numbers of each line."""
     kind = path.suffix.lower()
     if kind in (".npy", ".npz"):
@@ -123,7 +122,7 @@ def _document(path: Path) -> Any:
     return [re.findall(_NUMBER, line) for line in lines]
 
 
-def _arrays(path: Path) -> Array | dict[str, list[Any]]:
+def _arrays(path: Path) -> Array | dict[str, list[Json]]:
     """The array of `numpy.save`, or those of `numpy.savez` as lists by name."""
     try:
         arrays = np.load(path)
@@ -235,7 +234,7 @@ def _words(line: str) -> list[str]:
     return re.split(r"[\s,;]+", line.strip("# \t"))
 
 
-def _poses(label: str, document: Any) -> Array:
+def _poses(label: str, document: Json) -> Array:
     """The only poses in a document (n, 3 + k), as of :func:`_shift_first`."""
     rows = list(_rows(document))
     names = _of_flange({name for name, row in rows if _is_pose(row)})
@@ -258,7 +257,7 @@ def _of_flange(names: Iterable[str]) -> set[str]:
     return no_boards or no_joints
 
 
-def _rows(document: Any, path: str = "") -> Iterator[tuple[str, Array]]:
+def _rows(document: Json, path: str = "") -> Iterator[tuple[str, Array]]:
     """Poses and lists of numbers in a document, with their paths without digits."""
     if isinstance(document, dict):
         values = _axes(document)
@@ -282,7 +281,7 @@ def _rows(document: Any, path: str = "") -> Iterator[tuple[str, Array]]:
         yield from _rows(item, f"{path}.{name}".strip("."))
 
 
-def _poses_of_parts(document: dict[str, Any]) -> Array:
+def _poses_of_parts(document: dict[str, Json]) -> Array:
     """Poses (n, 12) by rows of rotations (.., 3, 3) and shifts (.., 3) apart; else none."""
     # by number of columns and name
     parts: dict[tuple[int, str], list[Array]] = {}
@@ -307,13 +306,13 @@ def _poses_of_parts(document: dict[str, Any]) -> Array:
     return np.concatenate([turns, shifts], axis=2).reshape(-1, 12)
 
 
-def _items(document: dict[str, Any]) -> list[tuple[str, Any]]:
+def _items(document: dict[str, Json]) -> list[tuple[str, Json]]:
     """Names without digits, and values of a mapping, in natural order."""
     names = sorted(document, key=lambda name: natural_key(Path(str(name))))
     return [(re.sub(r"\d+", "", str(name)), document[name]) for name in names]
 
 
-def _axes(document: Any, path: str = "") -> dict[str, float]:
+def _axes(document: Json, path: str = "") -> dict[str, float]:
     """Numbers in nested mappings by their paths in small letters; of lists by axes."""
     if isinstance(document, (int, float)):
         return {path: document}

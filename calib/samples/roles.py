@@ -201,7 +201,7 @@ def log_columns(samples: Samples) -> dict[str, Array]:
     columns |= by_name(samples.axes, samples.x.T)
     if len(columns) < samples.dof + len(samples.axes):
         raise OptionError(
-            f"joints {listing(samples.joint_names)} cannot be told from the positions"
+            f"joints {listing(samples.joint_names)} have the names of positions: rename them"
         )
     if samples.orientation is not None:
         columns |= by_name(QUATERNION, samples.orientation.T)
