@@ -87,9 +87,15 @@ def adapt(
     check_choice("method", method, METHODS)
     of_sensor = model.by(log.sensor)
     report = progress or (lambda *_: None)
-    report(0.0, "causes", math.nan)
     learn = method == "few-shot"
-    verdict = judge(of_sensor, log, cause=cause, free=free, learn=learn)
+    verdict = judge(
+        of_sensor,
+        log,
+        cause=cause,
+        free=free,
+        learn=learn,
+        progress=progress,
+    )
     with guarded_algebra():
         adapted = _few_shot if learn else _online
         adaptation = adapted(verdict, report)

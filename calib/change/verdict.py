@@ -267,7 +267,8 @@ def verdict_on_maps(rows: LogRows) -> Verdict:
     sound = np.asarray(rows.distance <= most)
     rows = rows.sound(sound)
     tests = GroupTests((), noise, noise)
-    bound = bound_test(rows, limit[sound], rows.shared**2, tests)
+    limit = limit[sound]
+    bound = bound_test(rows, limit, limit, rows.shared**2, tests)
     score = bound.test.score
     causes: tuple[Cause, ...] = ()
     if score > 1.0:
