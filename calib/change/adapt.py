@@ -87,6 +87,7 @@ def adapt(
     check_choice("method", method, METHODS)
     of_sensor = model.by(log.sensor)
     report = progress or (lambda *_: None)
+    report(0.0, "causes", math.nan)
     learn = method == "few-shot"
     verdict = judge(
         of_sensor,
@@ -94,7 +95,7 @@ def adapt(
         cause=cause,
         free=free,
         learn=learn,
-        progress=progress,
+        progress=progress if learn else None,
     )
     with guarded_algebra():
         adapted = _few_shot if learn else _online
