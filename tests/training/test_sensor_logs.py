@@ -93,6 +93,10 @@ def test_two_sensors_see_a_planar_arm_from_both_sides_in_units_of_their_own(run,
     document = run.done("adapt", *words).document
     assert document["unit"] == run("recognise", *words).document["unit"] == "mm"
     assert 4.0 < document["before"]["mean"] < 6.0
+    front = calib.load(document["model"])
+    (event,), (of_back,) = front.history, front.by("back").history
+    assert of_back["frame"] is not None
+    assert {"frame", "before", "after"}.isdisjoint(event)
 
 
 def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused(logs):
