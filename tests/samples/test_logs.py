@@ -364,7 +364,7 @@ def test_without_an_arm_positions_in_a_plane_are_planar_unless_an_arm_is_in_spac
     assert log.plane is not None
     np.testing.assert_allclose(read_log(path, joints=names, outputs=3).x, x * (1, 1, 1e-4))
     path.write_text(path.read_text().replace("x,y,z", "x,y,height"))
-    refused(LogError, "x and y alone", read_log, path, joints=names, outputs=3)
+    refused(LogError, "two coordinates", read_log, path, joints=names, outputs=3)
 
 
 def test_of_a_very_long_log_evenly_spread_rows_are_held(tmp_path, arm):
