@@ -118,7 +118,7 @@ def test_a_varying_density_helps_small_lattices_too(side):
 @pytest.mark.parametrize("rule", ["batch", "online"])
 def test_nodes_are_denser_at_the_contour_than_a_soms(rule):
     """The figures of docs/paper.md: 2.4 times for 0.6 (online) and 1.0 (batch)."""
-    q = calib.babble(calib.load_arm("two_link"), 8000, seed=0).q
+    q = calib.babble(calib.load_arm("two_link"), 20_000, seed=0).q
     density = {}
     for network in ("som", "vdsom"):
         options = {"epochs": 3} if rule == "online" else {}
