@@ -20,6 +20,7 @@ from test_lerobot import REST, write_dataset
 import calib
 from calib import LogError, handeye
 from calib.arm.rotations import exponential, logarithm, matrix_of
+from calib.recording.board import parse_board
 from calib.recording.motion_tables import JointTable, read_joints
 
 FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's frame of a board has y down
@@ -46,6 +47,23 @@ def shots(in_hand, pictures=10, seed=0):
         desk = Desk(Camera(focal=f, k1=k1, **placed), still=(made,), noise=2.0, blur=0.6)
         taken.append(desk.picture([0.0] * 3, rng, arm=False))
     return rig, taken, JointTable("joints", rig.arm.joint_names, rig.q, None, None)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _found_once():
+    """Search each picture for its board once."""
+    corners, kind = {}, type(parse_board(SPEC))
+    search = kind.find
+
+    def find(board, grey):
+        key = board, grey.tobytes()
+        if key not in corners:
+            corners[key] = search(board, grey)
+        return dict(corners[key])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kind, "find", find)
+        yield
 
 
 @cache

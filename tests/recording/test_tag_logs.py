@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("cv2")
 import cv2
 from PIL import ExifTags, Image
-from reference import table
+from reference import table, write_columns
 from refusals import refused
 from rendering import Camera, Desk, board, tag, write_video
 from scenes import data_of, objects, page_of
@@ -21,7 +21,6 @@ from calib.recording.lens import load_lens
 from calib.recording.motion_tables import read_joints
 from calib.recording.tag_logs import Setting, log_pictures, log_video
 from calib.samples.lens import Lens
-from calib.samples.tables import write_table
 
 CAMERA = Camera(size=(640, 480), focal=600.0)
 BOARD = parse_board("5x4:40mm:31mm:5x5_100")
@@ -280,7 +279,7 @@ def photographed(tmp_path_factory, run):
     x = desk.tip_pixels(q) + rng.normal(0, 0.05, (40, 2))
     columns = {"a": q[:, 0], "b": q[:, 1], "x": x[:, 0], "y": x[:, 1]}
     source = {"unit": "px", "size": [1280, 720], "reference": {"kind": "pixels"}}
-    write_table(folder / "log.csv", columns, about=source | {"photo": "seen.png"})
+    write_columns(folder / "log.csv", columns, about=source | {"photo": "seen.png"})
     left, right = np.full((720, 640), 40, np.uint8), np.full((720, 640), 200, np.uint8)
     Image.fromarray(np.hstack([left, right])).save(folder / "seen.png")
     train = ("train", "--data", folder / "log.csv", "--joints", "a,b", "--size", 8)
