@@ -316,7 +316,7 @@ def _bundle(views: Sequence[View], motions: Motions) -> Bundle:
     labels: list[tuple[int, int]] = []
     for number, view in enumerate(views):
         outline = view.board.points()
-        bent = shape_slopes(outline, outline)
+        bent = shape_slopes(outline)
         for k in np.argsort(view.rows, kind="stable"):
             corners = view.corners[k]
             shown = list(corners)
