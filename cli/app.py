@@ -31,6 +31,9 @@ INPUTS = (
 OUTPUTS = ("output", "transform", "picture", "html", "ur", "mjcf")
 """Parameters whose files are written."""
 
+ONCE = ("--data", "--input", "--joints-file", "--poses-file")
+"""Files that a command reads one of; `calib train` takes the data of several sensors."""
+
 FLAGS = ("--json", "--verbose", "-v", "--quiet", "-q")
 """Options of every command, anywhere in the line."""
 
@@ -49,6 +52,8 @@ def run(arguments: Sequence[str]) -> int:
     words = _flags_first(arguments)
     name = next((word for word in words if not word.startswith("-")), "")
     try:
+        if name != "train":
+            _refuse_repeats(words)
         code = application(name)(
             words, prog_name="calib", standalone_mode=False
         )
@@ -75,6 +80,17 @@ def _flags_first(arguments: Sequence[str]) -> list[str]:
     flags = [word for word in words[:end] if word in FLAGS]
     others = [word for word in words[:end] if word not in FLAGS]
     return [*flags, *others, *words[end:]]
+
+
+def _refuse_repeats(words: Sequence[str]) -> None:
+    """Refuse a second file where the last one alone would be read."""
+    options = [word.partition("=")[0] for word in words]
+    for option in ONCE:
+        if options.count(option) > 1:
+            raise BadOption(
+                f"{option} is given {options.count(option)} times: expected one file; run the "
+                "command once for each"
+            )
 
 
 @cache

@@ -6,7 +6,7 @@ import json
 import os
 import sys
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -73,7 +73,8 @@ run_in_process = Program()
 
 def pytest_collection_modifyitems(items):
     """Put quick files last, so that no worker waits long for the others' end."""
-    items.sort(key=lambda item: item.path.parent.name in ("arm", "hostile"))
+    last = {"hostile": 1, "arm": 2}
+    items.sort(key=lambda item: last.get(item.path.parent.name, 0))
     gc.freeze()  # all that was imported would be searched again and again
 
 
@@ -88,19 +89,19 @@ def _quick_compiler(monkeypatch):
 @pytest.fixture(autouse=True, scope="session")
 def _fewer_points():
     """Test simulated models at a tenth of the points, but where `all_points` is asked for."""
-    from calib.training.settings import Testing
+    from calib.training import residuals
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("calib.training.residuals.TESTING", Testing(fresh=1000))
+        patch.setattr(residuals, "TESTING", replace(residuals.TESTING, fresh=1000))
         yield
 
 
 @pytest.fixture
 def all_points(monkeypatch):
     """Test simulated models at as many points as those of users."""
-    from calib.training.settings import Testing
+    from calib.training import bounds
 
-    monkeypatch.setattr("calib.training.residuals.TESTING", Testing())
+    monkeypatch.setattr("calib.training.residuals.TESTING", bounds.TESTING)
 
 
 @pytest.fixture(scope="session")

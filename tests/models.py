@@ -14,7 +14,6 @@ from chains import planar_chain
 import calib
 from calib.arm.loading import arm_from_urdf
 from calib.body.spatial import structure_of
-from calib.samples.camera import Camera
 
 L1, L2 = 0.30, 0.25
 """Link lengths of `two_link` and `two_link_full` [m]."""
@@ -89,6 +88,12 @@ def log_of(arm, q: np.ndarray, x: np.ndarray, **facts) -> calib.Samples:
     """Return rows of an arm as a sensor measured them."""
     limits = arm.lower, arm.upper, arm.revolute
     return calib.Samples(q, x, arm.joint_names, *limits, arm=arm, **facts)
+
+
+def seen_through(log: calib.Samples, lens) -> calib.Samples:
+    """Return a log of pixels of a camera, of 1280x720 px, whose lens is known."""
+    known = replace(log.camera, size=(1280, 720), lens=lens, lens_sd=(0.0,) * 4, note="")
+    return replace(log, camera=known)
 
 
 def log(n: int, noise: float = 0.0, seed: int = 0) -> calib.Samples:
@@ -226,7 +231,7 @@ def in_pixels(n: int = 60, robot: str = "spatial_three"):
     rng = np.random.default_rng(0)
     q = rng.uniform(arm.lower, arm.upper, (n, arm.dof))
     x = structure.predict(q, beta) + rng.normal(0, 0.3, (n, 2))
-    return calib.train(log_of(arm, q, x, unit="px", camera=Camera((1280, 720), lens)), size=5)
+    return calib.train(seen_through(log_of(arm, q, x, unit="px"), lens), size=5)
 
 
 @cache

@@ -2,10 +2,12 @@
 
 import csv
 import io
+import json
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+import polars as pl
 import pytest
 
 import calib
@@ -72,6 +74,12 @@ class Truth:
 def table(path, names, rows):
     np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="", fmt="%.12g")
     return path
+
+
+def write_columns(path, columns, about=None):
+    """Write columns by name, below what holds for all rows."""
+    head = f"# calib {json.dumps(about)}\n" if about else ""
+    Path(path).write_text(head + pl.DataFrame(columns).fill_nan(None).write_csv(null_value="nan"))
 
 
 def read(text):

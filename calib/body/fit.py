@@ -156,8 +156,7 @@ class Fit:
         dampings = (0.0, *1e-4 * 8.0 ** np.arange(8))
         for step in range(steps):
             self._linearise()
-            factor = Factor(self.precision)
-            inverse = factor.inverse()
+            inverse = Factor(self.precision).inverse()
             variance = np.diag(inverse)
             gain, delta, damping = self.descend(dampings)
             self._learn_scales_and_noise(inverse)
@@ -168,7 +167,7 @@ class Fit:
             # not even a damped step gains much: the valley's floor
             if damping > 0 and gain <= 0.05:
                 break
-        self._linearise()
+        self._linearise_blocks()
         self.autocorrelation = 1.0
         if np.isfinite(self.nu):
             # rows that err together count once for the time that they do
@@ -180,9 +179,10 @@ class Fit:
 
     def _log_evidence(self) -> float:
         """Laplace approximation of the logarithm of the evidence."""
-        prior = Factor(self.prior_precision)
-        posterior = Factor(self.precision)
-        shrinkage = posterior.log_determinant() - prior.log_determinant()
+        prior = -2 * float(np.log(self.sd).sum())
+        if self._precision is not None:
+            prior = Factor(self._precision).log_determinant()
+        shrinkage = Factor(self.precision).log_determinant() - prior
         energy = self._energy(self.beta, self.residuals)
         return -energy - 0.5 * shrinkage
 
@@ -258,10 +258,10 @@ class Fit:
     def _linear_step(self, beta: Array, linear: Mask) -> Array:
         """The step (k,) from parameters (d,) to the best of those that outputs are linear in."""
         indices = self.active[linear]
-        grams, moments = self._information(beta, indices)
+        gram, moment = self._information(beta, indices)
         prior = self.prior_precision[np.ix_(linear, linear)]
-        factor = Factor(grams.sum(axis=0) + prior)
-        gradient = moments.sum(axis=0) - self._prior_gradient(beta)[linear]
+        factor = Factor(gram + prior)
+        gradient = moment - self._prior_gradient(beta)[linear]
         step = np.zeros(len(linear))
         step[linear] = factor.solve(gradient)
         return step
@@ -271,32 +271,43 @@ class Fit:
         return [readings.residual_at(beta) for readings in self.readings]
 
     def _linearise(self) -> None:
-        """Set the information of each block of rows, the precision and the gradient."""
-        self.grams, self.moments = self._information(self.beta, self.active)
-        gram = self.grams.sum(axis=0)
+        """Set the precision and the gradient."""
+        self._set_posterior(*self._information(self.beta, self.active))
+
+    def _set_posterior(self, gram: Array, moment: Array) -> None:
+        """Add the prior to information (k, k) and moments (k,)."""
         self.precision = gram + self.prior_precision
-        moment = self.moments.sum(axis=0)
         self.gradient = moment - self._prior_gradient(self.beta)
 
     def _information(
         self, beta: Array, indices: Indices
     ) -> tuple[Array, Array]:
-        """Information (b, k, k) and moments (b, k) of blocks of rows about some parameters."""
+        """Information (k, k) and moments (k,) of all rows about some parameters."""
         size = len(indices)
-        blocks = len(self.readings[0].edges) - 1
-        grams = np.zeros((blocks, size, size))
-        moments = np.zeros((blocks, size))
+        gram = np.zeros((size, size))
+        moment = np.zeros(size)
         for readings in self.readings:
             root_weights = readings.root_weights()
-            linearised = readings.by_blocks(beta, indices)
-            for block, (rows, residual, slope) in enumerate(linearised):
-                root = root_weights[rows]
-                weighted = slope * root[:, :, None]
-                flat = weighted.reshape(-1, size)
-                misfit = root * residual
-                grams[block] += flat.T @ flat
-                moments[block] += flat.T @ misfit.ravel()
-        return grams, moments
+            for part in readings.in_parts(beta, indices):
+                gram_of_part, moment_of_part = part.information(root_weights)
+                gram += gram_of_part
+                moment += moment_of_part
+        return gram, moment
+
+    def _linearise_blocks(self) -> None:
+        """Set the information of each block of rows, the precision and the gradient."""
+        size = len(self.active)
+        blocks = len(self.readings[0].edges) - 1
+        self.grams = np.zeros((blocks, size, size))
+        self.moments = np.zeros((blocks, size))
+        for readings in self.readings:
+            root_weights = readings.root_weights()
+            linearised = readings.by_blocks(self.beta, self.active)
+            for block, rows in enumerate(linearised):
+                gram, moment = rows.information(root_weights)
+                self.grams[block] += gram
+                self.moments[block] += moment
+        self._set_posterior(self.grams.sum(axis=0), self.moments.sum(axis=0))
 
     def _learn_scales_and_noise(self, covariance: Array) -> None:
         """Take one step of EM: scales and noise; `covariance` (k, k) is that of the posterior."""
@@ -332,7 +343,10 @@ class Fit:
 
     def _prior_gradient(self, beta: Array) -> Array:
         """Gradient (k,) of the prior's energy."""
-        return self.prior_precision @ (beta - self.mean)[self.active]
+        deviation = (beta - self.mean)[self.active]
+        if self._precision is None:
+            return deviation / self.sd**2
+        return self._precision @ deviation
 
     def _energy(self, beta: Array, residuals: list[Array]) -> float:
         """Negative log posterior of parameters and residuals, up to a constant, or infinite."""

@@ -68,6 +68,15 @@ class RowBlock(NamedTuple):
     residual: Array  # (n, m)
     slope: Array  # (n, m, k), derivative of the predictions by the parameters
 
+    def information(self, root_weights: Array) -> tuple[Array, Array]:
+        """Information (k, k) and moments (k,), by roots (all, m) of all rows' weights."""
+        root = root_weights[self.rows]
+        misfit = (root * self.residual).T
+        # rows last, as derivatives lie in memory
+        weighted = self.slope.T * root.T
+        flat = weighted.reshape(len(weighted), -1)
+        return flat @ flat.T, flat @ misfit.ravel()
+
 
 class Readings:
     """Rows of one sensor within a fit: residuals, noise, and weights under Student noise.
@@ -119,15 +128,27 @@ class Readings:
 
     def by_blocks(self, beta: Array, active: Indices) -> Iterator[RowBlock]:
         """Each block of rows, linearised at parameters (d,) by some of these (k,)."""
-        limits = pairwise(self.edges.tolist())
-        blocks = [slice(first, last) for first, last in limits]
+        for part in self.in_parts(beta, active):
+            if len(self.q) > FIT.rows_at_once:
+                yield part
+            else:
+                for rows in self._blocks:
+                    residual = part.residual[rows]
+                    yield RowBlock(rows, residual, part.slope[rows])
+
+    def in_parts(self, beta: Array, active: Indices) -> Iterator[RowBlock]:
+        """All rows at once where they are few, else each block, linearised as in `by_blocks`."""
+        parts = self._blocks
         if len(self.q) <= FIT.rows_at_once:
-            _, residual, slope = self._linearised(slice(None), beta, active)
-            for rows in blocks:
-                yield RowBlock(rows, residual[rows], slope[rows])
-        else:
-            for rows in blocks:
-                yield self._linearised(rows, beta, active)
+            parts = [slice(None)]
+        for rows in parts:
+            yield self._linearised(rows, beta, active)
+
+    @property
+    def _blocks(self) -> list[slice]:
+        """Rows of each block."""
+        limits = pairwise(self.edges.tolist())
+        return [slice(first, last) for first, last in limits]
 
     def _linearised(
         self, rows: slice, beta: Array, active: Indices

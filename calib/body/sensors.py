@@ -192,21 +192,22 @@ class InPlane(Sensor):
 
     def place(self, beta: Mapping[str, Array]) -> Projection:
         """The plane as a picture, or without tilt and bend positions as they are."""
-        size = PRIOR.lens_size * self.extent
-        radial = beta["lens"][0]
-        middle = self.centre + size * beta["lens"][1:]
+        radial, *bend = beta["lens"].tolist()
+        (angle,) = beta["view.rotation"].tolist()
+        stretch, shear = beta["view.shear"].tolist()
         shift = beta["view.shift"]
-        angle = beta["view.rotation"][0]
+        tilt = beta["view.tilt"]
         cosine = np.cos(angle)
         sine = np.sin(angle)
         turn = np.array([[cosine, -sine], [sine, cosine]])
-        scale = self.metre * np.exp(beta["view.scale"][0])
-        stretch, shear = beta["view.shear"]
         sides = np.array([[1.0 + stretch, shear], [shear, 1.0 - stretch]])
-        linear = scale * turn @ sides @ np.diag([1.0, self.mirror])
-        tilt = beta["view.tilt"]
+        sides[:, 1] *= self.mirror
+        scale = self.metre * np.exp(beta["view.scale"].item())
+        linear = scale * turn @ sides
         if not radial and not tilt.any() and self.view != "homography":
             return Projection(np.column_stack([linear, shift]))
+        size = PRIOR.lens_size * self.extent
+        middle = self.centre + size * np.array(bend)
         # A / size in the corner, and the product of (t - middle, size) / size with (h, 1)
         start = np.append((shift - middle) / size, 1.0)
         picture = np.outer(start, np.append(tilt, 1.0))

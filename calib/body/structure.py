@@ -209,17 +209,15 @@ class Structure(Layout):
             active = np.arange(self.size)
         column = np.full(self.size, -1)  # of each parameter in the derivative
         column[active] = np.arange(len(active))
-        slope = np.zeros((n, outputs, len(active)))
+        slopes = np.zeros((len(active), outputs, n))
         for indices, derivative in self._columns(q, beta, motion, sight):
             places = column[indices.ravel()]
             is_active = places >= 0
             if is_active.any():
                 columns = derivative()
                 columns = columns.reshape(len(places), outputs, n)
-                columns = columns[is_active]
-                places = places[is_active]
-                slope[:, :, places] = columns.transpose(2, 1, 0)
-        return sight.values, slope
+                slopes[places[is_active]] = columns[is_active]
+        return sight.values, slopes.transpose(2, 1, 0)
 
     def _columns(
         self, q: Array, beta: Array, motion: Motion, sight: Sight

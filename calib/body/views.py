@@ -6,8 +6,9 @@ as of a homography, whose picture is the plane.  Arrays have rows last.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,8 @@ TipMotion = tuple[Array, Array | None]
 
 LEAST_DEPTH = 1e-3
 """A point nearer to the camera's plane than this [m] has no pixel; it is held there."""
+
+_UNTURNED = np.eye(3)
 
 
 # Kinds of sensors.
@@ -77,12 +80,18 @@ def is_camera(view: str) -> bool:
 # The interface.
 
 
-class Sight(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Sight:
     """What a sensor sees at n rows, and how that moves with the tip."""
 
     values: Array  # (n, m)
-    # (m, d) or (m, d, n), derivative by the tip's d coordinates, and by the turn that it reads
-    slope: Array
+    # derivative, of which many predictions make no use
+    slope_at: Callable[[], Array]
+
+    @cached_property
+    def slope(self) -> Array:
+        """Derivative (m, d) or (m, d, n) by the tip's d coordinates, and the turn that it reads."""
+        return self.slope_at()
 
     def push(self, velocity: Array, angular: Array | None = None) -> Array:
         """How outputs (..., m, n) move when the tip moves (..., d, n) [m] and turns [rad]."""
@@ -155,7 +164,7 @@ class Projection:
     # (4,), focal length, centre and k1 of what reads pixels
     lens: Array | None = None
     has_orientation: bool = False  # whether it reads orientations too
-    rotation: Array = field(default_factory=lambda: np.eye(3))
+    rotation: Array = field(default_factory=lambda: _UNTURNED)
     scale: float = 1.0
 
     @property
@@ -178,36 +187,41 @@ class Projection:
         point = linear @ motion.position
         point += self.shift[:, None]
         if self.lens is not None:
-            values, by_point = pixels(self.lens, point)
-            slope = np.einsum("mwn,wd->mdn", by_point, linear)
-            return Sight(values, slope)
+            return pixels(self.lens, point, linear)
         if not self.has_orientation:
             values = np.ascontiguousarray(point.T)
-            return Sight(values, linear)
+            return Sight(values, lambda: linear)
         orientation = np.moveaxis(motion.rotation, 2, 0)
         turn = logarithm(self.rotation @ orientation)
         values = np.concatenate([point.T, turn], axis=1)
         apart = np.zeros((3, 3))
-        slope = np.block([[linear, apart], [apart, self.rotation]])
-        return Sight(values, slope)
+        blocks = [[linear, apart], [apart, self.rotation]]
+        return Sight(values, lambda: np.block(blocks))
 
 
-def pixels(lens: Array, point: Array) -> Sight:
-    """Pixels of points (3, n), no nearer than `LEAST_DEPTH`, through a lens (4,)."""
+def pixels(lens: Array, point: Array, linear: Array) -> Sight:
+    """Pixels of points (3, n), no nearer than `LEAST_DEPTH`, through a lens (4,).
+
+    linear : (3, d), how the points move with what the derivative is by
+    """
     focal, *centre, radial = lens
     depth = np.maximum(point[2], LEAST_DEPTH)
     ideal = point[:2] / depth
     square = (ideal**2).sum(axis=0)
     bent = 1 + radial * square
-    # d pixel / d ideal = f ((1 + k1 r^2) 1 + 2 k1 u u'), d ideal / d point = [1, -u] / depth
-    across = 2 * radial * ideal[:, None] * ideal
-    across += bent * np.eye(2)[..., None]
-    across *= focal / depth
-    products = across * ideal
-    ahead = -products.sum(axis=1)
-    slope = np.concatenate([across, ahead[:, None]], axis=1)
     bent_ideal = focal * ideal * bent
     values = np.ascontiguousarray(bent_ideal.T)
+
+    def slope() -> Array:
+        # d pixel / d ideal = f ((1 + k1 r^2) 1 + 2 k1 u u'), d ideal / d point = [1, -u] / depth
+        across = 2 * radial * ideal[:, None] * ideal
+        across += bent * np.eye(2)[..., None]
+        across *= focal / depth
+        products = across * ideal
+        ahead = -products.sum(axis=1)
+        by_point = np.concatenate([across, ahead[:, None]], axis=1)
+        return np.asarray(np.einsum("mwn,wd->mdn", by_point, linear))
+
     return Sight(values + centre, slope)
 
 

@@ -89,7 +89,14 @@ def adapt(
     report = progress or (lambda *_: None)
     report(0.0, "causes", math.nan)
     learn = method == "few-shot"
-    verdict = judge(of_sensor, log, cause=cause, free=free, learn=learn)
+    verdict = judge(
+        of_sensor,
+        log,
+        cause=cause,
+        free=free,
+        learn=learn,
+        progress=progress if learn else None,
+    )
     with guarded_algebra():
         adapted = _few_shot if learn else _online
         adaptation = adapted(verdict, report)

@@ -249,6 +249,7 @@ def _event(
     usual = about.errors.get(old.default_readout)
     return {
         "event": "adapted",
+        "sensor": about.sensor,
         "method": method,
         "samples": improved.samples,
         "outliers": improved.outliers,

@@ -23,7 +23,6 @@ from ..body.covariance import root_of
 from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..body.settings import NATS
-from ..body.structure import Structure
 from ..common.arrays import Array
 from .causes import CALM_WAVES, CREEP_WAVES, FRAME, kind_of
 from .frame import Reference
@@ -108,8 +107,10 @@ class Explanation:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Groups of the parameters that are free."""
-        return groups_at(self.reference.structure, self.indices)
+        """Groups of the parameters that are free, in their order."""
+        labels = self.reference.structure.labels
+        names = [labels[k].group for k in self.indices.tolist()]
+        return tuple(dict.fromkeys(names))
 
     @property
     def is_no_change(self) -> bool:
@@ -129,12 +130,6 @@ class Explanation:
         has_waves = self.wave_size > CREEP_WAVES
         shape = "waves of the joints" if has_waves else "a smooth residual"
         return ", ".join(dict.fromkeys(names)) or shape
-
-
-def groups_at(structure: Structure, indices: Indices) -> tuple[str, ...]:
-    """Groups of parameters, in their order."""
-    names = [structure.labels[k].group for k in indices.tolist()]
-    return tuple(dict.fromkeys(names))
 
 
 def with_least_waves(explanations: Sequence[Explanation]) -> Explanation:

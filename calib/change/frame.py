@@ -34,7 +34,7 @@ from .causes import (
 )
 
 # Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm
-LEAST_OWN = 1e-6
+LEAST_OWN = 1e-7
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ that order.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -30,6 +31,7 @@ from ..common.parallel import one_blas_thread
 from ..errors import LogError, ModelError, require
 from ..model.model import Model
 from ..samples.samples import Samples
+from ..training.options import Progress
 from .causes import Cause, as_built, as_drawn
 from .evidence import Evidence, evidence_of_unnamed, with_orientations
 from .explain import explain
@@ -57,6 +59,7 @@ def judge(
     cause: str | None = None,
     free: str = "all",
     learn: bool = True,
+    progress: Progress | None = None,
 ) -> Verdict:
     """Judge a model by a log.
 
@@ -72,6 +75,8 @@ def judge(
         are not.
     learn : bool
         Whether rows of an arm that did not change are learned from, too.
+    progress : callable, optional
+        Called with the share of the work done, the stage and a number, NaN.
 
     Raises
     ------
@@ -94,6 +99,7 @@ def judge(
     check_choice("free", free, FREED)
     if free == "offsets":
         cause = free
+    report = progress or (lambda *_: None)
     with guarded_algebra():
         model = model.by(log.sensor)
         measured = log
@@ -101,10 +107,11 @@ def judge(
             from ..recording.board_pictures import with_lens_of
 
             measured = with_lens_of(model, log)
+        report(0.0, "rows", math.nan)
         rows = rows_of(model, measured)
         if model.body is None:
             return verdict_on_maps(rows)
-        verdict = _verdict_on_body(rows, cause or rows.cause, learn)
+        verdict = _verdict_on_body(rows, cause or rows.cause, learn, report)
         evidence = verdict.evidence
         if evidence is None or evidence.step is None:
             return verdict
@@ -113,7 +120,7 @@ def judge(
 
 
 def _verdict_on_body(
-    logged: LogRows, cause: str | None, learn: bool
+    logged: LogRows, cause: str | None, learn: bool, report: Progress
 ) -> Verdict:
     """The verdict on a model with a body."""
     # 1. y: the rows against the belief that a changed arm starts from, in the frame of the log
@@ -127,6 +134,7 @@ def _verdict_on_body(
     rows = logged.sound(sound)
     observations = logged_observations.take(sound)
 
+    report(0.2, "tests", math.nan)
     # 2. s: the noise where everything may have changed, less a joint's play, which is taken up,
     # and joints' waves, which may be causes
     belief = Reference(rows.body, rows.body.beta)
@@ -147,13 +155,15 @@ def _verdict_on_body(
             noise_of(system_of(belief, observations))
         )
     tests = group_tests(noise_beside_belief, rows.probes)
-    limit = np.maximum(rows.bound, prior.bound(rows.q))
+    # an arm that was simulated is no other one within the tolerances of its making
+    tolerance = np.maximum(rows.bound, prior.bound(rows.q))
     # a frame that all rows share is shifted and bent
     extent = reference.structure.extents[0]
     bends = 1.0 + ((observations.z / extent) ** 2).sum(axis=1)
     shared_variance = observations.shared**2 * bends
-    bound = bound_test(rows, limit, shared_variance, tests)
+    bound = bound_test(rows, rows.bound, tolerance, shared_variance, tests)
 
+    report(0.4, "causes", math.nan)
     # 4. p(y | causes): which sets of causes explain the rows?
     systems = _systems(prior, reference, observations)
     correlation_time = max(rows.body.kappa**2, 1.0, noise.correlation_time)
@@ -182,6 +192,7 @@ def _verdict_on_body(
             evidence = replace(evidence, step=step._replace(row=row))
     evidence = with_orientations(evidence, systems, correlation_time)
 
+    report(0.6, "update", math.nan)
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
     better = None
     if learn or evidence.score > 1.0:
@@ -272,6 +283,7 @@ def check(
     *,
     cause: str | None = None,
     tolerance: float | None = None,
+    progress: Progress | None = None,
 ) -> Verdict:
     """Compare new samples with a model.
 
@@ -285,6 +297,8 @@ def check(
     tolerance : float, optional [unit]
         Where nothing fired and the rows could not have shown a change of this size, `drifted` is
         None.
+    progress : callable, optional
+        As of :func:`judge`.
 
     Returns
     -------
@@ -295,7 +309,7 @@ def check(
     LogError
         If the log is not of this arm, too short, or looks wrong.
     """
-    verdict = judge(model, log, cause=cause, learn=False)
+    verdict = judge(model, log, cause=cause, learn=False, progress=progress)
     episodes = _episodes(model, log, cause)
     return replace(verdict, tolerance=tolerance, episodes=episodes)
 

@@ -25,6 +25,7 @@ from ..samples.interpretations import interpretations
 from ..samples.motion import RowArrays
 from ..samples.samples import Samples
 from ..training.preparation import sound_log
+from ..training.residuals import learned_rows
 from ..training.socket_places import as_positions
 from .causes import sd_if_changed, sd_of_creep
 from .frame import Reference, offset_after
@@ -35,6 +36,7 @@ LASTING = 10  # rows over which noise may last
 # fewest different rows that a judgement or a correction can rest on
 LEAST_ROWS = 10
 REPEATED = "{} repeated rows count once"
+LEARNED = "the model has learned {} of these rows, which show nothing new"
 _MISREAD = ("exchanged", "turns")
 
 
@@ -165,7 +167,9 @@ def rows_of(model: Model, log: Samples) -> LogRows:
         raise ModelError(
             "the model has no baseline of its distortions: train it again"
         )
+    log, learned_notes = _without_learned(model, log)
     positions, notes, cause = _positions_of(model, log)
+    notes += learned_notes
     _refuse_degrees(model, positions)
     sound, sound_notes = sound_log(model, positions)
     different = sound.take(different_rows(sound))
@@ -207,6 +211,19 @@ def _positions_of(
         return log, [], None
     positions, notes = as_positions(model, log, log.touch)
     return positions, notes, "joints"
+
+
+def _without_learned(model: Model, log: Samples) -> tuple[Samples, list[str]]:
+    """The rows that a model has not learned, all where these are too few, and a note on others."""
+    if log.touch is not None:
+        return log, []
+    is_learned = learned_rows(model, log)
+    learned = int(np.count_nonzero(is_learned))
+    if not learned:
+        return log, []
+    if len(log) - learned >= LEAST_ROWS:
+        log = log.take(~is_learned)
+    return log, [LEARNED.format(learned)]
 
 
 def _refuse_few(model: Model, different: Samples, answered: Mask) -> None:

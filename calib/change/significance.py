@@ -288,6 +288,7 @@ class BoundTest:
 def bound_test(
     rows: LogRows,
     limit: Array,
+    tolerance: Array,
     shared_variance: Array | float,
     tests: GroupTests,
 ) -> BoundTest:
@@ -295,13 +296,14 @@ def bound_test(
 
     rows : n of them that do not contradict all others
     limit : (n,), the bound of each row [unit]
+    tolerance : (n,), that of an arm that has not changed [unit]
     shared_variance : (n,), of what all rows share [unit^2]
     """
     from scipy.special import chdtri
 
     residual = rows.x - rows.predicted
     square = (residual**2).sum(axis=1)
-    usual = float(np.median(limit))
+    usual = float(np.median(tolerance))
     # squared, of 95 % of a Gaussian, in deviations
     radius = float(chdtri(residual.shape[1], 0.05))
     noise = _noise_of_sensor(square, residual.shape[1], tests)
@@ -310,9 +312,13 @@ def bound_test(
     if tests.wavy or of_places * radius > usual**2:
         noise = 0.0
     by_noise = noise + _noise_of_joint(rows, tests)
-    expected = limit**2 + radius * shared_variance
-    is_beyond = square > expected
-    is_beyond_noise = square > expected + radius * by_noise
+    variance = shared_variance
+    # of a simulated arm the bound is on the true position, not on readings
+    if rows.model.about.bound_of == "true position":
+        variance = variance + tests.usual**2
+    is_beyond = square > limit**2 + radius * variance
+    variance = shared_variance + by_noise
+    is_beyond_noise = square > tolerance**2 + radius * variance
     test = GroupTest("bound", _chance(is_beyond_noise))
     count = len(rows) + rows.wrong
     few_wrong = rows.wrong <= max(FEW_WRONG * count, 1)

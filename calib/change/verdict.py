@@ -208,14 +208,6 @@ class Verdict:
         return self.update is not None and self.update.improved
 
     @property
-    def held_out(self) -> tuple[float, float] | None:
-        """Mean distance of held-out rows from the model, and from the updated belief [unit]."""
-        if self.update is None:
-            return None
-        before = float(self.update.before.mean())
-        return before, float(self.update.after.mean())
-
-    @property
     def distortion(self) -> dict[str, Signal]:
         """How the rows lie on the maps (eq. 9): a display, no alarm."""
         model = self.rows.model
@@ -267,7 +259,8 @@ def verdict_on_maps(rows: LogRows) -> Verdict:
     sound = np.asarray(rows.distance <= most)
     rows = rows.sound(sound)
     tests = GroupTests((), noise, noise)
-    bound = bound_test(rows, limit[sound], rows.shared**2, tests)
+    limit = limit[sound]
+    bound = bound_test(rows, limit, limit, rows.shared**2, tests)
     score = bound.test.score
     causes: tuple[Cause, ...] = ()
     if score > 1.0:

@@ -1,10 +1,16 @@
 """Two tasks on two cores, and matrices on one."""
 
+from __future__ import annotations
+
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
-from typing import TypeVar
+from functools import cache
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 _S = TypeVar("_S")
 _T = TypeVar("_T")
@@ -37,6 +43,15 @@ def side_by_side(
     return task.result(), result
 
 
+@cache
+def _libraries() -> ThreadpoolController:
+    """The libraries of this process that multiply matrices; their look-up takes 2 ms."""
+    import scipy.linalg  # noqa: F401 - brings its own BLAS, to be found as well
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
 _lock = threading.Lock()
 _limits: list[ExitStack] = []  # the one limit of this process, while it holds
 
@@ -51,11 +66,8 @@ def one_blas_thread() -> Iterator[None]:
     with _lock:  # imports as well: another thread's would be in the way
         first = not _limits
         if first:
-            import scipy.linalg  # noqa: F401 - brings its own BLAS, to be found as well
-            from threadpoolctl import threadpool_limits
-
             limit = ExitStack()
-            limit.enter_context(threadpool_limits(1, user_api="blas"))
+            limit.enter_context(_libraries().limit(limits=1, user_api="blas"))
             _limits.append(limit)
     try:
         yield

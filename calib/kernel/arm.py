@@ -262,7 +262,7 @@ class KernelArm:
             by_part = {name: part[:, :size] for name, part in moved.items()}
             return by_part, joints[:, :size]
         point = self.view @ motion.position + self.shift[:, None]
-        sight = pixels(self.lens, point)
+        sight = pixels(self.lens, point, np.eye(3))
         in_pixels = {name: sight.push(part) for name, part in moved.items()}
         in_pixels["lens"] = lens_slope(self.lens, point)
         return in_pixels, sight.push(joints)

@@ -16,7 +16,14 @@ from ..common.arrays import Array, Index
 from ..common.rows import group_sums
 from .density import Gain, Visit
 from .lattice import REACH, Lattice
-from .map import Epoch, nearest_nodes, search_tree, topographic_error
+from .map import (
+    Epoch,
+    folded_share,
+    nearest_nodes,
+    search_tree,
+    shown_step,
+    topographic_error,
+)
 from .settings import BATCH
 
 Density = Literal["even", "varying", "growing"]
@@ -219,9 +226,11 @@ def _epochs(
     with_ones = np.column_stack([samples, ones])
     for sigma, progress in zip(stage.sigma.tolist(), stage.times, strict=True):
         tree = search_tree(weights)
-        distances, winners = nearest_nodes(tree, samples)  # eq. 1
+        # where all samples show the topographic error, one search tells both
+        ranks = 2 if shown_step(len(samples)) == 1 else 1
+        distances, nodes = nearest_nodes(tree, samples, ranks)
         distance = distances[:, 0]
-        winner = winners[:, 0]
+        winner = nodes[:, 0]  # eq. 1
         g = np.ones(len(samples))
         if gain is not None and progress is not None:
             visit = Visit(
@@ -235,7 +244,10 @@ def _epochs(
                 per_node,
             )
             g[log_order] = gain(visit)  # eq. 7 and 8
-        topographic = topographic_error(samples, tree, lattice)
+        if ranks == 2:
+            topographic = folded_share(nodes, lattice)
+        else:
+            topographic = topographic_error(samples, tree, lattice)
         weighted = g[:, None] * with_ones
         sums = group_sums(winner, weighted, lattice.size)
         weights = next_weights(weights, sums, lattice, sigma, stage.step)

@@ -157,8 +157,7 @@ class Map:
         """Share of the rows of `x` whose two nearest nodes are no lattice neighbours."""
         u = self.scale.to_unit(np.atleast_2d(x))
         _, nodes = self.nearest(u, 2)
-        joined = self.lattice.adjacent(*nodes.T)
-        return float(np.mean(~joined))
+        return folded_share(nodes, self.lattice)
 
 
 def nearest_points(
@@ -251,7 +250,16 @@ def topographic_error(
     lattice: Lattice | Graph,
 ) -> float:
     """Topographic error on some 500 of the samples `u`."""
-    step = max(1, len(u) // 500)
-    _, nodes = nearest_nodes(tree, u[::step], 2)
+    _, nodes = nearest_nodes(tree, u[:: shown_step(len(u))], 2)
+    return folded_share(nodes, lattice)
+
+
+def shown_step(n: int) -> int:
+    """Every how many of `n` samples show a topographic error."""
+    return max(1, n // 500)
+
+
+def folded_share(nodes: Index, lattice: Lattice | Graph) -> float:
+    """Share of pairs (n, 2) of nodes that are not joined."""
     joined = lattice.adjacent(*nodes.T)
     return float(np.mean(~joined))

@@ -115,6 +115,14 @@ def holds(within: Mapping[str, float], rows: int) -> bool:
     return answered >= 0.5 and beyond <= 0.15 * rows * answered + 2.0
 
 
+def bound_fails(covered: float, rows: str) -> str:
+    """The line that rows, in words, contradict the bound that covers this share of them."""
+    return (
+        f"THE BOUND DOES NOT HOLD: the model's own 95 % bound covers {100 * covered:.0f} % of "
+        f"{rows}"
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Photo:
     """A JPEG of the arm by the camera that measured it, at most 3 MB; its borders are positions."""
@@ -183,9 +191,12 @@ def facts(
             "95 % bound on the distance to the true position in the sensor's frame"
         ),
     }
-    if about.source == "log":
+    words["bounds hold"] = (
+        "in the session of the log: see an evaluation with `frame='free'`"
+    )
+    if about.source == "simulation":
         words["bounds hold"] = (
-            "in the session of the log: see an evaluation with `frame='free'`"
+            "for the simulated arm: a real one may be as far off as its log shows"
         )
     return words
 

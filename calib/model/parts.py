@@ -354,11 +354,14 @@ def with_arm_of(parts: _P, adapted: _P) -> _P:
         second=after.second,
     )
     reading, position = bounds_of_nodes(parts.motor, body)
+    event = dict(adapted.history[-1])
+    for of_that_sensor in ("frame", "before", "after"):
+        event.pop(of_that_sensor, None)
     return replace(
         alone,
         body=body,
         bounds=np.maximum(parts.bounds, reading),
         model_bounds=np.maximum(parts.model_bounds, position),
-        history=adapted.history,
+        history=(*parts.history, event),
         approach=adapted.approach,
     )

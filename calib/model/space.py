@@ -185,7 +185,7 @@ class Space:
         lens = body.beta[body.structure.groups["lens"]]
         place = points @ turn.T + shift
         ahead = place[:, 2] > 0
-        seen = pixels(lens, place.T).values
+        seen = pixels(lens, place.T, np.eye(3)).values
         size = self.model.about.picture or tuple(2 * lens[1:3])
         inside = ((seen >= 0) & (seen <= size)).all(axis=1)
         # where the lens folds over, the picture shrinks as the point moves outwards

@@ -252,11 +252,13 @@ def _check_axes(
         if unit == "px" or len(roles.axes) >= (outputs or 2):
             return
         if arm is None:
-            words = f"{label} has x and y alone, and the model x, y and z"
-            raise LogError(words, hint="is it a log of another arm?")
+            words = f"{label} has two coordinates, and the model x, y and z"
+            hint = "is it a log of another arm, or sensor? a log bears its sensor's name"
+            raise LogError(words, hint=hint)
         raise LogError(
             f"{label} has x and y alone, expected x, y and z of an arm in space",
-            hint="for a planar part of the arm name its joints, or give `planar=True`",
+            hint="name a camera's pixels u and v; for a planar part of the arm name its joints, or "
+            "give `planar=True`",
             parameter="planar",
         )
     if outputs == 2:

@@ -14,13 +14,12 @@ from ..common.rows import finite_rows, row_lengths, solve_least_squares
 from ..common.wording import ROUNDED_AWAY
 from ..model.model import Model
 from ..samples.samples import Samples
-from ..training.residuals import fresh_points
+from ..training.residuals import fresh_points, learned_rows
 from ..use.evaluate import (
     FRESH,
     Evaluation,
     as_made,
     evaluate,
-    learned_rows,
     simulation_of,
 )
 from .deviations import (

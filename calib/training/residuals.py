@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Index, Mask
 from ..common.choices import MAP_READOUTS
 from ..common.parallel import side_by_side
 from ..common.rows import row_lengths
@@ -18,6 +18,8 @@ from ..model.answers import unit_joints
 from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.motion import Motion
+from ..samples.repeatability import at_poses
+from ..samples.samples import Samples
 from ..samples.simulation import Simulation
 from .fitted_log import FittedLog, SoundLog
 from .maps import maps_of
@@ -261,3 +263,29 @@ def p95_and_coverage(model: Model, residuals: Residuals) -> dict[str, float]:
     if not answered.all():
         within["answered"] = float(answered.mean())
     return within
+
+
+def learned_rows(model: Model, samples: Samples) -> Mask:
+    """Whether each row of a log (n,) is one that a model has learned.
+
+    Readings have enough digits that no two rows have the same.
+    """
+    rows = model.rows
+    width = samples.x.shape[1]
+    if (
+        rows is None
+        or samples.unit != model.about.unit
+        or width != rows.x.shape[1]
+    ):
+        return np.zeros(len(samples), dtype=bool)
+    readings = {reading.tobytes() for reading in rows.x}
+    pose_is_learned = np.array(
+        [x.tobytes() in readings for x in at_poses(samples).x]
+    )
+    if (
+        model.about.samples > len(rows)
+        and pose_is_learned.sum() > len(rows) // 2
+    ):
+        # of a long log a model keeps some rows alone
+        return np.ones(len(samples), dtype=bool)
+    return np.asarray(pose_is_learned[samples.pose_index])

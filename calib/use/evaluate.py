@@ -9,9 +9,8 @@ from ..arm.loading import arm_from_urdf
 from ..arm.rotations import logarithm, matrix_of, similarity
 from ..body.belief import knows_orientation
 from ..change.judge import judge
-from ..change.rows import LEAST_ROWS, REPEATED, different_rows
+from ..change.rows import LEARNED, LEAST_ROWS, REPEATED, different_rows
 from ..change.verdict import Verdict
-from ..common.arrays import Mask
 from ..common.choices import check_choice
 from ..common.rows import finite_rows, median_length, row_lengths
 from ..common.wording import by_name, for_people
@@ -20,15 +19,16 @@ from ..model.about import holds
 from ..model.alignment import Alignment
 from ..model.model import Model
 from ..model.space import Space
-from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
+from ..training.options import Progress
 from ..training.preparation import sound_log
 from ..training.residuals import (
     ErrorTable,
     Residuals,
     evaluate_residuals,
     fresh_residuals,
+    learned_rows,
     p95_and_coverage,
     summarise,
 )
@@ -103,7 +103,11 @@ class Evaluation:
 
 
 def evaluate(
-    model: Model, samples: Samples | None = None, *, frame: Frame = "kept"
+    model: Model,
+    samples: Samples | None = None,
+    *,
+    frame: Frame = "kept",
+    progress: Progress | None = None,
 ) -> Evaluation:
     """Evaluate a model.
 
@@ -117,6 +121,8 @@ def evaluate(
     frame : {"kept", "free"}
         Whether the sensor's frame is fitted again to `samples`, as where a tracker was set up
         again: "free" gives the errors after that, and by how much it moved.
+    progress : callable, optional
+        Called with the share of the work done on `samples`, the stage and a number, NaN.
 
     Returns
     -------
@@ -150,8 +156,8 @@ def evaluate(
     notes: list[str] = []
     if learned and len(samples) - learned < TESTING.fewest:
         note = (
-            f"the model has learned {learned} of these {len(samples)} rows, so that they do not "
-            "show its errors: those of rows that were held out while it was trained follow"
+            f"{LEARNED.format(learned)}: errors on rows that were held out while it was trained "
+            "follow"
         )
         training = as_made(model)
         left_out += training.left_out + len(samples) - learned
@@ -159,16 +165,14 @@ def evaluate(
             training, notes=(note,), learned=learned, left_out=left_out
         )
     if learned:
-        notes.append(
-            f"{learned} of these rows were learned by the model and show nothing of its errors"
-        )
+        notes.append(LEARNED.format(learned))
         samples = samples.take(~is_learned)
         source += " that were not learned"
 
     if frame == "free":
         samples, frame_notes = _in_model_frame(model, samples)
         notes += frame_notes
-    evaluation = _of_log(model, samples, source)
+    evaluation = _of_log(model, samples, source, progress)
     return replace(
         evaluation,
         left_out=evaluation.left_out + left_out,
@@ -177,7 +181,9 @@ def evaluate(
     )
 
 
-def _of_log(model: Model, samples: Samples, source: str) -> Evaluation:
+def _of_log(
+    model: Model, samples: Samples, source: str, progress: Progress | None
+) -> Evaluation:
     """The errors of the rows that the verdict on a log counts, of few rows those of all."""
     different = samples.take(different_rows(samples))
     verdict = None
@@ -188,7 +194,7 @@ def _of_log(model: Model, samples: Samples, source: str) -> Evaluation:
             repeated = len(samples) - len(different)
             notes.append(REPEATED.format(repeated))
     else:
-        verdict = judge(model, samples, learn=False)
+        verdict = judge(model, samples, learn=False, progress=progress)
         rows = verdict.rows.log
         lost = verdict.rows.lost - samples.left_out
         notes = [*verdict.notes]
@@ -236,32 +242,6 @@ def _evaluation(
         within=p95_and_coverage(model, residuals),
         residuals=residuals,
     )
-
-
-def learned_rows(model: Model, samples: Samples) -> Mask:
-    """Whether each row of a log (n,) is one that a model has learned.
-
-    Readings have enough digits that no two rows have the same.
-    """
-    rows = model.rows
-    width = samples.x.shape[1]
-    if (
-        rows is None
-        or samples.unit != model.about.unit
-        or width != rows.x.shape[1]
-    ):
-        return np.zeros(len(samples), dtype=bool)
-    readings = {reading.tobytes() for reading in rows.x}
-    pose_is_learned = np.array(
-        [x.tobytes() in readings for x in at_poses(samples).x]
-    )
-    if (
-        model.about.samples > len(rows)
-        and pose_is_learned.sum() > len(rows) // 2
-    ):
-        # of a long log a model keeps some rows alone
-        return np.ones(len(samples), dtype=bool)
-    return np.asarray(pose_is_learned[samples.pose_index])
 
 
 def _in_model_frame(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..common.choices import READOUTS
 from ..common.wording import printable, with_unit
+from ..model.about import bound_fails
 
 if TYPE_CHECKING:
     from ..body.belief import Body
@@ -64,10 +65,16 @@ def bound_warnings(about: About) -> list[str]:
             f"TOO COARSE TO ANSWER: at {100 * (1 - answered):.0f} % of {rows} the model may be off "
             "by more than 10 % of the reach"
         ]
-    return [
-        f"THE BOUND DOES NOT HOLD: the model's own 95 % bound covers "
-        f"{100 * about.within['covered']:.0f} % of {rows}: do not rely on it"
-    ]
+    line = bound_fails(about.within["covered"], rows)
+    return [f"{line}: do not rely on it"]
+
+
+def bound_fails_for_log(about: About, covered: float) -> str:
+    """State in one line that too few rows of a log are within a model's own bound."""
+    line = bound_fails(covered, "the rows of the log")
+    if about.source == "simulation":
+        line += "; it is that of the simulated arm"
+    return line
 
 
 def differences_from_drawing(model: Model) -> str:

@@ -65,7 +65,7 @@ def adapt(
     written = result.model is not loaded
     if written:
         photo_of_log(result.model, log, data).save(path)
-    about = result.model.about
+    about = result.model.by(log.sensor).about
     document = {
         "model": path if written else None,
         **fields(result, *FACTS),
@@ -79,12 +79,12 @@ def adapt(
     if result.outliers:
         rows += f", {result.outliers} left out"
     if result.improved:
-        lines = _improvement(result, path, rows)
+        lines = _improvement(result, path, rows, about.unit)
     else:
         state = f"{model} stays as it is, nothing was written"
         if written:
             state = f"{path} predicts as {model} does, with a wider bound"
-        before, after = _errors(result)
+        before, after = _errors(result, about.unit)
         lines = [
             f"no clear improvement: {state}",
             f"{before} as it is, {after} adapted, {rows}",
@@ -95,9 +95,11 @@ def adapt(
     return Outcome(document, lines, more, code=0 if result.improved else NO)
 
 
-def _improvement(result: calib.Adaptation, path: str, rows: str) -> list[str]:
+def _improvement(
+    result: calib.Adaptation, path: str, rows: str, unit: str
+) -> list[str]:
     """Report how much better the new model is, what changed, and what limits it."""
-    before, after = _errors(result)
+    before, after = _errors(result, unit)
     lines = [f"{path}: {before} before, {after} after, {rows}"]
     for change in result.changed:
         if change.cause != "unknown":  # which a note has reported
@@ -111,8 +113,7 @@ def _improvement(result: calib.Adaptation, path: str, rows: str) -> list[str]:
     return [*lines, limit]
 
 
-def _errors(result: calib.Adaptation) -> tuple[str, str]:
+def _errors(result: calib.Adaptation, unit: str) -> tuple[str, str]:
     """Mean errors before and after, in words."""
-    unit = result.model.about.unit
     before = with_unit(result.before["mean"], unit)
     return before, with_unit(result.after["mean"], unit)

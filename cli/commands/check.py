@@ -12,10 +12,11 @@ from typing import Annotated
 
 import calib
 from calib.common.wording import error_size, for_people, with_unit
+from calib.use import standing
 
 from .. import options as opt
 from ..logs import LogFormat, log_for
-from ..output import NO, Outcome, TextTable, say
+from ..output import NO, Outcome, TextTable, progress, say
 from ..parsing import above_zero, refuse
 from ..pictures import log_of_pictures
 from ..units import units_of
@@ -60,7 +61,9 @@ def check(
         }
         refuse(of_tables, "is of tables, not of pictures")
         log = log_of_pictures(loaded, data, joints_file, camera, degrees)
-    verdict = calib.check(loaded, log, cause=cause, tolerance=tolerance)
+    verdict = calib.check(
+        loaded, log, cause=cause, tolerance=tolerance, progress=progress
+    )
     say(verdict.notes)
     document = {
         "model": model,
@@ -108,8 +111,8 @@ def _verdict(verdict: calib.Verdict, adapt: str) -> list[str]:
         ]
     headline = "still calibrated"
     if not verdict.bound_holds:
-        share = f"{100 * verdict.covered:.0f} %"
-        headline = f"THE BOUND DOES NOT HOLD: {share} of the rows are within it, 95 % should be"
+        about = verdict.rows.model.about
+        headline = standing.bound_fails_for_log(about, verdict.covered)
     return [headline, *verdict.explanations, limit]
 
 

@@ -11,7 +11,7 @@ from calib.use import standing
 
 from .. import options as opt
 from ..logs import FOR_LOGS, LogFormat, log_of, with_facts
-from ..output import Outcome, say
+from ..output import Outcome, progress, say
 from ..parsing import BadOption, refuse
 from ..summary import error_table, summary
 
@@ -51,7 +51,7 @@ def evaluate(
         log = with_facts(log, distance, plane)
         loaded = loaded.by(log.sensor)
     started = time.perf_counter()
-    result = calib.evaluate(loaded, log, frame=frame)
+    result = calib.evaluate(loaded, log, frame=frame, progress=progress)
     say(result.notes)
     seconds = {"total": time.perf_counter() - started}
     document = summary(loaded, model, result.errors, seconds)
@@ -67,7 +67,12 @@ def evaluate(
     }
     warnings = standing.bound_warnings(loaded.about)
     if log is not None:
-        warnings = _warnings_of_log(result)
+        warnings = []
+        if result.bound_holds is False:  # or there are too few rows
+            line = standing.bound_fails_for_log(
+                loaded.about, result.within["covered"]
+            )
+            warnings.append(f"{line}; calib check says what changed")
     limit = []
     # what limited a simulation does not limit a log
     is_known = log is None or loaded.about.source == "log"
@@ -90,16 +95,6 @@ def evaluate(
     title = f"errors on {result.rows} {result.source}"
     table = error_table(loaded, result.errors, title)
     return Outcome(document, lines, [table], warnings=warnings)
-
-
-def _warnings_of_log(result: calib.Evaluation) -> list[str]:
-    """State in one line that the rows of a log miss a model's own bound far too often."""
-    if result.bound_holds is not False:  # or there are too few rows
-        return []
-    return [
-        f"THE BOUND DOES NOT HOLD: the model does not hold for this log, its 95 % bound covers "
-        f"{100 * result.within['covered']:.0f} % of the rows; calib check says what changed"
-    ]
 
 
 def _standard(model: calib.Model, log: calib.Samples | None) -> Iso9283:

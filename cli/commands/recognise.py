@@ -21,9 +21,10 @@ def recognise(
     data: opt.NewLog,
 ) -> Outcome:
     loaded = [calib.load(path) for path in models]
-    result = calib.recognise(loaded, log_for(loaded[0], data, LogFormat()))
+    log = log_for(loaded[0], data, LogFormat())
+    result = calib.recognise(loaded, log)
     name = None if result.index is None else models[result.index]
-    about = loaded[0].about
+    about = loaded[0].by(log.sensor).about
     factor, shown = for_people(about.unit)
     fits = []
     rows = []

@@ -188,6 +188,32 @@ def test_rows_of_another_sensor_are_no_noise_and_no_calm(n, every):
     assert "no noise, wrong rows" in verdict.notes[-1]
 
 
+@pytest.mark.parametrize("changes", [(), ("elbow.offset=0.02",)])
+def test_a_simulated_arm_holds_as_its_queries_promise(changes):
+    """1 deg was within a bound of 0.0000 mm, and 40 exact rows were too few to say."""
+    simulated = trained("six_axis", 400, 6)
+    rows = bare("six_axis", 40, 3, *changes, noise=0.0)
+    verdict = calib.check(simulated, rows)
+    off = np.linalg.norm(simulated.forward(rows.q) - rows.x, axis=1)
+    share = np.mean(off <= simulated.expected_error(rows.q) + 1e-9)
+    within = calib.evaluate(simulated, rows).within["covered"]
+    assert (verdict.drifted, verdict.bound_holds) == (bool(changes), not changes)
+    assert (verdict.covered, within) == (share, share)
+
+
+def test_rows_that_a_model_learned_show_nothing_new():
+    """They hid a knock from `check` that `evaluate` saw; where there are no others they count."""
+    rows = bare("two_link", 400, 7)
+    new = bare("two_link", 40, 8, "elbow.offset=0.01")
+    both = replace(rows, q=np.vstack([rows.q, new.q]), x=np.vstack([rows.x, new.x]),
+                   side=np.vstack([rows.side, new.side]))  # fmt: skip
+    for log, count in ((both, 40), (rows, 400)):
+        verdict = calib.check(learned(), log)
+        assert (verdict.samples, verdict.drifted) == (count, count == 40)
+        assert any("has learned 400 of these rows" in note for note in verdict.notes)
+    assert calib.evaluate(learned(), both).verdict.causes == calib.check(learned(), both).causes
+
+
 @pytest.mark.parametrize("changes", [(), ("elbow.offset=0.005",)])
 def test_few_rows_say_nothing(changes):
     rows = bare("six_axis", 11, 3, *changes)

@@ -54,6 +54,7 @@ CASES = [
     ("log a.png --tag 1 --tags-at few.csv -o few.csv", 2, "few.csv replace"),
     ("handeye a --poses-file few.csv --board 4x4:9mm --eye hand --transform few.csv", 2, "replace"),
     ("log few.csv --tag 1 --picture few.csv -o l.csv", 2, "--picture few.csv replace"),
+    ("check good.calib --data few.csv --data few.csv", 2, "--data 2 times"),
     ("train few.csv", 2, "table --data few.csv"),
     ("handeye a --poses-file few.csv --board 10x7:22mm --eye hand --tip t", 2, "--tip ROBOT"),
     ("log a --board 10x7:22mm --eye hand --tag 7 -o l.csv", 2, "--tag --eye"),

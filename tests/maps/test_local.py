@@ -11,11 +11,11 @@ from calib.maps.blend import Blend
 from calib.maps.links import WIRINGS
 from calib.maps.local_models import correction, correction_slope, exponents, fit, model_weights
 from calib.maps.model_selection import SELECTION, follows_the_motion, select
-from calib.maps.settings import ModelShape
 
 
 def fitted(motor, u, x, degree, samples):
-    return fit(motor, np.arange(motor.size), u, x, ModelShape(degree, samples))
+    shape = SELECTION.shapes[0]._replace(degree=degree, samples=samples)
+    return fit(motor, np.arange(motor.size), u, x, shape)
 
 
 def polynomial(degree, d=2, seed=0):

@@ -27,7 +27,7 @@ MODELS = {
     "with a joint that turns round": turning,
     "of few rows": lambda: calib.train(log(30, 1e-3), size=6),
     "without a body": lambda: calib.train(log(300, 1e-3), size=6, body="none"),
-    "of no arm": cache(lambda: calib.train(no_arm(150), size=6)),
+    "of no arm": cache(lambda: calib.train(no_arm(60), size=6)),
     "of a camera": tilted_camera,
     "of a growing neural gas": lambda: trained("two_link", 300, 5, map="gng", epochs=5),
     "with a radius": lambda: trained("two_link", 300, 5, sigma=(2.0, 0.5), epochs=3),

@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 import versions
 from pages import PAGES, ROOT, SHARED, anchors, blocks, links, run_page
-from reference import ROBOTS
+from reference import ROBOTS, write_columns
 
 import calib
-from calib.samples.tables import write_table
 
 DOCS = ROOT / "docs"
 TEXTS = {str(page.relative_to(ROOT)): page.read_text(encoding="utf-8") for page in PAGES}
@@ -51,11 +50,11 @@ def folder(tmp_path, monkeypatch):
     joints = dict(zip(arm.joint_names, seen.q.T, strict=True))
     camera = {"time": np.arange(300) / 2} | {name: np.degrees(q) for name, q in joints.items()}
     camera |= {"cam_u": 640 + 800 * seen.x[:, 0], "cam_v": 900 - 800 * seen.x[:, 1]}
-    write_table("camera.csv", camera)
+    write_columns("camera.csv", camera)
     space = np.array([1.2, -0.4, 0.9]) + seen.x @ [[0.8, 0.6, 0.0], [-0.36, 0.48, 0.8]]
     space += np.random.default_rng(0).normal(0.0, 3e-4, space.shape)
-    write_table("tracker.csv", joints | dict(zip("xyz", space.T, strict=True)))
-    write_table("pictures.csv", pictures())
+    write_columns("tracker.csv", joints | dict(zip("xyz", space.T, strict=True)))
+    write_columns("pictures.csv", pictures())
     return tmp_path
 
 

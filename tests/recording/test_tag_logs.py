@@ -8,8 +8,8 @@ import pytest
 
 pytest.importorskip("cv2")
 import cv2
-from PIL import Image
-from reference import table
+from PIL import ExifTags, Image
+from reference import table, write_columns
 from refusals import refused
 from rendering import Camera, Desk, board, tag, write_video
 from scenes import data_of, objects, page_of
@@ -21,7 +21,6 @@ from calib.recording.lens import load_lens
 from calib.recording.motion_tables import read_joints
 from calib.recording.tag_logs import Setting, log_pictures, log_video
 from calib.samples.lens import Lens
-from calib.samples.tables import write_table
 
 CAMERA = Camera(size=(640, 480), focal=600.0)
 BOARD = parse_board("5x4:40mm:31mm:5x5_100")
@@ -205,6 +204,10 @@ def test_counts_and_sizes_and_damage(copy):
     assert any("img_6.png is no picture" in note for note in made.notes)
     cv2.imwrite(str(folder / "p" / "img_7.png"), picture[:400])
     refused(CalibError, "img_7.png is 640x400, the pictures before it 640x480", make, folder)
+    upside_down = Image.Exif()
+    upside_down[ExifTags.Base.Orientation] = 3
+    Image.fromarray(picture).save(folder / "p" / "img_7.png", exif=upside_down)
+    refused(CalibError, "img_7.png is 640x480, turned by EXIF 3, the pictures", make, folder)
     (folder / "p" / "img_7.png").unlink()
     refused(CalibError, "15 pictures and 16 rows", make, folder)
     for path in (folder / "p").iterdir():
@@ -276,7 +279,7 @@ def photographed(tmp_path_factory, run):
     x = desk.tip_pixels(q) + rng.normal(0, 0.05, (40, 2))
     columns = {"a": q[:, 0], "b": q[:, 1], "x": x[:, 0], "y": x[:, 1]}
     source = {"unit": "px", "size": [1280, 720], "reference": {"kind": "pixels"}}
-    write_table(folder / "log.csv", columns, about=source | {"photo": "seen.png"})
+    write_columns(folder / "log.csv", columns, about=source | {"photo": "seen.png"})
     left, right = np.full((720, 640), 40, np.uint8), np.full((720, 640), 200, np.uint8)
     Image.fromarray(np.hstack([left, right])).save(folder / "seen.png")
     train = ("train", "--data", folder / "log.csv", "--joints", "a,b", "--size", 8)

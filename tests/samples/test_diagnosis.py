@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis.strategies import floats
+from reference import write_columns
 from refusals import refused
 
 import calib
 from calib.arm.rotations import exponential, matrix_of, quaternion_of
-from calib.samples.tables import write_table
 
 ARM = calib.load_arm("two_link")
 FULL = calib.load_arm("two_link_full")
@@ -31,7 +31,7 @@ def read(tmp_path):
 
     def read(arm, q, x, about=None, **options):
         columns = dict(zip((*arm.joint_names, *POSE), np.hstack([q, x]).T, strict=False))
-        write_table(tmp_path / "log.csv", columns, about=about)
+        write_columns(tmp_path / "log.csv", columns, about=about)
         return calib.read_log(tmp_path / "log.csv", arm, **options)
 
     return read

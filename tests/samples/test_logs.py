@@ -9,12 +9,12 @@ import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from reference import write_columns
 from refusals import refused
 from scipy.spatial.transform import Rotation
 
 import calib
 from calib import LogError, OptionError, Samples, babble, load_arm, read_log, train, write_log
-from calib.samples.tables import write_table
 
 GOOD = "a,b,x,y\n0.1,0.2,1,2\n0.2,0.4,3,4\n0.3,0.1,5,6\n"
 MODEL = b"9" * 8 + b'{"__metadata__":{"calib":"{}"}}'
@@ -228,7 +228,7 @@ def test_locked_joints_are_the_medians_of_their_columns(tmp_path, run):
     def trained(wrist, *more, factor=1.0):
         x = three.forward(np.column_stack([q[:, :2], wrist]))
         columns = np.column_stack([factor * q[:, :2], factor * wrist, x]).T
-        write_table(path, dict(zip(["shoulder", "elbow", "w", "x", "y"], columns, strict=True)))
+        write_columns(path, dict(zip(["shoulder", "elbow", "w", "x", "y"], columns, strict=True)))
         return run(*words, "--columns", "wrist=w", *more)
 
     wrist = np.full(200, 0.25)
@@ -316,7 +316,7 @@ def posed(tmp_path):
     def write(positions=x, **more):
         names = (*SPATIAL.joint_names, *"xyz")
         columns = dict(zip(names, np.hstack([q, positions]).T, strict=True))
-        write_table(tmp_path / "log.csv", columns | more)
+        write_columns(tmp_path / "log.csv", columns | more)
         return tmp_path / "log.csv"
 
     return write, x, turns
@@ -364,7 +364,7 @@ def test_without_an_arm_positions_in_a_plane_are_planar_unless_an_arm_is_in_spac
     assert log.plane is not None
     np.testing.assert_allclose(read_log(path, joints=names, outputs=3).x, x * (1, 1, 1e-4))
     path.write_text(path.read_text().replace("x,y,z", "x,y,height"))
-    refused(LogError, "x and y alone", read_log, path, joints=names, outputs=3)
+    refused(LogError, "two coordinates", read_log, path, joints=names, outputs=3)
 
 
 def test_of_a_very_long_log_evenly_spread_rows_are_held(tmp_path, arm):

@@ -75,18 +75,28 @@ def test_a_second_sensor_helps_the_first_and_both_bounds_hold(logs, two):
         assert np.mean(miss(seen, truth) <= seen.model_error(q)) > 0.9
 
 
-def test_two_sensors_see_a_planar_arm_from_both_sides():
+def test_two_sensors_see_a_planar_arm_from_both_sides_in_units_of_their_own(run, tmp_path):
     arm, rng, rows = calib.load_arm("two_link"), np.random.default_rng(0), []
-    sides = (("front", 1.0), ("back", -1.0))
-    for name, mirror in sides:
+    sides = (("front", "m", np.ones(2)), ("back", "mm", np.array([1e3, -1e3])))
+    for name, unit, axes in sides:
         q = rng.uniform(arm.lower, arm.upper, (40, 2))
-        z = arm.forward(q) * (1.0, mirror) + (0.1, mirror) + rng.normal(0.0, NOISE / 2, (40, 2))
-        rows.append(log_of(arm, q, z, sensor=name))
+        z = axes * (arm.forward(q) + 0.1 + rng.normal(0.0, NOISE / 2, (40, 2)))
+        rows.append(log_of(arm, q, z, sensor=name, unit=unit))
     both = calib.train(rows, size=3)
     fresh = rng.uniform(arm.lower, arm.upper, (100, 2))
-    for name, mirror in sides:
-        missed = both.by(name).forward(fresh) - arm.forward(fresh) * (1.0, mirror) - (0.1, mirror)
+    for name, _, axes in sides:
+        missed = both.by(name).forward(fresh) / axes - arm.forward(fresh) - 0.1
         assert np.linalg.norm(missed, axis=1).max() < 1e-4
+    both.save(tmp_path / "both.calib")
+    calib.write_log(replace(rows[1], x=np.add(rows[1].x, (5.0, 0.0))), tmp_path / "back.csv")
+    words = (tmp_path / "both.calib", "--data", tmp_path / "back.csv", "--json")
+    document = run.done("adapt", *words).document
+    assert document["unit"] == run("recognise", *words).document["unit"] == "mm"
+    assert 4.0 < document["before"]["mean"] < 6.0
+    front = calib.load(document["model"])
+    (event,), (of_back,) = front.history, front.by("back").history
+    assert of_back["frame"] is not None
+    assert {"frame", "before", "after"}.isdisjoint(event)
 
 
 def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused(logs):

@@ -32,8 +32,12 @@ def _changes(study: Study) -> str:
         start = f"{verdict.words.capitalize()}: "
         words = list(verdict.explanations)
     elif history:
+        event = history[-1]
+        sensor = clipped(event.get("sensor", ""))
         start = "Since it was learned: "
-        words = [str(change["words"]) for change in history[-1]["changed"]]
+        if sensor:
+            start = f"Since it was learned, by {sensor}: "
+        words = [str(change["words"]) for change in event["changed"]]
         # the model's own intervals follow below: those of the log are wider
         words = [re.sub(r" ± [\d.]+", "", text) for text in words]
     else:
