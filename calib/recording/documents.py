@@ -24,8 +24,14 @@ def parse_document(text: str) -> Json:
     yaml = package("yaml")
     # 1e-5 is a word in YAML
     text = re.sub(r"(?<![\w.])(\d+)(e[-+]\d+)\b", r"\1.0\2", text)
+    text = re.sub(_OF_OPENCV, "", text)
     try:
-        documents = [*yaml.safe_load_all(re.sub(_OF_OPENCV, "", text))]
+        # they may repeat without end
+        if any(
+            isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)
+        ):
+            raise ValueError("no YAML without aliases")
+        documents = [*yaml.safe_load_all(text)]
     except yaml.YAMLError as error:
         raise ValueError(f"no YAML: {error}") from None
     # several are messages that ROS echoed

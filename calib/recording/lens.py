@@ -184,6 +184,18 @@ def lens_of_model(model: Model) -> Lens:
         ) from None
 
 
+def refuse_size(lens: Lens | None, size: tuple[int, int], what: str) -> None:
+    """Refuse pictures of another size (width, height) than the lens's."""
+    if lens is None or tuple(lens.size) in (size, UNSTATED):
+        return
+    raise LogError(
+        "{} is {}x{}, the lens was calibrated with {}x{}: expected the lens of this camera at this "
+        "size; leave `lens` out to have it fitted".format(
+            what, *size, *lens.size
+        )
+    )
+
+
 def load_lens(
     path: FilePath,
     board: Pattern | None = None,

@@ -205,7 +205,8 @@ def _text(label: str, text: str) -> FlangeTable:
     table = _named_columns([*above[-1:], *lines]) or _named_columns(lines)
     rows = [re.findall(_NUMBER, line) for line in lines]
     names = [re.sub(_NUMBER, "", line).strip(" ,;\t") for line in lines]
-    if table or not rows or (names[0] and len(rows[0]) < 4):
+    is_named = names[0] or not text
+    if table or (is_named and len(rows[0]) < 4):
         return _table(parse_source((table or text).encode(), label))
     words = sorted({re.sub(r"\d", "", name) for name in names})
     pictures = None
@@ -335,8 +336,8 @@ def _as_rows(numbers: Array) -> Array:
     elif numbers.ndim == 2 and numbers.shape[1] == 4:
         height = 3 if len(numbers) % 4 else 4
         numbers = numbers.reshape(-1, height, 4)
-    if numbers.ndim == 1:
-        return numbers[None]
+    if numbers.ndim < 2 or not numbers.size:
+        return numbers.reshape(1, -1)
     rows = numbers.reshape(len(numbers), -1)
     is_index = (np.diff(rows[:, 0]) > 0.0).all()
     if len(rows[0]) == 7:  # others are checked by their turns

@@ -236,8 +236,8 @@ TEXTS = {
     "saved.txt": "# qx [1] qy [1] qz [1] qw [1] x [m] y [m] z [m]\n0 0 0.6 0.8 0.1 0.2 0.3\n"
     "0.6 0 0.8 0 0.2 0.1 0.3",
     "blanks.txt": "qx qy qz qw x y z\n0 0 0.6 0.8 0.1 0.2 0.3\n0.6 0 0.8 0 0.2 0.1 0.3",
-    "hand_and_board.yaml": "- robot: &a\n    translation: {{x: 1e-1, y: 0.2, z: 0.3}}\n"
-    "    rotation: {{x: 0, y: 0, z: 0.6, w: 0.8}}\n  optical: *a\n- optical: *a\n  robot:\n"
+    "hand_and_board.yaml": "- robot:\n    translation: {{x: 1e-1, y: 0.2, z: 0.3}}\n"
+    "    rotation: {{x: 0, y: 0, z: 0.6, w: 0.8}}\n- optical: [1, 0, 0, 0, 0, 0]\n  robot:\n"
     "    translation: [0.2, 0.1, 0.3]\n    rotation: [0.6, 0, 0.8, 0]",
     "echo.yaml": "pose:\n  position: {{x: 0.1, y: 0.2, z: 0.3}}\n"
     "  orientation: {{x: 0, y: 0, z: 0.6, w: 0.8}}\n---\npose:\n"
@@ -266,6 +266,8 @@ def test_tables_of_other_columns_and_of_other_numbers_are_refused_in_one_line(tm
         ("x;y;z;A;B;C", "1,5;2.5;3,5;4;5;6", "decimals with a point"),
         ("h_x,h_y,h_z,h_rx,h_ry,h_rz,e_x,e_y,e_z", "1,2,3,4,5,6,7,8,9", "of one pose.*drop h_x"),
         ("[1, [2]]", "", "flange.csv holds no poses"),
+        ("", "", "flange.csv is empty"),
+        ("[[]]", "", "flange.csv holds no poses"),
         ("hand,1,2,3,4,5,6", "eye,1,2,3,4,5,6", "by the words eye, hand"),
         ("tcp: [1,2,3,4,5,6]", "tool: [1,2,3,4,5,6]", "several poses, tcp, tool: keep one"),
         ("1.5,2,3,4,5,6,7", "1.7,2,3,4,5,6,7", "no poses"),  # a time, or no quaternion
@@ -381,3 +383,5 @@ def test_lenses_of_others_are_read(tmp_path, name):
     nan = "NaN" if "json" in name else ".nan"
     (tmp_path / name).write_text(re.sub(r"501\.?", nan, (LENSES / name).read_text()))
     refused(LogError, "finite", load_lens, tmp_path / name)
+    (tmp_path / name).write_text("&all [*all]")
+    refused(LogError, "no lens .no YAML without aliases", load_lens, tmp_path / name)
