@@ -239,7 +239,8 @@ class Search:
         for name in self.cause_sets.keys() - self.single_names:
             tried += self.candidates_of((name,))
         beam = [best]
-        for _ in range(SEARCH.causes):
+        # two may cancel: a joint's zero and its gain, in the part of its range that the log shows
+        for count in range(1, SEARCH.causes + 1):
             longer = {
                 tuple(sorted((*shorter.causes, name)))
                 for shorter, name in product(beam, self.single_names)
@@ -249,10 +250,10 @@ class Search:
             tried += chain(*sets)
             beam = sorted((first for first, *_ in sets), key=_order)
             beam = beam[: SEARCH.beam]
-            least = best.evidence + SEARCH.nats_better
-            if not beam or beam[0].evidence < least:
+            if beam and beam[0].evidence >= best.evidence + SEARCH.nats_better:
+                best = beam[0]
+            elif not beam or count > 1:
                 break
-            best = beam[0]
         tried.sort(key=_order)
         least = tried[0].evidence - SEARCH.nats_near
         near = [candidate for candidate in tried if candidate.evidence > least]

@@ -84,6 +84,27 @@ def test_a_slide_that_was_set_anew_is_off_by_a_length(seed):
     assert cause.interval[0] < 0.003 < cause.interval[1]
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_zero_and_a_gain_that_nearly_cancel_are_both_named(seed):
+    """Neither alone explains anything: they passed for waves of the joints."""
+    lower, upper = np.append(ARM.lower[:2], -2.2), np.append(ARM.upper[:2], -0.8)
+
+    def log(n, seed, gain, zero):
+        rng = np.random.default_rng(seed)
+        q = rng.uniform(lower, upper, (n, 3))
+        x = ARM.forward(q * (1.0, 1.0, gain) + (0.0, 0.0, zero))
+        return models.log_of(ARM, q, x + rng.normal(0.0, 1e-4, x.shape))
+
+    model = calib.train(log(20, seed, 1.0, 0.0), size=4)
+    causes = {
+        c.cause: c.interval for c in calib.check(model, log(40, seed + 10, 1.01, 0.015)).causes
+    }
+    low, high = causes["gain:elbow"]
+    assert low < 0.01 < high
+    low, high = causes["offset:elbow"]
+    assert low < 0.015 < high
+
+
 def test_a_tracker_that_stands_elsewhere_is_told_by_its_turn_and_its_shift():
     model = calib.train(log_of(0), size=6, motor_size=6)
     elsewhere = {"turn": np.eye(3), "shift": (0.0, 3.0, 0.0)}
