@@ -281,7 +281,9 @@ BOARD = (
 BoardSpec = Annotated[str | None, value("--board BOARD", BOARD)]
 LensFile = Annotated[
     str | None,
-    value("--lens SHOTS|lens.json", "Pictures of a board, or a model."),
+    value(
+        "--lens SHOTS|lens.json", "Pictures of a board, a lens file or a model."
+    ),
 ]
 TagNumber = Annotated[
     int | None, value("--tag ID", "The tip's tag.", parsing.whole(0))
@@ -291,10 +293,11 @@ TagTable = Annotated[
 ]
 TagSize = Annotated[
     str | None,
-    value("--tag-size 40mm", "Of the tip's: its pose in space, too."),
+    value("--tag-size 40mm", "Side of the tip's tag, to measure its pose."),
 ]
 TagHeight = Annotated[
-    str | None, value("--tag-height 25mm", "Of the tip's, above the desk.")
+    str | None,
+    value("--tag-height 25mm", "Height of the tip's tag above the desk."),
 ]
 SeenPicture = Annotated[
     str | None, value("--picture seen.png", "Draw what was seen on a photo.")

@@ -187,22 +187,21 @@ class Desk:
         x, y = np.meshgrid(np.linspace(-1, 1, w), np.linspace(-1, 1, h))
         return (0.92 + 0.1 * x - 0.06 * y - 0.1 * (x**2 + y**2)).astype(np.float32)
 
-    def _rays(self, low: Array, high: Array, step: int = 1) -> Array:
-        """Directions (rows, columns, 3) of every so many pixels of a part of the picture."""
-        x, y = (np.arange(a, b, step) for a, b in zip(low, high, strict=True))
-        return self.camera.rays(np.stack(np.meshgrid(x, y), -1))
+    @cached_property
+    def _rays(self) -> Array:
+        w, h = self.camera.size
+        return self.camera.rays(np.stack(np.meshgrid(np.arange(w), np.arange(h)), -1))
 
     @cached_property
     def _background(self) -> NDArray[np.float32]:
         w, h = self.camera.size
-        rays = self._rays((0, 0), (w, h), 2)
-        far = self.camera.position[2] / np.maximum(-rays[..., 2], 1e-3)
-        x, y = (self.camera.position[k] + far * rays[..., k] for k in (0, 1))
+        far = self.camera.position[2] / np.maximum(-self._rays[..., 2], 1e-3)
+        x, y = (self.camera.position[k] + far * self._rays[..., k] for k in (0, 1))
         rng = np.random.default_rng(self.seed)
         coarse = rng.normal(0, 1, (h // 6, w // 6))
         grain = cv2.resize(coarse, (w, h), interpolation=cv2.INTER_CUBIC)
         wood = 12 * np.sin(60 * y + 3 * np.sin(7 * x)) + 5 * np.sin(400 * y + 9 * np.sin(11 * x))
-        scene = (150 + cv2.resize(wood, (w, h)) + 6 * grain).astype(np.float32)
+        scene = (150 + wood + 6 * grain).astype(np.float32)
         for sticker in self.still:
             self._paint_sticker(scene, sticker)
         return scene
@@ -215,7 +214,7 @@ class Desk:
             return
         (x0, y0), (x1, y1) = low, high
         turn, at = sticker.frame
-        rays = self._rays(low, high) @ turn
+        rays = self._rays[y0:y1, x0:x1] @ turn
         start = (np.array(self.camera.position) - at) @ turn
         p = start[:2] - start[2] / rays[..., 2:] * rays[..., :2]
         places = ((p * (1.0, -1.0) + sticker.half) / sticker.cell - 0.5).astype(np.float32)

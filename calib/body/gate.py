@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -25,10 +26,13 @@ class Member:
     name: str
     free: tuple[str, ...]  # blocks
     fit: Fit
-    # (b,), negative log density of each block of rows by the others
-    scores: Array
     # nats of evidence against joint curves; 0 where they were not tried
     against_curves: float = 0.0
+
+    @cached_property
+    def scores(self) -> Array:
+        """Negative log density (b,) of each block of rows by the others."""
+        return block_scores(self.fit)
 
 
 def pass_gate(
@@ -91,7 +95,7 @@ def _member_of(
             # exact rows may be far along a curved valley, such as that of a lens
             fit.settle(60)
             fit.maximise(steps=20, tolerance=1e-3)
-        return Member(name, free, fit, block_scores(fit))
+        return Member(name, free, fit)
     except np.linalg.LinAlgError:
         return None
 
@@ -104,8 +108,13 @@ def _wins(richer: Member, simpler: Member) -> bool:
     are too noisy to decide alone; the evidence alone trusts the noise model too much.  Correlated
     residuals count once for their autocorrelation time.
     """
-    has_new = np.isfinite(richer.scores)
+    evidence = richer.fit.evidence - simpler.fit.evidence
+    evidence /= richer.fit.autocorrelation
     has_old = np.isfinite(simpler.scores)
+    # the scores of richer members, which are not needed then, take half of the time
+    if evidence <= 0 and has_old.any():
+        return False
+    has_new = np.isfinite(richer.scores)
     if has_new.sum() < has_old.sum():
         return False
     gains = simpler.scores - richer.scores
@@ -113,8 +122,6 @@ def _wins(richer: Member, simpler: Member) -> bool:
     if not len(gains):
         return bool(has_new.any())
     gain = gains.mean()
-    evidence = richer.fit.evidence - simpler.fit.evidence
-    evidence /= richer.fit.autocorrelation
     if gain <= 0 or evidence <= 0:
         return False
     error = np.inf

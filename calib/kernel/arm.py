@@ -6,7 +6,7 @@ by a depth, a lens: a homography is a camera whose picture is the plane.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -183,12 +183,14 @@ class KernelArm:
     bias: Array  # (m,)
     view: Array  # (3, 3), the sensor sees view @ tip + shift
     shift: Array  # (3,)
-    aim: Array  # (3, 3), orientation of the sensor
     outputs: int  # coordinates of a position: 2 or 3
     # (4,), focal length, centre, k1; None where nothing is divided by a depth
     lens: Array | None
-    curves: Array  # (dof, 96), or (0, 96) where there are none
+    curves: Array  # (dof, 96)
     sag: Sag | None = None
+    # of the frame of poses: how it turns the root, and where it puts it [m]
+    turn: Array = field(default_factory=lambda: np.eye(3))
+    place: Array = field(default_factory=lambda: np.zeros(3))
 
     @staticmethod
     def of(structure: Structure, beta: Array) -> KernelArm:
@@ -215,7 +217,7 @@ class KernelArm:
             deviations=Deviations.none(chain.joints),
             mix=chain.coupling,
             bias=chain.bias,
-            curves=self.curves[:0],
+            curves=np.zeros_like(self.curves),
             sag=None,
         )
 
@@ -280,13 +282,13 @@ def _along(axes: Array, moves: Array) -> Array:
 
 
 def _curves(structure: Structure, beta: Array) -> Array:
-    """Curves (dof, 96) of all joints; (0, 96) where there are none."""
+    """Curves (dof, 96) of all joints."""
     out = np.zeros((structure.dof, 2 * HARMONICS))
     for k in range(structure.dof):
         curve = structure.groups[f"curve.{k}"]
         if len(curve):
             out[k] = beta[curve]
-    return out if out.any() else out[:0]
+    return out
 
 
 def _spatial(structure: SpatialStructure, beta: Array) -> KernelArm:
@@ -305,7 +307,6 @@ def _spatial(structure: SpatialStructure, beta: Array) -> KernelArm:
         bias=chain.bias + chain.coupling @ beta[groups["offset"]],
         view=sensor.matrix[:, :3],
         shift=sensor.shift,
-        aim=sensor.rotation,
         outputs=min(structure.outputs, 3),
         lens=sensor.lens,
         curves=_curves(structure, beta),
@@ -349,7 +350,6 @@ def _planar(structure: PlanarStructure, beta: Array) -> KernelArm:
         bias=np.where(revolute, offset, 0.0),
         view=view[:, :3],
         shift=view[:, 3],
-        aim=np.eye(3),
         outputs=2,
         lens=sensor.lens,
         curves=_curves(structure, beta),

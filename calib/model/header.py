@@ -135,10 +135,11 @@ class Header:
 def _arm(name: str, arm: KernelArm, single: bool) -> str:
     """The constant of one arm."""
     frames = arm.frames
-    before = np.concatenate([np.eye(3)[None], frames.axes[:-1]])
-    sides = np.swapaxes(before, 1, 2) @ frames.sides
+    before = np.concatenate([arm.turn.T[None], frames.axes[:-1]])
+    axes = np.swapaxes(frames.sides, 1, 2) @ before
     strides = np.einsum("ni,nij->nj", frames.strides, before)
-    numbers = (arm.mix, arm.bias, strides, sides.reshape(-1, 9))
+    strides[0] += arm.place
+    numbers = (arm.mix, arm.bias, strides, axes.reshape(-1, 9))
     rows = [braces(np.asarray(part, dtype=float), single) for part in numbers]
-    listed = ",\n".join([*rows, str(int(arm.bends))])
+    listed = ",\n".join(rows)
     return f"static const calib_arm {name} = {{\n{listed}}};\n"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +58,7 @@ class Section:
 SETTINGS: Words = {
     **asdict(SOLVER),
     **asdict(MOST),
-    "rounded": -float(ROUNDED),
+    "rounded": float(ROUNDED),
     "rounding": ROUNDING,
 }
 """Words of every source."""
@@ -90,15 +90,8 @@ def body_arm(arm: KernelArm) -> Section:
     arms = {"body": arm}
     if arm.lens is not None:
         tables["lens"] = arm.lens
-    if len(arm.curves):
-        waves = arm.curves.reshape(-1, 2, HARMONICS)
-        order = np.arange(1.0, HARMONICS + 1)
-        cosines = waves[:, 0]
-        sines = waves[:, 1]
-        rates = [order * sines, -order * cosines]
-        tables["curve"] = np.vstack([cosines, sines]).T
-        tables["curve_rate"] = np.vstack(rates).T
-        tables["coupling"] = arm.chain.coupling
+    if arm.curves.any():
+        tables |= _curves(arm)
     if arm.sag is not None and arm.sag.elastic.any():
         tables |= _sag(arm.sag)
         arms["drawn"] = arm.drawn
@@ -107,11 +100,26 @@ def body_arm(arm: KernelArm) -> Section:
         "out": arm.outputs,
         "chain": arm.chain.joints,
         "harmonics": HARMONICS,
+        "bends": int(arm.bends),
         "lever": max(length, 1e-9),
         "least_depth": LEAST_DEPTH,
         "step_cost": SOLVER.bent_steps if arm.bends else 1,
     }
     return Section(tables, words, arms)
+
+
+def _curves(arm: KernelArm) -> Tables:
+    """The error curves of the joints of an arm, and how these move those of the chain."""
+    waves = arm.curves.reshape(-1, 2, HARMONICS)
+    order = np.arange(1.0, HARMONICS + 1)
+    cosines = waves[:, 0]
+    sines = waves[:, 1]
+    rates = [order * sines, -order * cosines]
+    return {
+        "curve": np.vstack([cosines, sines]).T,
+        "curve_rate": np.vstack(rates).T,
+        "coupling": arm.chain.coupling,
+    }
 
 
 def _sag(sag: Sag) -> Tables:
@@ -131,9 +139,9 @@ def placed_arm(model: Parts, arm: KernelArm) -> list[Section]:
     if placed.chain.joints != arm.chain.joints:
         return []
     rotation, shift, scale = space.sensor
-    tables = {"aim": rotation.ravel(), "origin": shift}
+    placed = replace(placed, turn=rotation, place=shift / scale)
     words = {"placed": True, "scale": scale}
-    return [Section(tables, words, {"placed": placed})]
+    return [Section(words=words, arms={"placed": placed})]
 
 
 def motor_nodes(model: Parts) -> Section:
@@ -173,18 +181,22 @@ def belief(posterior: CompactPosterior, *, noise: bool) -> Section:
         }
         arms["drawn"] = arm.drawn
     if posterior.curves.any():
+        tables |= _curves(arm)
         waves = posterior.curves.reshape(
             len(posterior.curves), 2, HARMONICS, -1
         )
         tables["by_wave"] = waves
         tables["alone"] = posterior.alone
-    for name, part in posterior.geometry.items():
-        tables[f"by_{name}"] = part.reshape(len(part), -1)
+    geometry = posterior.geometry
+    parts = np.concatenate(list(geometry.values()))
+    tables["by_part"] = parts.reshape(len(parts), -1)
+    seen = len(geometry["view"]) + len(geometry.get("lens", ()))
     tables["coupling"] = arm.chain.coupling
     words = {
         "beliefs": len(posterior.scale),
         "ways": posterior.curves.shape[-1],
         "loads": loads,
+        "parts": len(parts) - seen,
         "knots": COMPACT.knots,
         "normal": NORMAL_95,
     }

@@ -3,6 +3,7 @@
 Hand-eye (camera and board from pictures and motions), in the order of the flow:
     handeye           the call that runs all below
     motion_tables     joints from a table, and the picture of each row
+    documents         JSON and YAML
     pose_files        flange poses from tables, matrices, lists, JSON, NumPy
     board             patterns, and their corners in a picture
     board_pictures    the pictures that show a board

@@ -252,7 +252,7 @@ class RigFit:
         points = self.problem.views[0].board.points()
         places = self.problem.bundle.layout.shapes[0]
         *bends, size = self.fit.unknowns.values[places]
-        bent = points + shape_slopes(points, points) @ bends
+        bent = points + shape_slopes(points) @ bends
         corners: Array = np.exp(size) * bent
         return corners
 

@@ -31,7 +31,7 @@ _POSITIONS = tuple(
 )
 _TF = "tf2_msgs/msg/TFMessage"
 _SAME = 1e-9  # turns [rad] and lengths [m] below which a transform is the same
-UNSURE = "stamps are taken as they are: the motion does not tell whether the clocks agree"
+UNSURE = "stamps are taken as they are: the motion does not show whether the clocks agree"
 
 # [s], offsets below which stamps are left: training estimates the rest
 _IN_TIME = 0.005

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import TypeVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from ..model.about import About
 from ..model.model import Model
 from ..samples.lens import Lens
 from ..samples.samples import Samples
+from ..samples.tables import Source
 from .board import LEAST_CORNERS, Chessboard, Pattern, parse_board
 from .lens import calibrate_lens, lens_of_model
 from .lerobot import is_dataset, read_dataset
@@ -40,7 +42,7 @@ _REFOCUSED = 0.02
 
 _P = TypeVar("_P", bound="BoardPictures")
 
-Source = FilePath | Sequence[Picture]
+Shots = FilePath | Sequence[Picture]
 """A folder or pattern of pictures, a LeRobotDataset, or grey pictures (height, width)."""
 
 
@@ -61,12 +63,6 @@ class BoardPictures:
     # whether corners are those of boards' poses, which no camera took
     is_of_poses: bool = False
 
-    @property
-    def points(self) -> list[Array]:
-        """The corners that each picture shows (n, 3), in OpenCV's frame of the board [m]."""
-        world = self.board.points()
-        return [world[list(shown)] for shown in self.corners]
-
     def turned(self: _P, others: Mask) -> _P:
         """The pictures with the board of some (p,) numbered from its other end."""
         last = len(self.board.points()) - 1
@@ -79,9 +75,11 @@ class BoardPictures:
 
     def poses(self, lens: Lens) -> list[Pose]:
         """Where the board is before the camera in each picture."""
-        places = [np.array([*shown.values()]) for shown in self.corners]
-        pairs = zip(self.points, places, strict=True)
-        return [find_pose(lens, points, pixels) for points, pixels in pairs]
+        points = self.board.points()
+        return [
+            find_pose(lens, points[list(shown)], np.array([*shown.values()]))
+            for shown in self.corners
+        ]
 
     def lens(self) -> Lens:
         """The camera's lens, calibrated by the same pictures."""
@@ -159,8 +157,8 @@ def hand_poses(poses: Sequence[Pose], in_hand: bool) -> Array:
 
 
 def find_board(
-    pictures: Source,
-    table: FilePath | JointTable | None,
+    pictures: Shots,
+    table: FilePath | Source | JointTable | None,
     board: Pattern | str | None,
     arm: SpatialArm | About | None = None,
     camera: str | None = None,
@@ -281,14 +279,19 @@ def _instead(looked: Sequence[Picture], board: Pattern) -> str:
         ),
     ]
     if isinstance(board, Chessboard):  # it looks the same turned and mirrored
-        larger = replace(board, columns=columns + 1, rows=rows + 1)
-        words = (
-            f"they show {columns}x{rows} corners, which are {columns + 1}x{rows + 1} squares: "
-            f"give `board={larger.text!r}`"
-        )
-        explanations = [(larger, looked, words)]
+        # corners may have been counted, or a row or column too many or too few
+        explanations = []
+        for across, down in product((1, 0, -1), repeat=2):
+            other = replace(
+                board,
+                columns=max(columns + across, 4),
+                rows=max(rows + down, 4),
+            )
+            words = f"give `board={other.text!r}`, which they show"
+            explanations.append((other, looked, words))
     for pattern, pictures, words in explanations:
-        if any(len(pattern.find(grey)) >= LEAST_CORNERS for grey in pictures):
+        shown = [len(pattern.find(grey)) >= LEAST_CORNERS for grey in pictures]
+        if sum(shown) > len(shown) / 2:
             return words
     return "check the board's columns and rows of squares, its dictionary, that it is in focus"
 

@@ -256,35 +256,21 @@ def flange_before(
     return before_board, adjoint(before_board)
 
 
-def shape_slopes(points: Array, outline: Array) -> Array:
-    """Slopes (N, 3, SHAPE - 1) of a board's points by its heights, stretch and shear.
-
-    points : (N, 3) [m];  outline : (k, 3) [m], all points of the board
-    """
-    low = outline.min(axis=0)
-    high = outline.max(axis=0)
-    diagonal = float(np.linalg.norm(high - low))
-    half = diagonal / 2
-    middle = (low + high) / 2
-
-    def terms(places: Array) -> tuple[Array, Array]:
-        """A plane's terms (k, 3), x, y and 1, and those of heights."""
-        flat = (places - middle) / half
-        x, y, _ = flat.T
-        flat[:, 2] = 1.0
-        heights = [x**i * y**k for i, k in BENDS]
-        return flat, np.column_stack(heights)
-
-    # heights over the plane that fits them, which the board's frame follows
-    outline_plane, outline_heights = terms(outline)
-    level = np.linalg.lstsq(outline_plane, outline_heights, rcond=None)[0]
-    plane, heights = terms(points)
-    bent = heights - plane @ level
-    x, y, _ = half * plane.T
+def shape_slopes(points: Array) -> Array:
+    """Slopes (N, 3, SHAPE - 1) of a board's points (N, 3) [m] by heights, stretch and shear."""
+    low = points.min(axis=0)
+    high = points.max(axis=0)
+    half = float(np.linalg.norm(high - low)) / 2
+    plane = (points - (low + high) / 2) / half
+    x, y, _ = plane.T
+    heights = np.column_stack([x**i * y**k for i, k in BENDS])
+    # over the plane that fits them, which the board's frame follows
+    plane[:, 2] = 1.0
+    level = np.linalg.lstsq(plane, heights, rcond=None)[0]
     slopes = np.zeros((len(points), 3, SHAPE - 1))
-    slopes[:, 2, :-2] = half * bent
-    slopes[:, :2, -2] = np.column_stack([x, -y])
-    slopes[:, :2, -1] = np.column_stack([y, x])
+    slopes[:, 2, :-2] = half * (heights - plane @ level)
+    slopes[:, :2, -2] = half * np.column_stack([x, -y])
+    slopes[:, :2, -1] = half * np.column_stack([y, x])
     return slopes
 
 

@@ -25,9 +25,10 @@ from ..common.choices import EYES, PICTURES, check_choice
 from ..common.parallel import one_blas_thread
 from ..errors import CalibError, OptionError
 from ..samples.lens import Lens
+from ..samples.tables import Source, open_source
 from .answer import solve_rig
 from .board import Pattern, TagGrid
-from .board_pictures import BoardPictures, Source, find_board
+from .board_pictures import BoardPictures, Shots, find_board
 from .lerobot import is_dataset
 from .motion_tables import JointTable
 from .pictures import Picture
@@ -36,7 +37,7 @@ from .problem import problem_of_joints, problem_of_poses
 from .rig import HandEye as HandEye
 from .view import view_of
 
-Pictures = Source | BoardPictures
+Pictures = Shots | BoardPictures
 Eyes = str | Mapping[str, str]
 _T = TypeVar("_T")
 
@@ -44,7 +45,7 @@ _T = TypeVar("_T")
 def handeye(
     arm: Arm | FilePath | None = None,
     pictures: Pictures | Mapping[str, Pictures] | None = None,
-    joints: FilePath | JointTable | None = None,
+    joints: FilePath | Source | JointTable | None = None,
     board: Pattern | str | None = None,
     eye: Eyes = "hand",
     *,
@@ -62,7 +63,8 @@ def handeye(
     pictures : folder, pattern or LeRobotDataset; grey pictures (height, width) themselves; the
         corners that they show; of several cameras a folder with a folder for each, or any of
         these by the cameras' names
-    joints : table of joints, one row for each picture; a dataset brings them
+    joints : table of joints (CSV, Parquet, JSON, or an array of `numpy.save`), one row for each
+        picture; a dataset brings them
     board : ``"10x7:22mm"``, a chessboard of 10x7 squares; ``"7x5:24mm:18mm:5x5_100"``, ChArUco;
         ``"grid:6x6:88mm:26.4mm:t36h11"``, AprilTags
     eye : {"hand", "base"}, or one for each camera: ``{"left": "hand", "right": "base"}``
@@ -91,6 +93,8 @@ def handeye(
     motions: SpatialArm | FlangeTable
     if arm is not None and poses is None:
         motions = drawn = _spatial_arm(arm)
+        if isinstance(joints, (str, os.PathLike)):
+            joints = open_source(joints)  # once: it may be a pipe
     elif poses is not None and arm is None:
         motions = replace(
             _flange_table(poses), unit=unit, rotation=rotation, degrees=degrees

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import os
-import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -19,6 +17,7 @@ from ..common.atomic import FilePath
 from ..errors import LogError, OptionError
 from ..samples.lens import Lens
 from .board import LEAST_CORNERS, Pattern
+from .documents import Json, parse_document, values_of
 from .pictures import list_pictures, one_thread, opencv, read_series
 
 if TYPE_CHECKING:
@@ -32,15 +31,6 @@ WIDTH = "image_width|imageWidth|width"
 HEIGHT = "image_height|imageHeight|height"
 """Keys in YAML or JSON."""
 
-_NUMBER = (
-    r"(?i:[-+]?(?:\.?nan|\.?inf|\d+\.?\d*(?:e[-+]?\d+)?|\.\d+(?:e[-+]?\d+)?))"
-)
-# what stands between a key and its numbers: a type, and the sizes of a matrix
-_ABOUT = (
-    r"[\s{]*(?:!!\S+\s+)?"
-    r"(?:[\"']?(?:rows|cols|dt|type_id)[\"']?:[^\n,]*[\n,]\s*)*"
-    r"(?:[\"']?data[\"']?:)?"
-)
 _FISHEYE = ("equidistant", "fisheye", "kannala")
 _TERMS = 5  # k1, k2, p1, p2, k3
 
@@ -95,8 +85,8 @@ def calibrate_lens(
                 doubt = float(np.sqrt(covariance[0, 0]) / lens.focal[0])
     if not doubt <= _DOUBT or not lens.focal.max() <= 50 * max(size):
         raise LogError(
-            f"the pictures of the board determine the focal length to {100 * doubt:.3g} % only, "
-            "3 % expected: tilt the board this way and that between them"
+            f"the pictures of the board determine the focal length to {min(100 * doubt, 100):.3g} "
+            "% only, 3 % expected: tilt the board this way and that between them"
         )
     return replace(lens, covariance=covariance)
 
@@ -144,23 +134,43 @@ def _covariance(
 
 
 def _lens_of_file(path: Path) -> Lens:
-    """The lens of a file of calib, ROS or OpenCV, or of a model."""
+    """The lens of a file of calib, ROS or OpenCV, or of a model.
+
+    Raises LogError where it has none, where numbers are not finite, or where the lens is of
+    another kind.
+    """
     if path.suffix == ".calib":
         from ..model_file.loading import load
 
         return lens_of_model(load(path))
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
+        document = parse_document(text)
+        if "calib lens" in values_of(document, "kind"):
+            return Lens.from_json(document)
+        matrix = _numbers(document, MATRIX).reshape(3, 3)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        reason = str(error).partition("\n")[0]
         raise LogError(
-            f"{path} is no lens ({error}): expected a file of one"
+            f"{path} is no lens ({reason}): expected calib's lens.json, ROS's camera_info, or "
+            "OpenCV's cameraMatrix and distCoeffs, in YAML or JSON, or pictures of the board"
         ) from None
-    if '"calib lens"' not in text:
-        return _lens_of_text(text, str(path))
-    try:
-        return Lens.from_json(json.loads(text))
-    except (ValueError, KeyError, TypeError) as error:
-        raise LogError(f"{path} is no lens: {error}") from None
+    bent = _numbers(document, DISTORTION)
+    focal = np.diag(matrix)[:2]
+    numbers = np.append(matrix, bent)
+    if not np.isfinite(numbers).all() or not focal.min() > 0.0:
+        raise LogError(
+            f"{path}: focal lengths {focal.tolist()}, distortion {bent.tolist()}: expected finite "
+            "numbers and focal lengths above zero"
+        )
+    if any(word in text.lower() for word in _FISHEYE) or bent[_TERMS:].any():
+        raise LogError(
+            f"{path} is a fisheye or rational lens ({len(bent)} terms): expected up to five, k1, "
+            "k2, p1, p2, k3; leave the lens out to have it fitted"
+        )
+    sides = np.append(_numbers(document, WIDTH), _numbers(document, HEIGHT))
+    size = (int(sides[0]), int(sides[1])) if len(sides) == 2 else UNSTATED
+    return Lens.of(size, _parameters(matrix, bent))
 
 
 def lens_of_model(model: Model) -> Lens:
@@ -172,6 +182,18 @@ def lens_of_model(model: Model) -> Lens:
         raise LogError(
             "the model is not of pictures of a board: expected one that calib handeye -o wrote"
         ) from None
+
+
+def refuse_size(lens: Lens | None, size: tuple[int, int], what: str) -> None:
+    """Refuse pictures of another size (width, height) than the lens's."""
+    if lens is None or tuple(lens.size) in (size, UNSTATED):
+        return
+    raise LogError(
+        "{} is {}x{}, the lens was calibrated with {}x{}: expected the lens of this camera at this "
+        "size; leave `lens` out to have it fitted".format(
+            what, *size, *lens.size
+        )
+    )
 
 
 def load_lens(
@@ -204,50 +226,24 @@ def load_lens(
         f"places by {lens.rms:.2f} px rms"
     )
     if output is not None:
+        other = _lens_of_file(Path(output)) if Path(output).exists() else lens
+        if other.parameters.tolist() != lens.parameters.tolist():
+            raise LogError(
+                f"{output} is there already, of another focal length ({other.focal[0]:.1f} px, "
+                f"not {lens.focal[0]:.1f})",
+                hint="give it as `lens`, or move it away",
+            )
         lens.save(output)
         notes.append(f"lens written to {os.fspath(output)}")
     return lens, tuple(notes)
 
 
-def _lens_of_text(text: str, label: str) -> Lens:
-    """The lens of a YAML or JSON text.
-
-    Raises LogError in one line where it has none, where numbers are not finite, or where the lens
-    is of another kind.
-    """
-    matrix = _numbers(text, MATRIX)
-    bent = _numbers(text, DISTORTION)
-    if len(matrix) != 9:
-        raise LogError(
-            f"{label} is no lens: expected calib's lens.json, ROS's camera_info, or OpenCV's "
-            "cameraMatrix and distCoeffs, in YAML or JSON, or pictures of the board"
-        )
-    if not np.isfinite([*matrix, *bent]).all() or min(matrix[[0, 4]]) <= 0.0:
-        raise LogError(
-            f"{label}: focal lengths {matrix[0]:g} and {matrix[4]:g}, distortion "
-            f"{bent.tolist()}: expected finite numbers and focal lengths above zero"
-        )
-    if any(word in text.lower() for word in _FISHEYE) or bent[_TERMS:].any():
-        raise LogError(
-            f"{label} is a fisheye or rational lens ({len(bent)} terms): expected up to five, k1, "
-            "k2, p1, p2, k3; leave the lens out to have it fitted"
-        )
-    sides = np.append(_numbers(text, WIDTH), _numbers(text, HEIGHT))
-    size = (int(sides[0]), int(sides[1])) if len(sides) == 2 else UNSTATED
-    return Lens.of(size, _parameters(matrix.reshape(3, 3), bent))
-
-
-def _numbers(text: str, keys: str) -> Array:
+def _numbers(document: Json, keys: str) -> Array:
     """The numbers under the first of some keys, in order; none where no key is there."""
     for key in keys.split("|"):
-        block = re.search(
-            rf"(?<!\w)[\"']?{key}[\"']?\s*:{_ABOUT}((?:{_NUMBER}|[\s\[\],.]|-\s)*)",
-            text,
-        )
-        if block is not None:
-            words = re.findall(_NUMBER, block[1].lower())
-            # YAML writes .nan and .inf
-            return np.array(
-                [w.replace(".n", "n").replace(".i", "i") for w in words], float
-            )
+        for value in values_of(document, key):
+            if isinstance(value, dict):
+                value = value.get("data")
+            with suppress(TypeError, ValueError):
+                return np.array(value, float).ravel()
     return np.zeros(0)

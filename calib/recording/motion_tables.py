@@ -15,7 +15,7 @@ from ..common.rows import finite_rows
 from ..common.wording import listing
 from ..errors import LogError
 from ..samples.header import name_and_unit
-from ..samples.tables import Source, open_source
+from ..samples.tables import UNNAMED, Source, open_source
 from .pictures import Shot, list_pictures, read_series
 
 _OTHERS = r"picture|time|timestamp|episode|q?[xyz]|qw"
@@ -52,7 +52,7 @@ class JointTable:
 
 
 def read_joints(
-    path: FilePath,
+    path: FilePath | Source,
     joints: Sequence[str] | None = None,
     *,
     degrees: bool = False,
@@ -60,11 +60,16 @@ def read_joints(
 ) -> JointTable:
     """Read a table of joints; a column `time` [s], or one of pictures, assigns the rows.
 
-    joints : the joints' columns; all columns of numbers but those if not given
+    joints : the joints' columns; all columns of numbers but those if not given; or names of the
+        columns of an array, or of lists in JSON, which have none
     degrees, prismatic : whether joints that turn are in degrees, and which slide [m]
     Raises LogError if there are no joints, or they look like degrees without a declaration.
     """
     source = open_source(path)
+    unnamed = [name for name in source.header if name.startswith(UNNAMED)]
+    if joints is not None and len(joints) == len(unnamed):
+        new = dict(zip(unnamed, joints, strict=True))
+        source = replace(source, table=source.table.rename(new))
     names = tuple(joint_columns(source.header) if joints is None else joints)
     if joints is None:
         is_number = np.isfinite(source.numbers(names)[0]).any(axis=0)

@@ -90,7 +90,11 @@ def notes_of(
         notes += _size(rig)
         notes += _lenses(problem, fit)
     arm = problem.arm
-    notes += _nearness(rig) if arm is None else _arm(problem, arm, fit, rig)
+    hand, base = rig.distances
+    if arm is not None:
+        notes += _arm(problem, arm, fit, rig)
+    elif rig.eye_is_doubtful or hand > max(base, NOTE_LIMITS.near):
+        notes.append(rig.eye_doubt)
     return tuple(notes)
 
 
@@ -102,7 +106,7 @@ def _contradicting(rig: HandEye, agreeing: Mask) -> Iterator[str]:
     is_end = count > 1 and not agreeing[-count:].any()
     where = f"from {names[0]} on" if is_end else "in them"
     yield (
-        f"{len(names)} pictures contradict the others and are left out ({listing(names)}): {where} "
+        f"pictures contradict the others and are left out ({listing(names)}): {where} "
         "camera or board was moved, the camera refocused or zoomed, or the joints or poses are "
         "not theirs"
     )
@@ -120,7 +124,7 @@ def _open(rig: HandEye, agreeing: Mask) -> Iterator[str]:
         f"what is in the hand is open along {_direction(directions[:, -1])} of the flange, to "
         f"± {two_digits(half)} mm: "
         f"the hand turns by {first} deg about one axis, by {second} and {third} about the others. "
-        f"Two poses more tell it: turned by 30 deg about {_direction(axes[1])} and about "
+        f"Two poses more determine it: turned by 30 deg about {_direction(axes[1])} and about "
         f"{_direction(axes[2])} of the flange"
     )
 
@@ -175,7 +179,7 @@ def _lenses(problem: Problem, fit: CornerFit) -> Iterator[str]:
         if corner > NOTE_LIMITS.corner:
             yield (
                 f"{view.name}: corners are off by {two_digits(corner)} px, whatever lens and board "
-                "are: blurred pictures, or a lens that bends more than five terms say (fisheye), "
+                "are: blurred pictures, or a lens that five terms do not describe (fisheye), "
                 "of which the intervals know nothing"
             )
         elif focus > NOTE_LIMITS.focus:
@@ -191,23 +195,10 @@ def _lenses(problem: Problem, fit: CornerFit) -> Iterator[str]:
         off = focal / given - 1.0
         if abs(off) > NOTE_LIMITS.focal:
             yield (
-                f"the lens that was given has a focal length of {given:.1f} px, the pictures say "
+                f"the lens that was given has a focal length of {given:.1f} px, the pictures show "
                 f"{focal:.1f} ({100 * off:+.2g} %): it is of another camera, or the camera "
-                "refocused or zoomed; what the pictures say is used"
+                "refocused or zoomed; the lens of the pictures is used"
             )
-
-
-def _nearness(rig: HandEye) -> Iterator[str]:
-    """Doubt an eye whose thing in the hand is further off than that at rest."""
-    hand = float(np.linalg.norm(rig.hand["position"]))
-    base = float(np.linalg.norm(rig.base["position"]))
-    if hand > max(base, NOTE_LIMITS.near):
-        other = "base" if rig.eye == "hand" else "hand"
-        yield (
-            f"with eye {rig.eye} what is in the hand is {two_digits(hand)} m from the flange, "
-            f"what stands still {two_digits(base)} m from the base: is it `eye={other!r}`? "
-            "Poses alone do not tell"
-        )
 
 
 def _arm(
@@ -236,8 +227,8 @@ def _arm(
     about = np.degrees(max(rig.hand["rotation_95"]))
     along = 1e3 * max(rig.hand["position_95"])
     yield (
-        f"no picture tells a turn about {first} and a shift along it from where the base stands, "
-        f"nor a turn about {last} and a shift along it from what is in the hand: both joints count "
-        f"as their encoders say. Of a tip that the true {last} carries, the place in the hand is "
+        f"no picture shows a turn about {first} or a shift along it apart from the base's place, "
+        f"nor the same about {last} apart from what is in the hand: both joints are taken from "
+        f"their encoders. Of a tip that the true {last} carries, the place in the hand is "
         f"sure to {two_digits(about)} deg and {two_digits(along)} mm"
     )

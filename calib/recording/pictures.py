@@ -44,7 +44,11 @@ def package(name: str) -> ModuleType:
     try:
         return import_module(name)
     except ImportError:
-        what = {"cv2": "pictures needs OpenCV", "av": "videos needs PyAV"}[name]
+        what = {
+            "cv2": "pictures needs OpenCV",
+            "av": "videos needs PyAV",
+            "yaml": "YAML needs PyYAML",
+        }[name]
         raise LogError(f"reading {what}: {INSTALL.format('camera')}") from None
 
 
@@ -124,27 +128,38 @@ def read_picture(path: FilePath, *, colour: bool = False) -> Picture:
         raise LogError(f"{Path(path).name} {what}") from None
 
 
+def _setting(path: Path, grey: Picture) -> str:
+    """The size of a picture, and how EXIF turns it: 3 is upside down, 6 and 8 are on a side."""
+    from PIL import ExifTags, Image
+
+    height, width = grey.shape
+    with Image.open(path) as image:
+        turn = image.getexif().get(ExifTags.Base.Orientation, 1)
+    size = f"{width}x{height}"
+    return size if turn == 1 else f"{size}, turned by EXIF {turn}"
+
+
 def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[Shot]:
     """Yield the grey pictures of one camera; warn why others are left out.
 
-    Raises LogError if they have several sizes: intrinsics hold for one setting of a camera.
+    Raises LogError if they have several sizes, or EXIF turns some: intrinsics hold for one setting.
     """
-    size: tuple[int, ...] | None = None
+    setting = ""
     for number, path in enumerate(paths):
         try:
             grey = read_picture(path)
         except LogError as error:
             damaged.append(f"{error}; left out")
             continue
-        now = grey.shape[1::-1]
-        if size not in (None, now):
+        now = _setting(path, grey)
+        setting = setting or now
+        if setting != now:
             raise LogError(
-                f"{path.name} is {now[0]}x{now[1]}, the pictures before it {size[0]}x{size[1]}: "
-                "expected one camera with one setting"
+                f"{path.name} is {now}, the pictures before it {setting}: expected one camera with "
+                "one setting, which turns no picture"
             )
-        size = now
         yield number, path.name, grey
-    if size is None:
+    if not setting:
         folder = os.fspath(paths[0].parent)
         raise LogError(f"no picture in {folder!r} can be read: {damaged[0]}")
 

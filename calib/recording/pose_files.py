@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
-from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..common.choices import PICTURES
 from ..common.wording import listing, printable
 from ..errors import LogError
 from ..samples.tables import Source, open_source, parse_source
+from .documents import Json, parse_document
 from .motion_tables import JointTable, file_name, number_rows_of, picture_column
 from .pictures import natural_key
 
@@ -43,11 +44,14 @@ _KNOWN = (
     r"[rq]?[xyz]|qw|roll|pitch|yaw|[abcwpr]|r[1-3][1-3]|m[0-3][0-3]|"
     "picture|time|timestamp|episode|id|index|"
 )
+# the board before the camera, beside the flange: of MoveIt, easy_handeye, OpenCV's arguments
+_BOARD = "(?i:object_wrt|optical|target2?cam|board)"
 # "[mm]", "(deg)", "_mm": the fit finds units
 _UNIT = r"\s*[\[(].*[\])]$|_(?:m|cm|mm|in|rad|deg|grad)$"
 _NUMBER = r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.])"
 _LIST = r"(\w*)[^\w\[\]\n]*\[([^\[\]]*)\]"
-_KINDS = (".csv", ".json", ".npy", ".txt", ".yaml", ".yml")
+_DOCUMENTS = (".json", ".npy", ".npz", ".yaml", ".yml")
+_KINDS = (".csv", ".txt", *_DOCUMENTS)
 _ROUNDED = 0.05  # of quaternions and matrices of few digits
 
 
@@ -88,10 +92,15 @@ def read_flange_poses(path: FilePath) -> FlangeTable:
     if place.is_dir():
         place /= "*"
     if "*" in place.name:
-        return _files(label, place)
+        files = {
+            file.stem: _document(file)
+            for file in place.parent.glob(place.name)
+            if file.suffix.lower() in _KINDS
+        }
+        return FlangeTable(label, _poses(label, files))
     try:
-        if place.suffix.lower() in (".npy", ".npz"):
-            return FlangeTable(label, _poses(label, _arrays(label, place)))
+        if place.suffix.lower() in _DOCUMENTS:
+            return FlangeTable(label, _poses(label, _document(place)))
         text = place.read_text(encoding="utf-8-sig")
     except (OSError, EOFError, ValueError):  # a pipe, UTF-16, Parquet
         return _table(open_source(path))
@@ -100,33 +109,31 @@ def read_flange_poses(path: FilePath) -> FlangeTable:
     return _text(label, text)
 
 
-def _arrays(label: str, place: Path) -> Array | dict[str, list[Any]]:
+def _document(path: Path) -> Json:
+    """What a file holds, of a text that is no document the numbers of each line."""
+    kind = path.suffix.lower()
+    if kind in (".npy", ".npz"):
+        return _arrays(path)
+    text = path.read_text(encoding="utf-8-sig")
+    with suppress(ValueError):
+        is_yaml = kind in (".yaml", ".yml")
+        return parse_document(text) if is_yaml else json.loads(text)
+    lines = [line for line in text.splitlines() if re.match(r"\s*[^\s#]", line)]
+    return [re.findall(_NUMBER, line) for line in lines]
+
+
+def _arrays(path: Path) -> Array | dict[str, list[Json]]:
     """The array of `numpy.save`, or those of `numpy.savez` as lists by name."""
     try:
-        arrays = np.load(place)
+        arrays = np.load(path)
         if isinstance(arrays, np.ndarray):
             return arrays
         with arrays:
             return {name: array.tolist() for name, array in arrays.items()}
     except (BadZipFile, EOFError, ValueError):
         raise LogError(
-            f"{label} cannot be read: expected numbers alone, of numpy.save or numpy.savez"
+            f"{path} cannot be read: expected numbers alone, of numpy.save or numpy.savez"
         ) from None
-
-
-def _files(label: str, pattern: Path) -> FlangeTable:
-    """The poses of files with one each, in natural order."""
-    poses = [
-        read_flange_poses(path).numbers
-        for path in sorted(pattern.parent.glob(pattern.name), key=natural_key)
-        if path.suffix.lower() in _KINDS
-    ]
-    if len({pose.shape for pose in poses}) != 1 or len(poses[0]) != 1:
-        raise LogError(
-            f"{label} has {len(poses)} files of poses: expected one pose of one kind in each, of "
-            f"{listing(_KINDS)}; a pattern such as 'shots/pose*.txt' names some of a folder"
-        )
-    return FlangeTable(label, np.concatenate(poses))
 
 
 def _table(source: Source) -> FlangeTable:
@@ -182,7 +189,8 @@ def _columns(names: set[str]) -> list[tuple[str, list[str]]]:
 
 def _text(label: str, text: str) -> FlangeTable:
     """The poses of a text: lists in brackets, a table, or rows of numbers, perhaps with a name."""
-    lines = [line for line in text.splitlines() if re.match(r"\s*[^\s#]", line)]
+    filled = [line.strip() for line in text.splitlines() if line.strip()]
+    lines = [line for line in filled if not line.startswith("#")] or [""]
     text = "\n".join(lines)
     lists: dict[str, list[list[str]]] = {}
     for name, content in re.findall(_LIST, text):
@@ -192,10 +200,14 @@ def _text(label: str, text: str) -> FlangeTable:
     if lists:
         return FlangeTable(label, _poses(label, lists))
 
+    # a header in a comment, as of numpy.savetxt
+    above = [*takewhile(lambda line: line.startswith("#"), filled)]
+    table = _named_columns([*above[-1:], *lines]) or _named_columns(lines)
     rows = [re.findall(_NUMBER, line) for line in lines]
     names = [re.sub(_NUMBER, "", line).strip(" ,;\t") for line in lines]
-    if not rows or (names[0] and len(rows[0]) < 4):
-        return _table(parse_source(text.encode(), label))
+    is_named = names[0] or not text
+    if table or (is_named and len(rows[0]) < 4):
+        return _table(parse_source((table or text).encode(), label))
     words = sorted({re.sub(r"\d", "", name) for name in names})
     pictures = None
     if all(name.lower().endswith(PICTURES) for name in names):
@@ -208,14 +220,25 @@ def _text(label: str, text: str) -> FlangeTable:
     return FlangeTable(label, _poses(label, rows), pictures)
 
 
-def _poses(label: str, document: Any) -> Array:
+def _named_columns(lines: Sequence[str]) -> str:
+    """A table with commas, of lines whose first names columns between blanks; else nothing."""
+    table = [_words(line) for line in lines]
+    names = {re.sub(_UNIT, "", name.lower()) for name in table[0]}
+    if len(table[0]) != len(table[-1]) or len(_columns(names)) != 1:
+        return ""
+    return "\n".join(map(",".join, table))
+
+
+def _words(line: str) -> list[str]:
+    """What stands between the blanks and separators of a line, without units in brackets."""
+    line = re.sub(r"\s*[\[(].*?[\])]", "", line)
+    return re.split(r"[\s,;]+", line.strip("# \t"))
+
+
+def _poses(label: str, document: Json) -> Array:
     """The only poses in a document (n, 3 + k), as of :func:`_shift_first`."""
     rows = list(_rows(document))
-    names = {
-        name
-        for name, row in rows
-        if _is_pose(row) and "joint" not in name.lower()
-    }
+    names = _of_flange({name for name, row in rows if _is_pose(row)})
     if len(names) > 1:
         raise LogError(
             f"{label} holds several poses, {listing(sorted(names))}: keep one of them"
@@ -228,7 +251,14 @@ def _poses(label: str, document: Any) -> Array:
     return _shift_first(np.array(poses, float))
 
 
-def _rows(document: Any, path: str = "") -> Iterator[tuple[str, Array]]:
+def _of_flange(names: Iterable[str]) -> set[str]:
+    """Names without those of joints, and of a board before a camera where there are others."""
+    no_joints = {name for name in names if "joint" not in name.lower()}
+    no_boards = {name for name in no_joints if not re.search(_BOARD, name)}
+    return no_boards or no_joints
+
+
+def _rows(document: Json, path: str = "") -> Iterator[tuple[str, Array]]:
     """Poses and lists of numbers in a document, with their paths without digits."""
     if isinstance(document, dict):
         values = _axes(document)
@@ -248,28 +278,42 @@ def _rows(document: Any, path: str = "") -> Iterator[tuple[str, Array]]:
         document = dict(enumerate(document))
     else:
         return
-    for name in sorted(document, key=lambda name: natural_key(Path(str(name)))):
-        inner = re.sub(r"\d+", "", f"{path}.{name}").strip(".")
-        yield from _rows(document[name], inner)
+    for name, item in _items(document):
+        yield from _rows(item, f"{path}.{name}".strip("."))
 
 
-def _poses_of_parts(document: dict[str, Any]) -> Array:
+def _poses_of_parts(document: dict[str, Json]) -> Array:
     """Poses (n, 12) by rows of rotations (.., 3, 3) and shifts (.., 3) apart; else none."""
-    turns: list[Array] = []
-    shifts: list[Array] = []
-    for item in document.values():
-        with suppress(TypeError, ValueError):
-            part = np.array(item, float)
-            if part.shape[-2:] == (3, 3) and _are_turns(part):
-                turns.append(part.reshape(-1, 3, 3))
-            elif 3 in part.shape[-2:]:
-                shifts.append(part.reshape(-1, 3, 1))
-    if [*map(len, turns)] != [*map(len, shifts)] or len(turns) != 1:
+    # by number of columns and name
+    parts: dict[tuple[int, str], list[Array]] = {}
+    for name, item in _items(document):
+        with suppress(TypeError, ValueError, KeyError):
+            # OpenCV's matrices have their numbers by rows
+            numbers = item["data"] if isinstance(item, dict) else item
+            array = np.array(numbers, float)
+            if array.size != 9 and 3 not in array.shape[-2:]:
+                continue
+            part = array.reshape(-1, 3, 1)
+            if len(part) % 3 == 0 and _are_turns(part.reshape(-1, 3, 3)):
+                part = part.reshape(-1, 3, 3)
+            parts.setdefault((part.shape[2], name), []).append(part)
+    names = _of_flange(name for _, name in parts)
+    chosen = sorted(key for key in parts if key[1] in names)
+    if [width for width, _ in chosen] != [1, 3]:
         return np.zeros((0, 12))
-    return np.concatenate([*turns, *shifts], axis=2).reshape(-1, 12)
+    shifts, turns = (np.concatenate(parts[key]) for key in chosen)
+    if len(shifts) != len(turns):
+        return np.zeros((0, 12))
+    return np.concatenate([turns, shifts], axis=2).reshape(-1, 12)
 
 
-def _axes(document: Any, path: str = "") -> dict[str, float]:
+def _items(document: dict[str, Json]) -> list[tuple[str, Json]]:
+    """Names without digits, and values of a mapping, in natural order."""
+    names = sorted(document, key=lambda name: natural_key(Path(str(name))))
+    return [(re.sub(r"\d+", "", str(name)), document[name]) for name in names]
+
+
+def _axes(document: Json, path: str = "") -> dict[str, float]:
     """Numbers in nested mappings by their paths in small letters; of lists by axes."""
     if isinstance(document, (int, float)):
         return {path: document}
@@ -292,8 +336,8 @@ def _as_rows(numbers: Array) -> Array:
     elif numbers.ndim == 2 and numbers.shape[1] == 4:
         height = 3 if len(numbers) % 4 else 4
         numbers = numbers.reshape(-1, height, 4)
-    if numbers.ndim == 1:
-        return numbers[None]
+    if numbers.ndim < 2 or not numbers.size:
+        return numbers.reshape(1, -1)
     rows = numbers.reshape(len(numbers), -1)
     is_index = (np.diff(rows[:, 0]) > 0.0).all()
     if len(rows[0]) == 7:  # others are checked by their turns

@@ -14,7 +14,7 @@ from ..arm.rotations import logarithm, nearest_rotation
 from ..body.spatial import structure_of
 from ..common.arrays import Array, Index, Mask
 from ..common.scale import METRES
-from ..common.wording import listing
+from ..common.wording import listing, two_digits
 from ..errors import LogError
 from ..samples.motion import pose_index
 from .board_pictures import LEAST
@@ -183,7 +183,7 @@ def _refuse_late(flange: Array, view: View, start: RigStart) -> None:
         if other.misfit < PRIORS.late * start.misfit:
             raise LogError(
                 "the rows of poses are late or early: those of the row before or behind fit each "
-                f"picture {start.misfit / other.misfit:.2g} times better",
+                f"picture {two_digits(start.misfit / other.misfit)} times better",
                 hint="check which row is of which picture",
             )
 
@@ -316,7 +316,7 @@ def _bundle(views: Sequence[View], motions: Motions) -> Bundle:
     labels: list[tuple[int, int]] = []
     for number, view in enumerate(views):
         outline = view.board.points()
-        bent = shape_slopes(outline, outline)
+        bent = shape_slopes(outline)
         for k in np.argsort(view.rows, kind="stable"):
             corners = view.corners[k]
             shown = list(corners)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -123,10 +124,26 @@ class HandEye:
     @property
     def eye_is_doubtful(self) -> bool:
         """Whether poses fit as those of the base in the flange alone, with the hand far off."""
-        if self.convention is None or not self.convention["inverse"]:
-            return False
-        hand = np.linalg.norm(self.hand["position"])
-        return bool(hand > np.linalg.norm(self.base["position"]))
+        is_inverse = self.convention is not None and self.convention["inverse"]
+        hand, base = self.distances
+        return is_inverse and hand > base
+
+    @property
+    def distances(self) -> tuple[float, float]:
+        """How far what is in the hand is from the flange, and what is at rest from the base [m]."""
+        return math.hypot(*self.hand["position"]), math.hypot(
+            *self.base["position"]
+        )
+
+    @property
+    def eye_doubt(self) -> str:
+        """Why the eye is doubtful, for people."""
+        hand, base = map(two_digits, self.distances)
+        return (
+            f"`eye={self.eye!r}` is doubtful: with it the {self.hand_item} is {hand} m from the "
+            f"flange, and the {self.base_item} {base} m from the base; poses alone fit both eyes: "
+            "try the other"
+        )
 
     @property
     def repeats(self) -> str:

@@ -16,7 +16,7 @@ from ..common.wording import listing
 from ..errors import LogError, OptionError
 from ..samples.lens import Lens
 from .board import CharucoPattern
-from .lens import UNSTATED
+from .lens import refuse_size
 from .pictures import Picture, Shot, opencv
 from .reference import MarkLayout, Marks, PlaneReference, find_reference
 from .tags import Tag, TagFinder, single_tags
@@ -183,7 +183,7 @@ def find_sightings(
     for number, name, grey in shots:
         count += 1
         size = (grey.shape[1], grey.shape[0])
-        _refuse_size(name, size, setting.lens)
+        refuse_size(setting.lens, size, name)
         tags = setting.finder.find(grey)
         if number % every == 0:
             if len(sample) < LOOKS:
@@ -221,16 +221,6 @@ def find_sightings(
         reasons,
         count,
         size,
-    )
-
-
-def _refuse_size(name: str, size: tuple[int, int], lens: Lens | None) -> None:
-    """Refuse a picture of another size (width, height) than the lens's."""
-    if lens is None or lens.size in (size, UNSTATED):
-        return
-    raise LogError(
-        f"{name} is {size[0]}x{size[1]}, the lens was calibrated with "
-        f"{lens.size[0]}x{lens.size[1]}"
     )
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -126,8 +125,9 @@ def _solve(
         boards = np.where(turned[:, :, None, None], other_ends, boards)
     points = view.board.points()
     every = max(len(points) // 8, 1)
-    forms = _robust_closed_form(motions, boards, points[::every], metres)
-    placed = forms.boards
+    cameras, placed, lengths, misfits = _robust_closed_form(
+        motions, boards, points[::every], metres
+    )
     if half_turn is not None:
         # the first picture sets the end from which boards are numbered
         first = turned[:, :1]
@@ -135,34 +135,27 @@ def _solve(
         turned = turned ^ first
 
     starts = []
-    for k, metre in enumerate(forms.metres.tolist()):
+    for k, metre in enumerate(lengths.tolist()):
         # metres of the flange's unit, by which the board may be of another size than stated
         unit = _nearest(max(metre, 1e-9), units[k])
         factor = metre / METRES[unit]
-        frames = np.stack([forms.cameras[k], placed[k]])
+        frames = np.stack([cameras[k], placed[k]])
         frames[:, :3, 3] *= factor
         size = float(np.log(factor)) if factor > 0.0 else -np.inf
-        misfit = float(forms.misfits[k])
+        misfit = float(misfits[k])
         start = RigStart(frames[0], frames[1], unit, size, misfit, turned[k])
         starts.append(start)
     return starts
 
 
-class ClosedForms(NamedTuple):
-    """X and Y of X B = M Y, by each of m readings of the motions."""
-
-    cameras: Array  # (m, 4, 4), X [m of the boards]
-    boards: Array  # (m, 4, 4), Y [m of the boards]
-    metres: Array  # (m,), of the boards, in the motions' unit
-    misfits: Array  # (m,), of a usual picture [rad]
-
-
 def _robust_closed_form(
     motions: Array, boards: Array, points: Array, known: Array | None
-) -> ClosedForms:
-    """X and Y, with pictures that contradict the others weighed down.
+) -> tuple[Array, Array, Array, Array]:
+    """X and Y of X B = M Y, with pictures that contradict the others weighed down.
 
     motions M, boards B : (m, n, 4, 4);  points : (k, 3), of the board [m]
+    Returns X and Y (m, 4, 4) [m of the boards], that metre (m,) in the motions' unit, and the
+    misfit (m,) of a usual picture [rad].
     """
     weights = np.ones(motions.shape[:2])
     for _ in range(ROUNDS):
@@ -177,7 +170,7 @@ def _robust_closed_form(
         far = misses / (3.0 * misfits[:, None] + 1e-9)
         growth = 1.0 + far**2
         weights = 1.0 / growth**2
-    return ClosedForms(cameras, placed, metres, misfits)
+    return cameras, placed, metres, misfits
 
 
 def _closed_form(

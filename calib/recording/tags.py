@@ -256,9 +256,8 @@ def _lay(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
         return start, 0.0
     low = np.maximum(np.floor(outline.min(0)).astype(int) - 8, 0)
     high = np.maximum(np.ceil(outline.max(0)).astype(int) + 9, low + 1)
-    to_window = np.array(
-        [[1.0, 0.0, -low[0]], [0.0, 1.0, -low[1]], [0.0, 0.0, 1.0]]
-    )
+    to_window = np.eye(3)
+    to_window[:2, 2] = -low
     stop = (
         cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT,
         TAG.steps,

@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 
 from ..common.arrays import Array
 from ..common.choices import Eye
-from ..errors import LogError
 from ..samples.lens import Lens
 from .board_pictures import BoardPictures
-from .lens import UNSTATED
+from .lens import refuse_size
 from .reference import frames_of
 
 
@@ -33,15 +32,9 @@ def view_of(
     name: str, pictures: BoardPictures, in_hand: bool, stated: Lens | None
 ) -> View:
     """The view, its lens calibrated by its own pictures where none is stated."""
-    if stated is not None and stated.size == UNSTATED:
+    refuse_size(stated, pictures.size, f"a picture of {name}")
+    if stated is not None:
         stated = replace(stated, size=pictures.size)
-    if stated is not None and tuple(stated.size) != tuple(pictures.size):
-        raise LogError(
-            "the lens is of pictures of {}x{}, these are {}x{}: expected the lens of this camera "
-            "at this size; leave `lens` out to have it fitted".format(
-                *stated.size, *pictures.size
-            )
-        )
     lens = stated or pictures.lens()
     return View(
         **vars(pictures),

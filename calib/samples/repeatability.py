@@ -86,8 +86,8 @@ def repeatability(samples: Samples) -> Repeatability:
     visits = visits_of(samples.q)
     if not len(visits.rows):
         raise LogError(
-            f"none of the log's {len(samples)} rows stands where another one did: the noise cannot "
-            "be told",
+            f"none of the log's {len(samples)} rows is at the pose of another: they do not "
+            "show the noise",
             hint="go to some poses again, and read each a few times",
         )
     agreeing = _agreeing(samples.x, visits)

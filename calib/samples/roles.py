@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arm.rotations import exponential, quaternion_of
 from ..common.arrays import Array
 from ..common.rows import row_lengths
 from ..common.wording import by_name, listing
@@ -202,7 +201,7 @@ def log_columns(samples: Samples) -> dict[str, Array]:
     columns |= by_name(samples.axes, samples.x.T)
     if len(columns) < samples.dof + len(samples.axes):
         raise OptionError(
-            f"joints {listing(samples.joint_names)} cannot be told from the positions"
+            f"joints {listing(samples.joint_names)} have the names of positions: rename them"
         )
     if samples.orientation is not None:
         columns |= by_name(QUATERNION, samples.orientation.T)
@@ -231,8 +230,10 @@ def from_angles(angles: Array) -> Array:
             hint="convert them to rad, or give `degrees=True` if all angles are in degrees",
             parameter="degrees",
         )
-    x, y, z = (exponential(angles[:, k, None] * np.eye(3)[k]) for k in range(3))
-    return quaternion_of(z @ y @ x)
+    from scipy.spatial.transform import Rotation
+
+    quaternion: Array = Rotation.from_euler("xyz", angles).as_quat(True)
+    return quaternion
 
 
 def quaternions(values: Array, *, degrees: bool) -> Array:

@@ -43,6 +43,9 @@ KEY = "calib"
 SENSOR = "sensor"
 """Column that names the sensor of a row."""
 
+UNNAMED = "column_"
+"""Begins Polars' names of the columns of an array."""
+
 _ROW = "\0row"  # column with the number of each row, counted below the header from 1
 _NUMBER = r"^\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*$"
 _LATEST = 1e11  # [s] after 1970: a clock of the year 5138 counts in ms or less
@@ -147,7 +150,7 @@ class Source:
 
 
 def open_source(path: str | os.PathLike[str] | Source) -> Source:
-    """Read a CSV or Parquet file.
+    """Read a CSV or Parquet file, JSON, or an array of `numpy.save`.
 
     `-` reads CSV from standard input.  An open table is returned itself, so that a pipe, which
     can be read only once, serves several readers.
@@ -173,7 +176,7 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
 
 
 def parse_source(content: bytes, label: str) -> Source:
-    """The table that the bytes of a CSV or Parquet file are."""
+    """The table that the bytes of a file are."""
     table, about = _parse(content, label)
     document = None
     with suppress(ValueError):
@@ -203,7 +206,7 @@ def _content(file: Path, label: str) -> bytes:
 
 
 def _parse(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
-    """The rows of a CSV or Parquet file, and its description of itself."""
+    """The rows of a file, and its description of itself."""
     import polars as pl
 
     try:
@@ -211,6 +214,12 @@ def _parse(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
             table = pl.read_parquet(content)
             metadata = pl.read_parquet_metadata(io.BytesIO(content))
             about = metadata.get(KEY, "")
+        elif content.startswith(b"\x93NUMPY"):
+            table = pl.DataFrame(np.load(io.BytesIO(content)))
+            about = ""
+        elif content.lstrip()[:1] in (b"[", b"{"):
+            table = _of_records(json.loads(content))
+            about = ""
         else:
             table, about = _read_text(content, label)
         return table.rename(
@@ -220,11 +229,31 @@ def _parse(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
         pl.exceptions.PolarsError,
         pl.exceptions.PanicException,
         OSError,
+        TypeError,
+        ValueError,
     ) as error:
         reason = (str(error).strip().splitlines() or ["unreadable"])[0][:100]
         raise LogError(
             f"{label} cannot be read: {reason}: {_EXPECTED}"
         ) from None
+
+
+def _of_records(document: Any) -> pl.DataFrame:
+    """The rows of JSON: records, columns or lists; lists of numbers become columns."""
+    import polars as pl
+
+    if (
+        document
+        and isinstance(document, list)
+        and isinstance(document[0], list)
+    ):
+        return pl.DataFrame(np.array(document, float))
+    table = pl.DataFrame(document)
+    lists = [name for name, kind in table.schema.items() if kind == pl.List]
+    for name in lists:
+        numbers = np.array(table[name].to_list(), float)
+        table = table.drop(name).hstack(pl.DataFrame(numbers))
+    return table
 
 
 def _read_text(content: bytes, label: str) -> tuple[pl.DataFrame, str]:

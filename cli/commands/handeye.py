@@ -16,7 +16,7 @@ from calib.use import standing
 
 from .. import options as opt
 from ..logs import Selection
-from ..output import Outcome, note, say
+from ..output import Outcome, as_typed, note, say
 from ..parsing import BadOption, check_file, refuse
 from ..pictures import need_joints
 
@@ -69,22 +69,23 @@ def handeye(
     output: Annotated[
         str | None,
         opt.value(
-            "--output -o MODEL", "Keep the rig; with joints, learn a model."
+            "--output -o MODEL", "Write the rig, or with joints a model."
         ),
     ] = None,
     transform: Annotated[
-        str | None, opt.value("--transform FILE", "All as static transforms.")
+        str | None,
+        opt.value("--transform FILE", "Write all places as static transforms."),
     ] = None,
     degrees: opt.Degrees = False,
     unit: Annotated[
         str | None,
-        opt.value("--unit m|mm|..", "Of the poses (default: found)."),
+        opt.value("--unit m|mm|..", "Unit of the poses (default: found)."),
     ] = None,
     rotation: Annotated[
         str | None,
         opt.value(
             "--rotation KIND",
-            f"Of the poses: {', '.join(ROTATIONS)}, or axes such as ZYZ (default: found).",
+            f"Kind of rotations: {', '.join(ROTATIONS)}, or axes such as ZYZ (default: found).",
         ),
     ] = None,
 ) -> Outcome:
@@ -131,14 +132,10 @@ def handeye(
         unit=unit,
         rotation=rotation,
     )
-    say(rig.notes)
+    doubts = [rig.eye_doubt] if rig.eye_is_doubtful else []
+    say(words for words in rig.notes if words not in doubts)
     warnings = [] if output is None else _save(rig, output)
-    if rig.eye_is_doubtful:
-        warnings.append(
-            f"--eye {rig.eye} is doubtful: with it these are poses of the base in the flange, and "
-            f"the {rig.hand_item} is further from the flange than the {rig.base_item} from the "
-            "base; try the other eye"
-        )
+    warnings += map(as_typed, doubts)
     if transform is not None:
         from calib.common.atomic import atomic_write
         from calib.recording.rig import transform_files

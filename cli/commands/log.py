@@ -41,19 +41,32 @@ def log(
         str, opt.value("--output -o LOG", "The log: CSV or Parquet.")
     ],
     joints_topic: Annotated[
-        str | None, opt.value("--joints-topic TOPIC", "JointState, if several.")
+        str | None,
+        opt.value(
+            "--joints-topic TOPIC", "Joint states, if there are several."
+        ),
     ] = None,
     tip_topic: Annotated[
         str | None,
-        opt.value("--tip-topic TOPIC", "Points, poses, tf if several."),
+        opt.value(
+            "--tip-topic TOPIC",
+            "The tip's positions or poses, if there are several.",
+        ),
     ] = None,
     frames: Annotated[
         Sequence[str] | None,
-        opt.value("--frames SENSOR,TIP", "Of tf, if many.", parsing.frames),
+        opt.value(
+            "--frames SENSOR,TIP",
+            "Frames of tf, if there are several.",
+            parsing.frames,
+        ),
     ] = None,
     joints: opt.JointNames = None,
     max_gap: Annotated[
-        float, opt.value("--max-gap S", "Between joint states [s].", above_zero)
+        float,
+        opt.value(
+            "--max-gap S", "Longest gap between joint states [s].", above_zero
+        ),
     ] = 0.1,
     still: Annotated[
         float | None,

@@ -99,6 +99,13 @@ def test_a_joint_that_turns_round_reaches_every_direction_across_its_seam():
     assert np.abs((across - q[:1] + np.pi) % TURN - np.pi).max() < 2e-3
 
 
+def test_where_both_elbows_meet_there_is_one_way():
+    """Compiled C stopped on both sides of the fold, and named most of these ways twice."""
+    model = warm(trained("two_link_full"))
+    q = draw(model, 100) * [1.0, 0.0]
+    assert [len(ways) for ways in model.inverse_all(model.forward(q))] == [1] * 100
+
+
 def test_of_three_joints_at_their_limits_every_branch_is_found():
     """The way that a target is made of is among the answers, and with it near it answers."""
     joints = (

@@ -1,15 +1,17 @@
 """Hand-eye: from rendered pictures of a board to where camera and board are."""
 
 import json
+import os
 import re
 from dataclasses import replace
 from functools import cache
+from threading import Thread
 
 import cv2
 import numpy as np
 import polars
 import pytest
-from boards import SPEC, Rig
+from boards import SIZE, SPEC, Rig
 from reference import table
 from refusals import refused
 from rendering import Camera, Desk, board
@@ -19,7 +21,7 @@ import calib
 from calib import LogError, handeye
 from calib.arm.rotations import exponential, logarithm, matrix_of
 from calib.recording.board import parse_board
-from calib.recording.motion_tables import JointTable
+from calib.recording.motion_tables import JointTable, read_joints
 
 FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's frame of a board has y down
 CORNER = np.array([0.084, 0.06, 0.0])  # the middle of the board in OpenCV's frame
@@ -192,6 +194,25 @@ def test_a_lens_that_was_fitted_anew_is_no_change(run, tmp_path):
         done = run("check", tmp_path / "rig.calib", "--data", tmp_path / "log.csv", "--json")
         assert done.document["drifted"] is drifted
         assert "computed with the model's lens" in done.err
+
+
+def test_joints_may_be_a_pipe_of_json_for_several_cameras(monkeypatch, tmp_path):
+    rig = Rig(True, seed=1, pictures=8)
+    seen = [dict(enumerate(picture)) for picture in rig.seen.reshape(8, -1, 2)]
+    find = "calib.recording.board.CharucoPattern.find"
+    monkeypatch.setattr(find, lambda _, grey: seen[grey[0, 0]])
+    blank = [np.full(SIZE[::-1], number, np.uint8) for number in range(8)]
+    records = [{"q": [*q], "picture": f"{k}.png"} for k, q in enumerate(rig.q)]
+    for name, rows in (("records.json", records), ("rows.json", rig.q.tolist())):
+        (tmp_path / name).write_text(json.dumps(rows))
+        assert read_joints(tmp_path / name, rig.arm.joint_names).q.tolist() == rig.q.tolist()
+    np.save(tmp_path / "q.npy", rig.q)
+    assert read_joints(tmp_path / "q.npy", rig.arm.joint_names).q.tolist() == rig.q.tolist()
+    os.mkfifo(tmp_path / "pipe")
+    Thread(target=(tmp_path / "pipe").write_text, args=(json.dumps(rows),), daemon=True).start()
+    pictures = {"a": blank, "b": blank}
+    found = handeye(rig.arm, pictures, tmp_path / "pipe", SPEC, "hand", lens=rig.glass)
+    assert [camera["name"] for camera in found.cameras] == ["a", "b"]
 
 
 @pytest.fixture(scope="module")

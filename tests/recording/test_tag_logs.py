@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("cv2")
 import cv2
-from PIL import Image
+from PIL import ExifTags, Image
 from reference import table, write_columns
 from refusals import refused
 from rendering import Camera, Desk, board, tag, write_video
@@ -204,6 +204,10 @@ def test_counts_and_sizes_and_damage(copy):
     assert any("img_6.png is no picture" in note for note in made.notes)
     cv2.imwrite(str(folder / "p" / "img_7.png"), picture[:400])
     refused(CalibError, "img_7.png is 640x400, the pictures before it 640x480", make, folder)
+    upside_down = Image.Exif()
+    upside_down[ExifTags.Base.Orientation] = 3
+    Image.fromarray(picture).save(folder / "p" / "img_7.png", exif=upside_down)
+    refused(CalibError, "img_7.png is 640x480, turned by EXIF 3, the pictures", make, folder)
     (folder / "p" / "img_7.png").unlink()
     refused(CalibError, "15 pictures and 16 rows", make, folder)
     for path in (folder / "p").iterdir():

@@ -10,8 +10,10 @@ import pytest
 
 pytest.importorskip("cv2")
 import cv2
+from refusals import refused
 from rendering import Camera, Desk, board, board_shots, tag
 
+from calib import LogError
 from calib.recording.board import parse_board
 from calib.recording.lens import calibrate_lens, load_lens
 from calib.recording.tags import TagFinder
@@ -51,7 +53,7 @@ def test_board_corners_are_where_the_renderer_puts_them():
         assert np.abs(miss.mean(0)).max() < 0.01  # half a pixel is a convention, not noise
 
 
-def test_lens_round_trip(tmp_path):
+def test_lens_round_trip(tmp_path, monkeypatch):
     numbers = np.array([600.0, 602.0, 318.0, 243.0, -0.15, 0.04, 1e-3, -2e-3, 0.01])
     lens = Lens.of((640, 480), numbers)
     pixels = np.random.default_rng(0).uniform([0, 0], [640, 480], (200, 2))
@@ -66,6 +68,10 @@ def test_lens_round_trip(tmp_path):
     known.save(tmp_path / "lens.json")
     assert (load_lens(tmp_path / "lens.json")[0].covariance == known.covariance).all()
     assert again.size == lens.size
+    # another lens is not written over it
+    cv2.imwrite(str(tmp_path / "0.png"), np.zeros((480, 640), np.uint8))
+    monkeypatch.setattr("calib.recording.lens.calibrate_lens", lambda *_: lens.plus(np.ones(9)))
+    refused(LogError, "600.0 px, not 601", load_lens, tmp_path, BOARD, tmp_path / "lens.json")
 
 
 def test_a_lens_is_calibrated_from_pictures_of_a_board():

@@ -65,7 +65,7 @@ def test_what_is_doubtful_is_refused(case):
     joint_time, q = stops(28, rng)
     if case == "repeats itself":
         wave = 2 * np.pi * joint_time / 4.0
-        q = 0.5 * np.stack([np.sin(wave), np.cos(wave)], 1)
+        q = 0.5 * np.stack([np.sin(wave + 3.8), np.cos(wave + 1.6)], 1)
     time, x, _ = filmed(joint_time, q, rng, 0.02 if case == "rate" else 0.0)
     if case == "another run":
         _, q = stops(28, rng)

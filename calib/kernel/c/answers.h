@@ -1,6 +1,6 @@
 /* What the model says, wherever q is. */
 static inline void calib_model(const calib_joints q, calib_real *x, calib_real *J) {
-  calib_seen(&calib_body, q, x, J);
+  calib_seen(&calib_body, CALIB_BENDS, q, x, J);
 #if @local_terms@
   calib_local(q, x, J);
 #endif
@@ -79,11 +79,12 @@ CALIB_API int calib_model_error(const calib_real *q, calib_real *bound) {
 
 /* Position, and the tip's orientation in the sensor's frame: a matrix, row by row. */
 static inline int calib_pose(const calib_joints q, calib_real *x, calib_rotation R) {
-  calib_real inside[CALIB_DOF], p[3], turn[9];
+  calib_real inside[CALIB_DOF], p[3], axes[9];
+  int i;
   if (!calib_position(q, x, 0)) return calib_unknown(9, R);
   calib_inside(q, inside);
-  calib_chain(&calib_placed, inside, p, turn, 0);
-  calib_product(3, calib_aim, 3, turn, R);
+  calib_chain(&calib_placed, CALIB_BENDS, inside, p, axes, 0);
+  for (i = 0; i < 9; ++i) R[i] = axes[3 * (i % 3) + i / 3];
   return 1;
 }
 

@@ -23,23 +23,22 @@ typedef @real@ calib_real;
 enum {
   CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_CHAIN = @chain@, CALIB_HARMONICS = @harmonics@,
   CALIB_STARTS = @starts@, CALIB_STEPS = @steps@, CALIB_SLIDES = @slides@, CALIB_RUNS = @runs@,
-  CALIB_TRIES = @tries@, CALIB_BUDGET = @budget@
+  CALIB_TRIES = @tries@, CALIB_BUDGET = @budget@, CALIB_BENDS = @bends@
 };
 
 /* Values of the joints, what a sensor sees, vectors, matrices row by row; values of the chain's joints
  * and their derivatives. */
 typedef calib_real calib_joints[CALIB_DOF], calib_place[CALIB_OUT], calib_vector[3];
 typedef calib_real calib_rotation[9], calib_values[CALIB_CHAIN];
-typedef calib_real calib_slopes[CALIB_CHAIN][CALIB_DOF], calib_motions[CALIB_CHAIN][3];
+typedef calib_real calib_slopes[CALIB_CHAIN][CALIB_DOF];
 /* Cosines, then sines, of the multiples of joint values. */
 typedef calib_real calib_multiples[CALIB_HARMONICS][2 * CALIB_DOF];
 
 /* An arm: joint values are mix q + bias, and what curves and loads add where it bends.  Joints move
- * about the third axes of their frames, of which each has its place and turn in the one before. */
+ * about the third axes of their frames, of which each has its place and axes in the one before. */
 typedef struct {
   calib_real mix[CALIB_CHAIN][CALIB_DOF], bias[CALIB_CHAIN];
   calib_real stride[CALIB_CHAIN + 1][3], turned[CALIB_CHAIN + 1][9]; /* the last are the tip's */
-  int bends;
 } calib_arm;
 @tables@
 static inline void calib_copy(int count, const calib_real *from, calib_real *to) {
@@ -73,8 +72,8 @@ static inline int calib_inside(const calib_joints q, calib_joints out) {
   int i, inside = 1;
   for (i = 0; i < CALIB_DOF; ++i) {
     const calib_real u = calib_share_of(i, q[i]);
-    const calib_real more = calib_periodic[i] ? 1 : 0; /* at most a turn beyond */
-    if (!(u >= @rounded@ - more && u <= 1 - @rounded@ + more)) inside = 0;
+    const calib_real beyond = calib_periodic[i] ? 1 + @rounded@ : @rounded@; /* at most a turn */
+    if (!(u >= -beyond && u <= 1 + beyond)) inside = 0;
     out[i] = calib_wrapped(i, q[i]);
   }
   return inside;
@@ -113,12 +112,6 @@ static inline calib_real calib_way(const calib_joints a, const calib_joints b, c
 static inline calib_real calib_apart(const calib_joints a, const calib_joints b) {
   calib_real way[CALIB_DOF];
   return calib_way(a, b, way);
-}
-
-/* out += R v, with the rows of R. */
-static inline void calib_add(const calib_rotation R, const calib_vector v, calib_vector out) {
-  int i;
-  for (i = 0; i < 3; ++i) out[i] += calib_dot(R + 3 * i, v);
 }
 
 /* Rows of three of a matrix times `width` columns of three. */

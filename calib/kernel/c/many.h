@@ -32,38 +32,28 @@ static inline calib_starts calib_starts_of(const calib_real *b) {
   return starts;
 }
 
-/* The task of the pose that a question asks for. */
-static inline calib_task calib_task_of(const calib_real *b) {
+/* The task of the pose that a question asks for; whether its quaternion is one. */
+static inline int calib_task_of(const calib_real *b, calib_task *task) {
+  const calib_real length = calib_length(4, b + 20);
   calib_real R[9];
   calib_matrix(b + 20, R);
-  return calib_pose_task(b + 16, R, (int)b[24]);
-}
-
-/* Whether the quaternion of a question is one. */
-static inline int calib_is_pose(const calib_real *b) {
-  const calib_real length = calib_length(4, b + 20);
+  *task = calib_pose_task(b + 16, R, (int)b[24]);
   return fabs(length * length - 1) <= @rounding@;
 }
 
 CALIB_API int calib_poses_row(const calib_real *b, calib_real *q) {
   const calib_starts starts = calib_starts_of(b);
-  const calib_task task = calib_task_of(b);
-  calib_search search = calib_begin(&task, b, 1, 0, q);
-  int sure = 0;
-  if (calib_is_pose(b)) sure = calib_try_near(&search, &task, b, CALIB_BUDGET, q);
-  if (sure == 2 && starts.count) { /* all that starts lead to is looked at */
-    search.budget = CALIB_BUDGET * starts.count;
-    calib_try_starts(&search, &starts);
-    sure = 1;
-  }
-  return calib_answered(&search, b, sure);
+  calib_task task;
+  if (calib_task_of(b, &task)) return calib_pose_from(&task, &starts, b, q);
+  return calib_unknown(CALIB_DOF, q);
 }
 
 CALIB_API int calib_poses_all_row(const calib_real *b, calib_real *q) {
   const calib_starts starts = calib_starts_of(b);
-  const calib_task task = calib_task_of(b);
+  calib_task task;
+  const int valid = calib_task_of(b, &task);
   calib_search search = calib_begin(&task, b, @most_ways@, CALIB_BUDGET * starts.count, q);
-  if (calib_is_pose(b)) calib_try_starts(&search, &starts);
+  if (valid) calib_try_starts(&search, &starts);
   return search.count;
 }
 

@@ -46,7 +46,6 @@ static inline int calib_clipped(calib_joints q) {
  * that ends nearest to a wish; joints that a limit holds stay. */
 static inline int calib_move(int n, const calib_real *J, const calib_real *r, const calib_joints q,
                              const calib_real *wish, calib_real damping, calib_joints move) {
-  const calib_real slack = wish ? @slack@ : 0;
   calib_real own[6 * CALIB_DOF], ahead[CALIB_DOF] = {0}, lacking[6], y[6];
   int i, k, pass, again = 1;
   calib_copy(n * CALIB_DOF, J, own);
@@ -58,14 +57,11 @@ static inline int calib_move(int n, const calib_real *J, const calib_real *r, co
     if (!calib_forces(n, own, lacking, damping, y)) return 0;
     for (again = 0, k = 0; k < CALIB_DOF; ++k) {
       /* joint values: a share of the range at its upper end may round to less than 1 */
-      const calib_real least = calib_lower[k], most = least + calib_span[k];
-      const calib_real near = slack * calib_span[k];
+      const calib_real below = q[k] - calib_lower[k], above = calib_lower[k] + calib_span[k] - q[k];
       move[k] = ahead[k];
       for (i = 0; i < n; ++i) move[k] += own[i * CALIB_DOF + k] * y[i];
-      if (calib_periodic[k]) continue;
-      const int is_below = move[k] < 0 && q[k] <= least + near;
-      const int is_above = move[k] > 0 && q[k] >= most - near;
-      if (!is_below && !is_above) continue;
+      if (calib_periodic[k] || move[k] == 0) continue;
+      if ((move[k] < 0 ? below : above) > (wish ? @slack@ * calib_span[k] : 0)) continue;
       again = 1;
       ahead[k] = 0;
       for (i = 0; i < n; ++i) own[i * CALIB_DOF + k] = 0;
@@ -147,7 +143,6 @@ static inline int calib_slide(const calib_search *search, const calib_joints q,
 static inline int calib_descend(calib_search *search, int count, calib_joints q, calib_gap *gap) {
   const calib_task *task = search->task;
   const calib_real close = @close@ * task->size, rough = @rough@ * task->size;
-  const int straight = task->straight != 0;
   calib_slides slides = {0, 0, 1, {0}, {0}, {0}};
   calib_real move[CALIB_DOF], trial[CALIB_DOF], damping = @calm@;
   calib_gap next;
@@ -157,13 +152,13 @@ static inline int calib_descend(calib_search *search, int count, calib_joints q,
   while (step < CALIB_STEPS && search->budget > 0) {
     const int near = sliding && gap->left <= rough;
     int better, inside;
-    search->budget -= straight ? 1 : @step_cost@;
-    if (!near && gap->left <= (straight ? rough : @enough@ * task->size)) break;
+    search->budget -= task->straight ? 1 : @step_cost@;
+    if (!near && gap->left <= (task->straight ? rough : @enough@ * task->size)) break;
     if (!calib_move(task->rows, gap->J, gap->r, q, 0, damping, move)) return 0;
     if (near) {
-      const calib_real settled = straight ? 100 * @settled@ : gap->left <= close ? @settled@ : -1;
+      const calib_real settled = task->straight ? 100 * @settled@ : gap->left <= close ? @settled@ : -1;
       sliding = calib_slide(search, q, gap, settled, &slides, move);
-      if (!sliding && straight) break;
+      if (!sliding && task->straight) break;
       if (!sliding) continue;
     }
     inside = calib_moved(q, move, trial);
@@ -187,14 +182,15 @@ static inline int calib_descend(calib_search *search, int count, calib_joints q,
       if (better ? slow : gap->left <= close || !(damping < @hardest@)) step = CALIB_STEPS;
       damping = better ? damping / @easier@ : damping * @easier@;
       damping = calib_between(damping, better ? @calm@ : @hard@, @hardest@ * @easier@);
-      last = better && inside && !straight && damping <= @calm@ &&
+      last = better && inside && !task->straight && damping <= @calm@ &&
+             next.left <= @surplus@ * gap->left && /* at a fold a step leaves a quarter */
              next.left * next.left <= @surplus@ * close * gap->left;
     }
     if (!better) continue;
     calib_copy(CALIB_DOF, trial, q);
     *gap = next;
   }
-  return gap->left <= (straight ? 10 * rough : close); /* what misses by far does so bent */
+  return gap->left <= (task->straight ? 10 * rough : close); /* what misses by far does so bent */
 }
 
 /* The same from a start on, first roughly by the arm without what bends it; a way that would be further
@@ -202,11 +198,9 @@ static inline int calib_descend(calib_search *search, int count, calib_joints q,
 static inline int calib_reach(calib_search *search, calib_joints q, calib_gap *gap) {
   if (@step_cost@ > 1) {
     const calib_task *task = search->task;
-    calib_arm straight = task->arm ? *task->arm : calib_body;
     calib_task rough = *task;
     int there;
-    straight.bends = 0;
-    rough.straight = &straight;
+    rough.straight = 1;
     search->task = &rough;
     there = calib_descend(search, search->count, q, gap);
     search->task = task;

@@ -211,24 +211,31 @@ static inline int calib_inverse(const calib_place x, const calib_joints near, ca
 static inline calib_task calib_pose_task(const calib_vector x, const calib_rotation R, int axis) {
   calib_task task = {&calib_placed, axis < 0 ? 6 : 5, axis, @lever@, {0}, {0}, 0};
   int i;
-  for (i = 0; i < 9; ++i) { /* by the transpose of how the sensor is turned */
-    const calib_vector across = {calib_aim[i / 3], calib_aim[3 + i / 3], calib_aim[6 + i / 3]};
-    const calib_vector column = {R[i % 3], R[3 + i % 3], R[6 + i % 3]};
-    const calib_vector place = {x[0] - calib_origin[0], x[1] - calib_origin[1], x[2] - calib_origin[2]};
-    task.R[i] = calib_dot(across, column);
-    task.x[i / 3] = calib_dot(across, place) / @scale@;
-  }
+  for (i = 0; i < 9; ++i) task.axes[i] = R[3 * (i % 3) + i / 3];
+  for (i = 0; i < 3; ++i) task.x[i] = x[i] / @scale@;
   return task;
 }
 
-/* Joints that bring the tip to a pose of the sensor's frame (R row by row), as calib_inverse; `axis`
- * is -1, or an axis of the tip, 0 to 2, about which its turn is left open. */
+/* The way to a pose nearest to joints that these, and then starts lead to, as calib_inverse. */
+static inline int calib_pose_from(const calib_task *task, const calib_starts *starts,
+                                  const calib_joints near, calib_joints q) {
+  calib_search search;
+  int sure = calib_try_near(&search, task, near, CALIB_BUDGET, q);
+  if (sure == 2 && starts->count) { /* all that starts lead to is looked at */
+    search.budget = CALIB_BUDGET * starts->count;
+    calib_try_starts(&search, starts);
+    sure = 1;
+  }
+  return calib_answered(&search, near, sure);
+}
+
+/* The same of a pose of the sensor's frame (R row by row); `axis` is -1, or an axis of the tip, 0 to 2,
+ * about which its turn is left open. */
 static inline int calib_inverse_pose(const calib_vector x, const calib_rotation R, int axis,
                                      const calib_joints near, calib_joints q) {
+  const calib_starts none = {0, 0, 1, 0, 0, 0};
   const calib_task task = calib_pose_task(x, R, axis);
-  calib_search search;
-  const int sure = calib_try_near(&search, &task, near, CALIB_BUDGET, q);
-  return calib_answered(&search, near, sure);
+  return calib_pose_from(&task, &none, near, q);
 }
 #endif
 #if @limit@
@@ -242,8 +249,8 @@ CALIB_API int calib_correct(const calib_joints q, calib_joints out) {
   calib_gap gap;
   int k, good = calib_inside(q, start);
   calib_copy(CALIB_DOF, start, out);
-  calib_chain(&calib_nominal, start, task.x, task.R, 0);
-  calib_seen(&calib_nominal, start, x, 0);
+  calib_chain(&calib_nominal, 0, start, task.x, task.axes, 0);
+  calib_seen(&calib_nominal, 0, start, x, 0);
   seen = calib_position_task(x);
   search = calib_begin(&task, start, 0, CALIB_BUDGET, 0);
   if (task.rows) good = good && calib_descend(&search, 0, out, &gap);

@@ -6,8 +6,8 @@ typedef struct {
   int rows;             /* residuals: of a pose six, five where a turn is free */
   int axis;             /* of the tip, 0 to 2, about which the turn is free, or -1 */
   calib_real size;      /* a length that residuals are compared with */
-  calib_real x[3], R[9];
-  const calib_arm *straight; /* 0, or the arm without what bends it: a rough search */
+  calib_real x[3], axes[9]; /* of the tip */
+  int straight; /* whether the arm is taken without what bends it: a rough search */
 } calib_task;
 
 static inline calib_task calib_position_task(const calib_place x) {
@@ -16,27 +16,22 @@ static inline calib_task calib_position_task(const calib_place x) {
   return task;
 }
 
-/* Turn that is left from R to another orientation S, or from one axis of R to that of S, a rotation
- * vector. */
-static inline void calib_turn_left(const calib_rotation R, const calib_rotation S, int axis,
+/* Turn that is left from axes to others, or from one of them to its other, a rotation vector. */
+static inline void calib_turn_left(const calib_rotation from, const calib_rotation to, int axis,
                                    calib_vector turn) {
-  calib_real across[3], sine, angle, cosine = 0;
+  calib_real across[3], sine, angle, cosine = axis < 0 ? -1 : 0; /* twice the cosine, and the sine */
   int i, k;
   for (k = 0; k < 3; ++k) turn[k] = 0;
   for (i = 0; i < 3; ++i) {
-    const calib_vector a = {R[i], R[3 + i], R[6 + i]}, b = {S[i], S[3 + i], S[6 + i]};
     if (axis >= 0 && axis != i) continue;
-    calib_cross(a, b, across);
-    for (k = 0; k < 3; ++k) turn[k] += across[k];
-    cosine += calib_dot(a, b);
+    calib_cross(from + 3 * i, to + 3 * i, across);
+    calib_add_times(1, across, turn);
+    cosine += calib_dot(from + 3 * i, to + 3 * i);
   }
-  if (axis < 0) cosine -= 1; /* twice the cosine, and turn is twice the sine */
   sine = calib_length(3, turn);
   angle = atan2(sine, cosine);
-  for (k = 0; !(sine > 0) && angle > 1 && k < 3; ++k) /* half a turn, about an axis across */
-    turn[k] = R[3 * k + (axis + 4) % 3];
-  sine = sine > 0 ? sine : 1;
-  for (k = 0; k < 3; ++k) turn[k] *= angle / sine;
+  if (!(sine > 0) && angle > 1) calib_copy(3, from + 3 * ((axis + 4) % 3), turn); /* half a turn */
+  for (k = 0; k < 3; ++k) turn[k] *= angle / (sine > 0 ? sine : 1);
 }
 
 /* What joints miss of a task: residuals, their derivative by the joints in shares of their ranges,
@@ -46,20 +41,21 @@ typedef struct {
 } calib_gap;
 
 static inline void calib_left(const calib_task *task, const calib_joints q, calib_gap *gap) {
-  calib_real *r = gap->r, *J = gap->J, p[3] = {0}, R[9], turn[3];
+  const int bends = CALIB_BENDS && !task->straight;
+  calib_real *r = gap->r, *J = gap->J, p[3] = {0}, axes[9], turn[3];
   int i, k;
-  if (task->arm) calib_chain(task->straight ? task->straight : task->arm, q, p, R, J);
-  else if (task->straight) calib_seen(task->straight, q, p, J);
+  if (task->arm) calib_chain(task->arm, bends, q, p, axes, J);
+  else if (@step_cost@ > 1 && task->straight) calib_seen(&calib_body, 0, q, p, J);
   else calib_model(q, p, J);
   for (i = 0; i < 3; ++i) r[i] = task->x[i] - p[i];
   if (task->rows > 3) {
-    calib_turn_left(R, task->R, task->axis, turn);
+    calib_turn_left(axes, task->axes, task->axis, turn);
     for (i = 0; i < 3; ++i) r[3 + i] = @lever@ * turn[i];
     for (i = 3 * CALIB_DOF; i < 6 * CALIB_DOF; ++i) J[i] *= @lever@;
   }
   if (task->axis >= 0) { /* along the tip's two other axes */
     calib_real sides[6], spin[3 * CALIB_DOF];
-    for (i = 0; i < 6; ++i) sides[i] = R[3 * (i % 3) + (task->axis + 1 + i / 3) % 3];
+    for (i = 0; i < 2; ++i) calib_copy(3, axes + 3 * ((task->axis + 1 + i) % 3), sides + 3 * i);
     calib_copy(3, r + 3, turn);
     calib_copy(3 * CALIB_DOF, J + 3 * CALIB_DOF, spin);
     calib_product(2, sides, 1, turn, r + 3);
