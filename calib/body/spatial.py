@@ -177,7 +177,8 @@ class SpatialStructure(Structure):
                 name = f"{names[joint]}.{block}"
                 if block != "elastic" or not self.has_masses:
                     name += f" {ends[weights.argmax()]}"
-                labels.append((names[joint], name, "rad"))
+                unit = "rad" if self.chain.revolute[joint] else "m"
+                labels.append((names[joint], name, unit))
             scale = Hyper(block, PRIOR.elastic, pseudo=1.0)
             yield Block(block, tuple(labels), scales=(scale,))
         axes = ["xyz"[axis] for axis in self._level_axes]

@@ -32,7 +32,7 @@ from ..errors import LogError, ModelError, require
 from ..model.model import Model
 from ..samples.samples import Samples
 from ..training.options import Progress
-from .causes import Cause, as_built, as_drawn
+from .causes import Cause, as_built, as_drawn, with_chain_in_doubt
 from .evidence import Evidence, evidence_of_unnamed, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
@@ -124,9 +124,10 @@ def _verdict_on_body(
 ) -> Verdict:
     """The verdict on a model with a body."""
     # 1. y: the rows against the belief that a changed arm starts from, in the frame of the log
-    prior = as_built(logged.body)
+    known = with_chain_in_doubt(logged.body)
+    prior = as_built(known)
     if cause == "offsets":
-        prior = as_drawn(logged.body)
+        prior = as_drawn(known)
     positions = logged.x - logged.map_offset
     reference = reference_of(prior, logged.q, positions, logged.unit)
     logged_observations = observations_of(logged, reference)
@@ -137,7 +138,7 @@ def _verdict_on_body(
     report(0.2, "tests", math.nan)
     # 2. s: the noise where everything may have changed, less a joint's play, which is taken up,
     # and joints' waves, which may be causes
-    belief = Reference(rows.body, rows.body.beta)
+    belief = Reference(known, known.beta)
     frame = reference if reference.is_fitted else belief
     noise = noise_of(system_of(frame, observations))
     play = find_play(noise, rows.model.approach)
@@ -192,7 +193,6 @@ def _verdict_on_body(
             evidence = replace(evidence, step=step._replace(row=row))
     evidence = with_orientations(evidence, systems, correlation_time)
 
-    report(0.6, "update", math.nan)
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
     better = None
     if learn or evidence.score > 1.0:

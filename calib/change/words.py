@@ -30,7 +30,7 @@ SCATTER = (
 )
 REPEATING = ", and no noise: rows of like joints err alike"
 WAVES = "the joints have waves that the model does not know: gears, or their sensors"
-UNEXPLAINED = "no single change of the sensor, a joint or a link explains it"
+UNEXPLAINED = "no single change of the sensor, a joint or a link stands out"
 ONE_PLACE = "rows of one place do not tell what changed: move the arm"
 
 
@@ -69,8 +69,7 @@ def causes_of(
     if drifted:
         changes = [*evidence.reference.causes, *_changes(evidence)]
         if not changes:
-            words = ONE_PLACE if evidence.is_one_place else UNEXPLAINED
-            changes.append(Cause("unknown", "", words))
+            changes.append(Cause("unknown", "", _doubt_of(evidence)))
         causes += changes
         if evidence.cause is None:
             by_name = {change.cause: change for change in changes}
@@ -181,6 +180,17 @@ def _changes(evidence: Evidence) -> list[Cause]:
     if FRAME[0] in best.groups and _frame_is_other(evidence):
         causes.insert(0, _move_of_sensor(evidence))
     return causes
+
+
+def _doubt_of(evidence: Evidence) -> str:
+    """What may have changed, where no cause is clearly better than none."""
+    if evidence.is_one_place:
+        return ONE_PLACE
+    effects = _effects(evidence)
+    if not effects or evidence.best.evidence < evidence.unnamed:
+        return UNEXPLAINED
+    _, likeliest = max(effects, key=itemgetter(0))
+    return f"not clear what changed; likeliest: {likeliest.words}"
 
 
 def _frame_is_other(evidence: Evidence) -> bool:

@@ -19,7 +19,7 @@ _OF_OPENCV = r"\A%YAML.*|!!opencv-matrix"
 
 def parse_document(text: str) -> Json:
     """The mapping or list of a JSON or YAML text.  Raises ValueError if it is neither."""
-    with suppress(ValueError):
+    with suppress(ValueError, RecursionError):
         return json.loads(text)
     yaml = package("yaml")
     # 1e-5 is a word in YAML
@@ -32,7 +32,7 @@ def parse_document(text: str) -> Json:
         ):
             raise ValueError("no YAML without aliases")
         documents = [*yaml.safe_load_all(text)]
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, RecursionError) as error:
         raise ValueError(f"no YAML: {error}") from None
     # several are messages that ROS echoed
     document = documents[0] if len(documents) == 1 else documents

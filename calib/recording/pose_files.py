@@ -104,7 +104,7 @@ def read_flange_poses(path: FilePath) -> FlangeTable:
         text = place.read_text(encoding="utf-8-sig")
     except (OSError, EOFError, ValueError):  # a pipe, UTF-16, Parquet
         return _table(open_source(path))
-    with suppress(ValueError):
+    with suppress(ValueError, RecursionError):
         return FlangeTable(label, _poses(label, json.loads(text)))
     return _text(label, text)
 
@@ -115,7 +115,7 @@ def _document(path: Path) -> Json:
     if kind in (".npy", ".npz"):
         return _arrays(path)
     text = path.read_text(encoding="utf-8-sig")
-    with suppress(ValueError):
+    with suppress(ValueError, RecursionError):
         is_yaml = kind in (".yaml", ".yml")
         return parse_document(text) if is_yaml else json.loads(text)
     lines = [line for line in text.splitlines() if re.match(r"\s*[^\s#]", line)]

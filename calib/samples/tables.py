@@ -229,6 +229,7 @@ def _parse(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
         pl.exceptions.PolarsError,
         pl.exceptions.PanicException,
         OSError,
+        RecursionError,
         TypeError,
         ValueError,
     ) as error:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..body.belief import Body
 from ..body.information import lengths_of, matern
-from ..change.causes import CREEP_WAVES, single_causes
+from ..change.causes import CREEP_WAVES, single_causes, with_chain_in_doubt
 from ..change.frame import Reference
 from ..change.noise import FALSE_ALARM, sd_of_changes, usual_noise
 from ..change.significance import (
@@ -238,7 +238,7 @@ class _Equations:
     def __init__(self, model: Model, body: Body) -> None:
         self.noise = float(body.noise[0])  # [unit]
         self.delay = 0.0  # [samples]
-        self._reference = Reference(body, body.beta)
+        self._reference = Reference(with_chain_in_doubt(body), body.beta)
         structure = body.structure
         units = np.clip(model.motor.units, 0.0, 1.0)
         nodes = model.motor.scale.from_unit(units)

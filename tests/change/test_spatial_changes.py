@@ -6,9 +6,11 @@ from dataclasses import replace
 import models
 import numpy as np
 import pytest
+from chains import SLIDE, chain_urdf, turning
 from scipy.spatial.transform import Rotation
 
 import calib
+from calib.arm.loading import arm_from_urdf
 from calib.change.noise import Reference, sd_of_changes
 from calib.use.geometry_fit import fit_geometry
 
@@ -41,6 +43,45 @@ def test_what_ten_rows_left_open_is_no_change(seed):
     assert covered > 0.93
     log = calib.babble(ARM, 30, seed=9, noise=1e-4, changes=changes)
     assert not calib.check(model, log).drifted
+
+
+def of_two_joints(second, seed):
+    """Logs of an arm of two joints that was built a little off its drawing."""
+    rng = np.random.default_rng(seed)
+
+    def chain(turned, shifted):
+        axis, place = np.add((1.0, 0.3, 0.2), turned), np.add((0.2, 0.1, 0.1), shifted)
+        texts = [" ".join(map(str, vector)) for vector in (axis, place)]
+        first = turning("0 0 1", "0 0 0.1", "-1.2", "1.4")
+        return arm_from_urdf(chain_urdf(first, second(*texts), tip="0.2 0.15 0.1"))
+
+    drawn = chain(0.0, 0.0)
+    built = chain(rng.normal(0.0, 0.003, 3), rng.normal(0.0, 6e-4, 3))
+    zeros = rng.normal(0.0, 0.01, 2) * np.where(drawn.revolute, 1.0, 0.1)
+
+    def log(rows, seed, change=0.0):
+        rng = np.random.default_rng(seed)
+        q = rng.uniform(drawn.lower, drawn.upper, (rows, 2))
+        x = built.forward(q + zeros + (0.0, change)) + rng.normal(1.0, 1e-4, (rows, 3))
+        return models.log_of(drawn, q, x)
+
+    return log
+
+
+def test_a_chain_that_few_rows_left_as_drawn_is_no_change():
+    log = of_two_joints(lambda axis, place: turning(axis, place, "-1.2", "1.4"), 11)
+    model = calib.train(log(16, 105), size=4)
+    assert model.body.member == "frame"
+    assert max(calib.check(model, log(60, seed)).score for seed in range(3)) < 0.5
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_slide_that_was_set_anew_is_off_by_a_length(seed):
+    log = of_two_joints(lambda axis, place: turning(axis, place, "-0.1", "0.2") + SLIDE, seed)
+    model = calib.train(log(16, 105), size=4)
+    (cause,) = calib.check(model, log(60, 9, 0.003)).causes
+    assert cause.cause == "offset:j2"
+    assert cause.interval[0] < 0.003 < cause.interval[1]
 
 
 def test_a_tracker_that_stands_elsewhere_is_told_by_its_turn_and_its_shift():

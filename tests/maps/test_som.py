@@ -104,6 +104,13 @@ def test_a_few_places_are_answered_without_scipy_as_by_its_tree(turning, monkeyp
     np.testing.assert_allclose(found[0], wanted[0], rtol=1e-12, atol=1e-15)
 
 
+def test_history_ends_with_the_errors_of_the_map():
+    x = points(300)
+    som = SOM((8, 8), "som", epochs=100, sigma=(0.5, 0.5)).fit(x, scale=UNIT_BOX)
+    errors = som.quantization_error(x), som.topographic_error(x)
+    np.testing.assert_allclose(som.history[-1, 2:], errors)
+
+
 def test_quantization_error_is_the_mean_distance_in_own_units():
     scale = Scale.of_range(np.array([0.0, -5.0]), np.array([2.0, 5.0]), (False, False))
     square = network([[0, 0], [0, 1], [1, 0], [1, 1]], (2, 2), scale)
