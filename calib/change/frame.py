@@ -155,7 +155,7 @@ def _by_best_sense(body: Body, q: Array, z: Array, unit: str) -> Reference:
 
     # where is their frame?
     structure = sense.structure
-    start = _frame_start(sense, placement.turn, q, z)
+    start = _frame_start(sense, placement.turn)
     beta = _frame_fit(structure, q, z, start, fitted)
 
     # what of the old belief holds on?
@@ -344,18 +344,13 @@ def _camera_anew(
     return beta
 
 
-def _frame_start(sense: _Sense, turn: Array, q: Array, z: Array) -> Array:
-    """Parameters (d,) with the frame turned, and shifted as it fits best."""
+def _frame_start(sense: _Sense, turn: Array) -> Array:
+    """Parameters (d,) with the frame turned; its shift is linear, and fitted."""
     structure = sense.structure
     step = np.zeros(structure.size)
     rotation = structure.groups["view.rotation"]
     step[rotation] = structure.turn_parameters(turn)
-    start = structure.retract(sense.beta, step)
-    shift = structure.groups["view.shift"]
-    residual = structure.residual(z, structure.predict(q, start))
-    middle = np.median(residual, axis=0)
-    start[shift] += middle[: len(shift)]
-    return start
+    return structure.retract(sense.beta, step)
 
 
 def _frame_fit(

@@ -193,7 +193,6 @@ def _verdict_on_body(
             evidence = replace(evidence, step=step._replace(row=row))
     evidence = with_orientations(evidence, systems, correlation_time)
 
-    report(0.6, "update", math.nan)
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
     better = None
     if learn or evidence.score > 1.0:

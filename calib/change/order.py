@@ -24,7 +24,7 @@ import numpy as np
 
 from ..body.approach import Approach
 from ..body.covariance import autocorrelation_time
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Index
 from ..common.rows import solve_least_squares, spread_rows
 from .causes import CREEP_WAVES, single_causes
 from .frame import Reference
@@ -46,8 +46,6 @@ class PlaySettings:
 
     # share of the play that a model knows by which that may be wrong: 20 mrad were learned as 19.1
     play_share: float = 0.1
-    # least share of a joint's rows from either side that determines its play
-    least_share: float = 0.1
     # least share of the squared residuals that a play explains
     least_explained: float = 0.06
 
@@ -82,7 +80,6 @@ def find_play(noise: NoiseFit, approach: Approach | None) -> Play | None:
     approach : the play that the model knows
     """
     system = noise.system
-    side = system.observations.side
     features = noise.nuisance.rest(system.play_columns(), noise.size)
     products = np.einsum("nmd,nm->nd", features, noise.residual)
     squares = np.maximum((features**2).sum(axis=(0, 1)), 1e-300)
@@ -95,8 +92,7 @@ def find_play(noise: NoiseFit, approach: Approach | None) -> Play | None:
     statistic = total**2 / (variance * noise.correlation_time)
     # the model learned its own from rows, too, with an error that depends on their number
     statistic /= 1.0 + _rows_beside_training(system)
-    may_play = _from_both_sides(side)
-    may_play &= half > 0.0
+    may_play = half > 0.0
     may_play &= explained > PLAY.least_explained
     statistic[~may_play] = 0.0
     joint = int(np.argmax(statistic))
@@ -130,14 +126,6 @@ def follows_sides(residual: Array, side: Array) -> bool:
     statistic = products.sum(axis=0) ** 2 / variance
     chance = float(chdtrc(1, float(statistic.max())))
     return chance * float(statistic.size) < FALSE_ALARM
-
-
-def _from_both_sides(side: Array) -> Mask:
-    """Whether enough rows come from either side of each joint, (dof,), of sides (n, dof)."""
-    above = (side > 0).mean(axis=0)
-    below = (side < 0).mean(axis=0)
-    smaller_share = np.minimum(above, below)
-    return np.asarray(smaller_share > PLAY.least_share)
 
 
 def _rows_beside_training(system: System) -> float:

@@ -59,6 +59,11 @@ class RowSettings:
     answered_in_other: float = 0.9
     # distance from the middle of the learned range, over that range, that counts as within
     range: float = 0.55
+    # most steps of the fit that finds rows that contradict all others: 12 took exact rows of a
+    # longer link for outliers
+    robust_steps: int = 60
+    # most rows of it: enough for every parameter
+    robust_rows: int = 400
 
 
 ROWS = RowSettings()
@@ -219,11 +224,10 @@ def _without_learned(model: Model, log: Samples) -> tuple[Samples, list[str]]:
         return log, []
     is_learned = learned_rows(model, log)
     learned = int(np.count_nonzero(is_learned))
-    if not learned:
-        return log, []
+    notes = [LEARNED.format(learned)] if learned else []
     if len(log) - learned >= LEAST_ROWS:
         log = log.take(~is_learned)
-    return log, [LEARNED.format(learned)]
+    return log, notes
 
 
 def _refuse_few(model: Model, different: Samples, answered: Mask) -> None:
@@ -314,19 +318,6 @@ def _share_inside(scale: Scale, q: Array) -> float:
 
 
 @dataclass(frozen=True)
-class ObservationSettings:
-    """How rows are found that contradict all others."""
-
-    # most steps of the fit: 12 took exact rows of a longer link for outliers
-    robust_steps: int = 60
-    # most rows of the fit that finds outliers: enough for every parameter
-    robust_rows: int = 400
-
-
-OBSERVING = ObservationSettings()
-
-
-@dataclass(frozen=True)
 class Observations(RowArrays):
     """Rows of a log beside a body."""
 
@@ -352,10 +343,10 @@ def sound_rows(reference: Reference, observations: Observations) -> Mask:
     size = reference.sizes
     sd = sd_if_changed(body)
     prior = Prior(start, np.hypot(sd, sd_of_creep(body)))
-    rows = spread_rows(len(q), OBSERVING.robust_rows)
+    rows = spread_rows(len(q), ROWS.robust_rows)
     measured = [Rows(q[rows], z[rows], floor=size)]
     fit = Fit(structure, measured, start, prior, nu=STUDENT)
-    fit.maximise(steps=OBSERVING.robust_steps)
+    fit.maximise(steps=ROWS.robust_steps)
     predicted = structure.predict(q, fit.beta)
     residual = structure.residual(z, predicted) / size
     square = (residual**2).sum(axis=1)

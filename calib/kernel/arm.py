@@ -6,7 +6,7 @@ by a depth, a lens: a homography is a camera whose picture is the plane.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -183,14 +183,13 @@ class KernelArm:
     bias: Array  # (m,)
     view: Array  # (3, 3), the sensor sees view @ tip + shift
     shift: Array  # (3,)
+    # (4, 3), axes of its root in the frame of poses, and its origin there [m]
+    root: Array
     outputs: int  # coordinates of a position: 2 or 3
     # (4,), focal length, centre, k1; None where nothing is divided by a depth
     lens: Array | None
     curves: Array  # (dof, 96)
     sag: Sag | None = None
-    # of the frame of poses: how it turns the root, and where it puts it [m]
-    turn: Array = field(default_factory=lambda: np.eye(3))
-    place: Array = field(default_factory=lambda: np.zeros(3))
 
     @staticmethod
     def of(structure: Structure, beta: Array) -> KernelArm:
@@ -307,6 +306,7 @@ def _spatial(structure: SpatialStructure, beta: Array) -> KernelArm:
         bias=chain.bias + chain.coupling @ beta[groups["offset"]],
         view=sensor.matrix[:, :3],
         shift=sensor.shift,
+        root=np.eye(4, 3),
         outputs=min(structure.outputs, 3),
         lens=sensor.lens,
         curves=_curves(structure, beta),
@@ -350,6 +350,7 @@ def _planar(structure: PlanarStructure, beta: Array) -> KernelArm:
         bias=np.where(revolute, offset, 0.0),
         view=view[:, :3],
         shift=view[:, 3],
+        root=np.eye(4, 3),
         outputs=2,
         lens=sensor.lens,
         curves=_curves(structure, beta),

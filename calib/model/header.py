@@ -135,10 +135,10 @@ class Header:
 def _arm(name: str, arm: KernelArm, single: bool) -> str:
     """The constant of one arm."""
     frames = arm.frames
-    before = np.concatenate([arm.turn.T[None], frames.axes[:-1]])
+    before = np.concatenate([arm.root[None, :3], frames.axes[:-1]])
     axes = np.swapaxes(frames.sides, 1, 2) @ before
     strides = np.einsum("ni,nij->nj", frames.strides, before)
-    strides[0] += arm.place
+    strides[0] += arm.root[3]
     numbers = (arm.mix, arm.bias, strides, axes.reshape(-1, 9))
     rows = [braces(np.asarray(part, dtype=float), single) for part in numbers]
     listed = ",\n".join(rows)

@@ -139,7 +139,8 @@ def placed_arm(model: Parts, arm: KernelArm) -> list[Section]:
     if placed.chain.joints != arm.chain.joints:
         return []
     rotation, shift, scale = space.sensor
-    placed = replace(placed, turn=rotation, place=shift / scale)
+    root = np.vstack([rotation.T, shift / scale])
+    placed = replace(placed, root=root)
     words = {"placed": True, "scale": scale}
     return [Section(words=words, arms={"placed": placed})]
 

@@ -193,20 +193,22 @@ def test_a_simulated_arm_holds_as_its_queries_promise(changes):
     """1 deg was within a bound of 0.0000 mm, and 40 exact rows were too few to say."""
     simulated = trained("six_axis", 400, 6)
     rows = bare("six_axis", 40, 3, *changes, noise=0.0)
-    verdict = calib.check(simulated, rows)
+    stages = []
+    verdict = calib.check(simulated, rows, progress=lambda *step: stages.append(step[:2]))
     off = np.linalg.norm(simulated.forward(rows.q) - rows.x, axis=1)
     share = np.mean(off <= simulated.expected_error(rows.q) + 1e-9)
     within = calib.evaluate(simulated, rows).within["covered"]
     assert (verdict.drifted, verdict.bound_holds) == (bool(changes), not changes)
     assert (verdict.covered, within) == (share, share)
+    assert stages[:3] == [(0.0, "rows"), (0.2, "tests"), (0.4, "causes")]
 
 
 def test_rows_that_a_model_learned_show_nothing_new():
     """They hid a knock from `check` that `evaluate` saw; where there are no others they count."""
     rows = bare("two_link", 400, 7)
     new = bare("two_link", 40, 8, "elbow.offset=0.01")
-    both = replace(rows, q=np.vstack([rows.q, new.q]), x=np.vstack([rows.x, new.x]),
-                   side=np.vstack([rows.side, new.side]))  # fmt: skip
+    names = ("q", "x", "side")
+    both = replace(rows, **{n: np.vstack([getattr(rows, n), getattr(new, n)]) for n in names})
     for log, count in ((both, 40), (rows, 400)):
         verdict = calib.check(learned(), log)
         assert (verdict.samples, verdict.drifted) == (count, count == 40)
