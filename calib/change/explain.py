@@ -51,6 +51,9 @@ class SearchSettings:
     # nats by which one more cause must better the evidence: without it waves of 8 mrad in a corner
     # were an offset and a gain
     nats_better: float = 1.0
+    # the same of two causes of which neither is better than none: a joint's zero and its gain may
+    # nearly cancel, in the part of its range that the log shows; 6.2 of such waves
+    nats_of_pair: float = 10.0
     # most times that sets are compared, each after a new linearisation
     rounds: int = 3
     # most explanations of a round that are fitted to convergence
@@ -239,7 +242,6 @@ class Search:
         for name in self.cause_sets.keys() - self.single_names:
             tried += self.candidates_of((name,))
         beam = [best]
-        # two may cancel: a joint's zero and its gain, in the part of its range that the log shows
         for count in range(1, SEARCH.causes + 1):
             longer = {
                 tuple(sorted((*shorter.causes, name)))
@@ -247,12 +249,17 @@ class Search:
                 if name not in shorter.causes
             }
             sets = [self.candidates_of(causes) for causes in longer]
-            tried += chain(*sets)
             beam = sorted((first for first, *_ in sets), key=_order)
             beam = beam[: SEARCH.beam]
-            if beam and beam[0].evidence >= best.evidence + SEARCH.nats_better:
+            is_pair = count > 1 and not best.causes
+            gain = SEARCH.nats_of_pair if is_pair else SEARCH.nats_better
+            is_better = bool(beam) and beam[0].evidence >= best.evidence + gain
+            if is_pair and not is_better:
+                break
+            tried += chain(*sets)
+            if is_better:
                 best = beam[0]
-            elif not beam or count > 1:
+            elif best.causes:
                 break
         tried.sort(key=_order)
         least = tried[0].evidence - SEARCH.nats_near

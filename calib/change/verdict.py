@@ -208,6 +208,14 @@ class Verdict:
         return self.update is not None and self.update.improved
 
     @property
+    def held_out(self) -> tuple[float, float] | None:
+        """Mean distance of held-out rows from the model, and from the updated belief [unit]."""
+        if self.update is None:
+            return None
+        before = float(self.update.before.mean())
+        return before, float(self.update.after.mean())
+
+    @property
     def distortion(self) -> dict[str, Signal]:
         """How the rows lie on the maps (eq. 9): a display, no alarm."""
         model = self.rows.model

@@ -115,14 +115,6 @@ def holds(within: Mapping[str, float], rows: int) -> bool:
     return answered >= 0.5 and beyond <= 0.15 * rows * answered + 2.0
 
 
-def bound_fails(covered: float, rows: str) -> str:
-    """The line that rows, in words, contradict the bound that covers this share of them."""
-    return (
-        f"THE BOUND DOES NOT HOLD: the model's own 95 % bound covers {100 * covered:.0f} % of "
-        f"{rows}"
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class Photo:
     """A JPEG of the arm by the camera that measured it, at most 3 MB; its borders are positions."""

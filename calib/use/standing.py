@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from ..common.choices import READOUTS
 from ..common.wording import printable, with_unit
-from ..model.about import bound_fails
 
 if TYPE_CHECKING:
     from ..body.belief import Body
@@ -54,6 +53,14 @@ def accuracy_as_made(model: Model) -> str:
     return f"{sensor}: {line}" if sensor else line
 
 
+def _bound_fails(covered: float, rows: str) -> str:
+    """The line that rows, in words, contradict the bound that covers this share of them."""
+    return (
+        f"THE BOUND DOES NOT HOLD: the model's own 95 % bound covers {100 * covered:.0f} % of "
+        f"{rows}"
+    )
+
+
 def bound_warnings(about: About) -> list[str]:
     """State in one line that the rows that a model was tested on contradict its own bound."""
     if about.bound_holds:
@@ -65,13 +72,13 @@ def bound_warnings(about: About) -> list[str]:
             f"TOO COARSE TO ANSWER: at {100 * (1 - answered):.0f} % of {rows} the model may be off "
             "by more than 10 % of the reach"
         ]
-    line = bound_fails(about.within["covered"], rows)
+    line = _bound_fails(about.within["covered"], rows)
     return [f"{line}: do not rely on it"]
 
 
 def bound_fails_for_log(about: About, covered: float) -> str:
     """State in one line that too few rows of a log are within a model's own bound."""
-    line = bound_fails(covered, "the rows of the log")
+    line = _bound_fails(covered, "the rows of the log")
     if about.source == "simulation":
         line += "; it is that of the simulated arm"
     return line

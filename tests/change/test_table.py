@@ -98,6 +98,7 @@ def test_a_change_is_named_and_mended(case):
         assert not found.improved
         assert case.changes or verdict.covered > 0.8
         return
+    assert verdict.held_out == pytest.approx((found.before["mean"], found.after["mean"]), rel=0.2)
     q = random_joints(arm, 300, seed=5)
     truth = calib.Simulation(arm, changes=case.changes).exact(q)
     assert np.nanmean(np.linalg.norm(found.model.forward(q) - truth, axis=1)) < case.adapted

@@ -187,7 +187,7 @@ def alarmed(monitor, samples):
 
 @pytest.mark.parametrize(("trained_noise", "noise"), [(0.0, 2e-3), (1e-3, 1e-3), (1e-3, 2e-3)])
 def test_a_calm_stream_raises_no_alarm(trained_noise, noise):
-    assert not alarmed(calib.monitor(model(trained_noise)), babbled(n=600, noise=noise))
+    assert not alarmed(calib.monitor(model(trained_noise)), babbled(n=1000, noise=noise))
 
 
 @pytest.mark.parametrize(
