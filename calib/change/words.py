@@ -17,7 +17,7 @@ from ..body.covariance import Z95
 from ..body.curves import HARMONICS
 from ..body.parameters import Indices
 from ..body.settings import NATS
-from ..common.wording import for_people, quantity, two_digits
+from ..common.wording import by_name, for_people, quantity, two_digits
 from .causes import FRAME, GROUPS, Cause, indices_of, kind_of
 from .evidence import Evidence, frame_between
 from .noise import NOISIER
@@ -284,7 +284,14 @@ def _of_parameter(evidence: Evidence, k: int, part: Indices) -> Cause:
     value = math.expm1(change) if label.group == "view.scale" else change
     share = abs(change / old) if old else math.nan
     most = float(np.abs(evidence.change[part]).max())
-    words = GROUPS[label.group].changed.format(
+    group = GROUPS[label.group]
+    kind = label.group.removeprefix("view.")
+    about = evidence.rows.model.about
+    revolute = by_name(about.joint_names, about.revolute)
+    if kind == "length" and not revolute.get(label.joint or "", True):
+        kind = "offset"  # the link of a slide in the plane is where its zero is
+        group = GROUPS[kind]
+    words = group.changed.format(
         joint=label.joint,
         name=label.name,
         most=two_digits(math.degrees(most)),
@@ -293,7 +300,6 @@ def _of_parameter(evidence: Evidence, k: int, part: Indices) -> Cause:
         share=f"{100 * share:.2g} %",
         longer="longer" if change > 0 else "shorter",
     )
-    kind = label.group.removeprefix("view.")
     name = f"{kind}:{label.joint}" if label.joint else kind
     cause = Cause(name, label.group, words, change, unit=label.unit)
     return cause.within(half)

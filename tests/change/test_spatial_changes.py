@@ -84,6 +84,15 @@ def test_a_slide_that_was_set_anew_is_off_by_a_length(seed):
     assert cause.interval[0] < 0.003 < cause.interval[1]
 
 
+def test_a_slide_in_the_plane_that_was_set_anew_is_off_by_a_length():
+    slide = turning("1 0.8 0", "0.2 0.1 0", "0", "0.2") + SLIDE
+    arm = arm_from_urdf(chain_urdf(turning(), slide, turning(xyz="0.1 0 0")))
+    model = calib.train(models.bare(arm, 60, 0), size=4)
+    (cause,) = calib.check(model, models.bare(arm, 40, 1, "j2.offset=0.003")).causes
+    assert (cause.cause, cause.words[:13]) == ("offset:j2", "j2 is off by ")
+    assert cause.interval[0] < 0.003 < cause.interval[1]
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_zero_and_a_gain_that_nearly_cancel_are_both_named(seed):
     """Neither alone explains anything: they passed for waves of the joints."""
