@@ -13,6 +13,7 @@ RECIPES = {
     "two links, online rule": {"rule": "online"},
     "two links, dsom": {"map": "dsom"},
     "two links, growing neural gas": {"map": "gng", "log": 40, "epochs": 2},
+    "three links": {"robot": "three_link"},
     "a log": {},
     "maps and links alone": {"body": "none"},
     "few-shot adaptation": {"adapt": "few-shot"},
@@ -26,8 +27,8 @@ import calib
 
 importlib.import_module("calib.change.adapt").HORIZON = 300
 
-def made(log=100, adapt="", **options):
-    arm = calib.load_arm("two_link")
+def made(robot="two_link", log=100, adapt="", **options):
+    arm = calib.load_arm(robot)
     samples = calib.babble(arm, log or 300, seed=1, noise=1e-3)
     if log:
         s = samples
