@@ -312,9 +312,9 @@ def as_built(body: Body) -> Body:
 
 
 def with_chain_in_doubt(body: Body) -> Body:
-    """The belief with what few rows left out: a chain as drawn is known by the second fit alone.
+    """The belief with the doubt of the second fit, where few rows left the chain as it is drawn.
 
-    From 16 rows of an arm of two joints, a third of such models called it drifted; from 60, none.
+    Such models of 16 rows of two joints took a third of unchanged arms for drifted, of 60 none.
     """
     second = body.second
     if second is None or body.rows >= FIT.guarded_rows:

@@ -251,6 +251,7 @@ class Search:
             sets = [self.candidates_of(causes) for causes in longer]
             beam = sorted((first for first, *_ in sets), key=_order)
             beam = beam[: SEARCH.beam]
+            # neither of two causes helps alone, but both together may
             is_pair = count > 1 and not best.causes
             gain = SEARCH.nats_of_pair if is_pair else SEARCH.nats_better
             is_better = bool(beam) and beam[0].evidence >= best.evidence + gain
