@@ -258,7 +258,28 @@ def _as_uncertain(body: Body, best: Explanation, evidence: Evidence) -> Body:
     changed = np.flatnonzero(apart.any(axis=0))
     # each may be as likely as the best
     scaled = apart[:, changed] / (math.sqrt(2.0) * body.kappa)
-    return body.with_covariance(changed, scaled.T @ scaled)
+    doubt = scaled.T @ scaled
+    if evidence.rows.widespread:
+        doubt = _uncontradicted(body, scaled, changed, evidence.rows.q)
+    return body.with_covariance(changed, doubt)
+
+
+def _uncontradicted(
+    body: Body, differences: Array, changed: Indices, q: Array
+) -> Array:
+    """Covariance (p, p) of differences (r, p) of parameters (p,), as far as rows allow them.
+
+    All rows q (n, dof) count for one whose error is that of the body's bound: what moves each of
+    them by more is ruled out, be it what an arm as built may hide.
+    """
+    _, slope = body.structure.linearise(q, body.beta, changed)
+    positions = slice(body.structure.blocks[0])
+    usual_error = body.bound(q)[:, None, None] / RADIUS_95
+    moves = slope[:, positions] @ differences.T / usual_error
+    contradiction = np.einsum("nmi,nmj->ij", moves, moves) / len(q)
+    left = np.linalg.inv(np.eye(len(differences)) + contradiction)
+    covariance: Array = differences.T @ left @ differences
+    return covariance
 
 
 def _with_sound_bound(body: Body, q: Array, missed: Array) -> Body:
