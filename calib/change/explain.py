@@ -51,8 +51,8 @@ class SearchSettings:
     # nats by which one more cause must better the evidence: without it waves of 8 mrad in a corner
     # were an offset and a gain
     nats_better: float = 1.0
-    # the same of two causes of which neither is better than none: a joint's zero and its gain may
-    # nearly cancel, in the part of its range that the log shows; 6.2 of such waves
+    # nats by which two causes must better it of which neither does alone, as a joint's zero and its
+    # gain that nearly cancel in the log's part of the range: waves of 8 mrad in a corner gain 6.2
     nats_of_pair: float = 10.0
     # most times that sets are compared, each after a new linearisation
     rounds: int = 3
