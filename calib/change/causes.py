@@ -29,6 +29,8 @@ without noise."""
 # Times the standard deviation of a freed frame: to a radian and an extent
 ANYWHERE = 20.0
 CALM_WAVES = 0.7
+# of an arm that is exactly as it was simulated: without the tolerances of its making, too
+AS_SIMULATED = 0.0
 WAVE_SIZES = (CREEP_WAVES, CALM_WAVES, 4.0)
 """Joints' waves, of unknown size, that a log may show besides any change: sd of their curves, over
 that of its prior.  With the least alone, waves of 2 mrad along a line were taken for lengths and a

@@ -28,7 +28,6 @@ from ..common.arrays import Array
 from .causes import (
     FRAME,
     SETS,
-    WAVE_SIZES,
     frame_twin,
     indices_of,
     single_causes,
@@ -75,7 +74,7 @@ class Candidate(NamedTuple):
     """A set of causes in the linear system, p of whose parameters are free."""
 
     causes: tuple[str, ...]
-    wave_size: float  # of `WAVE_SIZES`
+    wave_size: float  # of `Reference.wave_sizes`
     indices: Indices  # (p,), parameters that are free
     evidence: float  # [nats]
     normals: Array  # (p,), their best changes over the standard deviations by which they are free
@@ -205,7 +204,7 @@ class Search:
         places = np.searchsorted(self.free, indices)
         cost = self.cost * len(causes)
         candidates = []
-        for wave_size in WAVE_SIZES:
+        for wave_size in self.system.reference.wave_sizes:
             evidence, normals = self.information(wave_size).evidence(places)
             best = float(evidence.max()) - cost
             candidates.append(

@@ -92,7 +92,7 @@ class Explanation:
     """A set of causes that accounts for a log, fitted to it."""
 
     causes: tuple[str, ...]
-    wave_size: float  # of `WAVE_SIZES`, that the joints may have
+    wave_size: float  # of `Reference.wave_sizes`, that the joints may have
     reference: Reference
     indices: Indices  # parameters that are free
     beta: Array  # (d,), parameters of the greatest evidence
@@ -196,7 +196,10 @@ class Posterior:
         self.system = System(reference, observations)
         self.scale = math.sqrt(explanation.correlation_time) * explanation.noise
         self.active, self.r = prior_columns(
-            reference, explanation.wave_size, change_sd=explanation.sd
+            reference,
+            # what was simulated stands for an arm that is built
+            wave_size=max(explanation.wave_size, CREEP_WAVES),
+            change_sd=explanation.sd,
         )
         # without kappa, by which the bound inflates the residual as well
         self.w_columns = self.system.log_columns(self.residual)

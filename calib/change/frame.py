@@ -25,8 +25,10 @@ from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
 from .causes import (
     ANYWHERE,
+    AS_SIMULATED,
     FRAME,
     GROUPS,
+    WAVE_SIZES,
     Cause,
     indices_of,
     is_sensors,
@@ -76,6 +78,15 @@ class Reference:
     void: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     # (w,), parameters of joints' waves that the log shows
     waves: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    # the old belief without the tolerances of an arm's making, where it was only simulated
+    simulated: Body | None = None
+
+    @property
+    def wave_sizes(self) -> tuple[float, ...]:
+        """Sizes of the joints' waves that are compared."""
+        if self.simulated is None:
+            return WAVE_SIZES
+        return (AS_SIMULATED, *WAVE_SIZES)
 
     @property
     def has_discrete_cause(self) -> bool:

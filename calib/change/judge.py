@@ -147,7 +147,11 @@ def _verdict_on_body(
         logged_observations = play.taken_up(logged_observations)
         noise = noise_of(system_of(frame, observations))
     noise = with_waves(noise)
-    reference = replace(reference, waves=noise.system.reference.waves)
+    reference = replace(
+        reference,
+        waves=noise.system.reference.waves,
+        simulated=known if known.simulated else None,
+    )
 
     # 3. p: the chance of such rows where nothing changed, by groups of parameters and by the bound
     noise_beside_belief = noise
@@ -208,7 +212,12 @@ def _systems(
     """The observations in the frame of the log, and in that of the belief if it may be the same."""
     systems = [system_of(reference, observations)]
     if reference.is_fitted and not reference.has_discrete_cause:
-        old_frame = Reference(prior, prior.beta, waves=reference.waves)
+        old_frame = Reference(
+            prior,
+            prior.beta,
+            waves=reference.waves,
+            simulated=reference.simulated,
+        )
         systems.insert(0, system_of(old_frame, observations))
     return systems
 

@@ -21,7 +21,7 @@ from ..body.information import lengths_of, matern
 from ..body.parameters import Indices
 from ..common.arrays import Array
 from ..common.rows import spread_rows
-from .causes import sd_of_creep
+from .causes import AS_SIMULATED, sd_of_creep
 from .frame import Reference
 from .rows import Observations
 
@@ -63,7 +63,7 @@ class System:
     x : (N, d), columns of all parameters
     noisy : a joint whose encoder is noisy, and its noise over that of the sensor [rad or m / size]
     log_determinant : log |C| of the rows' noise, over the usual one
-    nuisance : what an unchanged arm may show whose joints may have waves of a size of `WAVE_SIZES`
+    nuisance : what an unchanged arm may show whose joints may have waves of a size of `Reference.wave_sizes`
     """
 
     def __init__(
@@ -227,7 +227,7 @@ class Statistics:
 class Nuisance:
     """K = U diag(v) U' of a system: `axes` U (N, r) and `variances` v (r,), in noises.
 
-    wave_size : of `WAVE_SIZES`
+    wave_size : of `Reference.wave_sizes`
     creep_share : times the usual creep of the parameters
     change_sd : (d,), standard deviation by which parameters may have changed
     residual_sd : (m,), that of the log's own smooth residual, the belief's if not given [unit]
@@ -314,10 +314,13 @@ def prior_columns(
 ) -> tuple[Indices, Array]:
     """What is unknown of the arm's parameters: which (k,), by standard normals (k, r).
 
-    wave_size : of `WAVE_SIZES`
+    wave_size : of `Reference.wave_sizes`
     creep_share, change_sd : as of `Nuisance`
     """
     body = reference.body
+    if wave_size == AS_SIMULATED and reference.simulated is not None:
+        active = reference.simulated.active
+        body = replace(body, active=active, root=reference.simulated.root)
     sd = creep_share * sd_of_creep(body, wave_size)
     lost = reference.void
     if change_sd is not None:  # of a frame that is held the old knowledge stays

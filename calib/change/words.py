@@ -7,7 +7,7 @@ the first joint's axis and that joint's offset; a sensor that shows all larger a
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, replace
 from operator import itemgetter
 
@@ -20,6 +20,7 @@ from ..body.settings import NATS
 from ..common.wording import by_name, for_people, quantity, two_digits
 from .causes import FRAME, GROUPS, Cause, indices_of, kind_of
 from .evidence import Evidence, frame_between
+from .explain import MARGIN
 from .noise import NOISIER
 from .order import Play
 from .significance import moves_of
@@ -75,6 +76,8 @@ def causes_of(
             by_name = {change.cause: change for change in changes}
             twins, notes = _twins(evidence, by_name)
             causes += twins
+        if evidence.is_attributed:
+            notes += _rivals(evidence, {cause.cause for cause in causes})
     causes += _noises(evidence, drifted=drifted)
     if evidence.tool.score > 1.0:
         causes.append(evidence.tool.cause)
@@ -324,6 +327,21 @@ def _move_of_sensor(evidence: Evidence) -> Cause:
     words = f"the sensor's frame moved: {size}"
     cause = Cause("sensor", "view.rotation", words, value, unit="rad")
     return cause.within(half)
+
+
+def _rivals(evidence: Evidence, named: Set[str]) -> list[str]:
+    """A note on causes that are nearly as likely as those that are named, where there are any."""
+    best = evidence.best
+    for other in evidence.explanations:
+        if other.evidence < best.evidence - MARGIN:
+            break
+        if np.isin(best.indices, other.indices).all():
+            continue
+        effects = _effects(replace(evidence, explanations=(other,)))
+        if effects and not named >= {cause.cause for _, cause in effects}:
+            words = [cause.words for _, cause in effects]
+            return [f"nearly as likely: {', '.join(words)}"]
+    return []
 
 
 def _twins(

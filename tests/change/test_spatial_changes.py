@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import models
 import numpy as np
@@ -44,6 +45,48 @@ def test_what_ten_rows_left_open_is_no_change(seed):
     assert covered > 0.93
     log = calib.babble(ARM, 30, seed=9, noise=1e-4, changes=changes)
     assert not calib.check(model, log).drifted
+
+
+@cache
+def simulated():
+    return calib.train(calib.babble(SIX, 1500), size=4)
+
+
+@pytest.mark.parametrize("joint", ["elbow", "wrist_1", "wrist_2"])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_one_degree_of_a_simulated_arm_is_named(joint, noise):
+    """The tolerances of an arm's making explain it nearly as well: they named no cause."""
+    log = calib.babble(SIX, 60, seed=5, noise=noise, changes=[f"{joint}.offset=0.0175"])
+    cause = calib.check(simulated(), log).causes[0]
+    assert cause.cause == f"offset:{joint}"
+    assert cause.interval[0] < 0.0175 < cause.interval[1]
+    assert np.ptp(cause.interval) < np.radians(0.9)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_an_arm_that_is_built_a_little_off_its_drawing_has_no_step(seed):
+    """What a play explained by chance, of residuals 20 times the noise, was left as a step."""
+    body = simulated().body
+    groups = body.structure.groups
+    beta = body.beta.copy()
+    beta[groups["placement"]] += np.random.default_rng(seed).normal(0.0, 1.5e-3, 36)
+    beta[groups["offset"][2]] += 0.0175
+    q = np.random.default_rng(0).uniform(SIX.lower, SIX.upper, (100, 6))
+    x = body.structure.predict(q, beta)[:, :3]
+    x += np.random.default_rng(99).normal(0.0, 1e-4, (100, 3))
+    verdict = calib.check(simulated(), models.log_of(SIX, q, x, unit="m"))
+    assert verdict.drifted
+    assert not verdict.has_step
+
+
+def test_a_cause_that_is_nearly_as_likely_is_told():
+    arm = calib.load_arm("so101")
+    model = calib.train(calib.babble(arm, 1500), size=6)
+    log = calib.babble(arm, 60, seed=2, noise=3e-3, changes=["shoulder_lift.gear=1.01"])
+    verdict = calib.check(model, log)
+    assert verdict.causes[0].cause == "gain:shoulder_lift"
+    (note,) = [note for note in verdict.notes if note.startswith("nearly as likely: ")]
+    assert "elbow_flex moves with the joint before it, by +1." in note
 
 
 def of_two_joints(second, seed):
