@@ -63,7 +63,8 @@ class System:
     x : (N, d), columns of all parameters
     noisy : a joint whose encoder is noisy, and its noise over that of the sensor [rad or m / size]
     log_determinant : log |C| of the rows' noise, over the usual one
-    nuisance : what an unchanged arm may show whose joints may have waves of a size of `Reference.wave_sizes`
+    nuisance : what an unchanged arm may show whose joints may have waves of a size, one of
+        `Reference.wave_sizes`
     """
 
     def __init__(
