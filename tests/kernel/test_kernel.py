@@ -14,7 +14,6 @@ from models import draw, in_pixels, in_space, log_of, of_a_third, six, trained, 
 from refusals import refused
 
 import calib
-from calib import OptionError
 from calib.arm.loading import arm_from_urdf
 from calib.kernel.compiled import Compiler
 from calib.model.header import Header
@@ -226,7 +225,7 @@ def test_without_a_compiler_the_batch_answers(monkeypatch, name, value):
     slow = cold(model)
     assert "batch" in slow.warm_up()
     assert not slow.warm
-    refused(OptionError, "strict", slow.warm_up, strict=True)
+    refused(calib.OptionError, "strict", slow.warm_up, strict=True)
     q = draw(model, 1)
     np.testing.assert_array_equal(slow.forward(q[0]), model.forward(q)[0])
 

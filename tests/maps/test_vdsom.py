@@ -8,7 +8,6 @@ from refusals import refused
 from small_maps import UNIT_BOX, points
 
 import calib
-from calib import OptionError, Visit
 from calib.maps.density import GAINS, border, error, residual, rho
 from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS
@@ -80,7 +79,7 @@ def test_eq_8_as_printed_gathers_all_nodes_in_one_place_and_only_online():
     assert np.ptp(printed.units, axis=0).max() < 0.02
     assert printed.quantization_error(x) > 0.3
     assert stable.quantization_error(x) < 0.06
-    refused(OptionError, "one sample at a time", calib.SOM(10, "vdsom:printed").fit, x)
+    refused(calib.OptionError, "one sample at a time", calib.SOM(10, "vdsom:printed").fit, x)
 
 
 @pytest.mark.parametrize("beta", [1.0, 0.25])
@@ -131,7 +130,7 @@ def test_nodes_are_denser_at_the_contour_than_a_soms(rule):
 
 def visit(progress, **values):
     grid = Lattice((3, 3))
-    plain = Visit(progress, np.arange(9), np.full(9, 0.1), grid.positions() / 2, grid)
+    plain = calib.Visit(progress, np.arange(9), np.full(9, 0.1), grid.positions() / 2, grid)
     return replace(plain, **{name: np.array(value) for name, value in values.items()})
 
 
@@ -200,4 +199,4 @@ WRONG = {
 @pytest.mark.parametrize("rule", ["batch", "online"])
 def test_a_gain_that_makes_no_sense_is_an_error(wrong, rule):
     som = calib.SOM((4, 4), map=lambda visit: wrong(len(visit.winners)), rule=rule, epochs=2)
-    refused(OptionError, "gain returned", som.fit, X)
+    refused(calib.OptionError, "gain returned", som.fit, X)

@@ -14,7 +14,6 @@ from refusals import refused
 from safetensors.numpy import load as unpack
 
 import calib
-from calib import ModelError
 
 PAGE = (Path(__file__).parents[2] / "docs" / "format.md").read_text(encoding="utf-8")
 
@@ -147,7 +146,7 @@ def test_what_is_no_model_and_what_is_no_maps_is_told_in_one_line(tmp_path):
         (calib.load_maps, tmp_path / "none.calib", "no such file"),
         (calib.load_maps, tmp_path / "damaged.calib", "checksum"),
     ):
-        refused(ModelError, message, load, file)
+        refused(calib.ModelError, message, load, file)
 
 
 def test_an_older_file_is_replaced_only_by_one_that_was_read_back(tmp_path):
@@ -156,7 +155,7 @@ def test_an_older_file_is_replaced_only_by_one_that_was_read_back(tmp_path):
     before, upper = path.read_bytes(), model.about.upper.copy()
     upper[0] = np.nan
     damaged = replace(model, about=replace(model.about, upper=upper))
-    refused(ModelError, "nothing was written", damaged.save, path)
+    refused(calib.ModelError, "nothing was written", damaged.save, path)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["m.calib"]
 

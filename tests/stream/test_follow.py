@@ -12,7 +12,6 @@ from refusals import refused
 from small_maps import UNIT_BOX
 
 import calib
-from calib import OptionError, follow
 from calib.maps.lattice import Graph, Lattice
 from calib.maps.model_selection import blocks
 from calib.stream.follow import OnlineAdapter, matching_sigma
@@ -43,7 +42,7 @@ def test_the_report_of_the_online_rule_is_of_blocks_that_it_never_saw(monkeypatc
 
 
 def followed(one, samples, horizon):
-    pairs = list(follow(one, samples.q, samples.x, horizon=horizon))
+    pairs = list(calib.follow(one, samples.q, samples.x, horizon=horizon))
     return [step for step, _ in pairs], pairs[-1][1]
 
 
@@ -171,10 +170,10 @@ def test_what_cannot_be_followed_is_told():
         ("few-shot", {"units": np.zeros((10**6, 2))}),
     ):
         association = replace(model().association, sensory=replace(model().sensory, **changes))
-        refused(OptionError, words, OnlineAdapter, replace(model(), association=association))
-    refused(OptionError, "horizon 0", OnlineAdapter, model(), 0)
+        refused(calib.OptionError, words, OnlineAdapter, replace(model(), association=association))
+    refused(calib.OptionError, "horizon 0", OnlineAdapter, model(), 0)
     none = np.zeros((0, 2))
-    refused(OptionError, "no samples", OnlineAdapter(model()).feed, none, none)
+    refused(calib.OptionError, "no samples", OnlineAdapter(model()).feed, none, none)
 
 
 def states(monitor, samples):
