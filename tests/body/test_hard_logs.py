@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import log_of, trained
+from models import log_of, sensed, trained
 
 import calib
 from calib.arm.rotations import exponential, matrix_of, quaternion_of
@@ -53,11 +53,10 @@ def test_the_bound_of_a_reading_is_of_one_of_its_own_noise(readings, noise):
 
 
 def test_few_rows_are_not_followed_into_their_noise():
-    rng = np.random.default_rng(0)
-    q = rng.uniform(ARM.lower, ARM.upper, (60, 6))
-    waves = 3e-4 * np.sin(9 * q + np.arange(6))
-    x = ARM.forward(q + waves) + NOISE * rng.normal(size=(60, 3))
-    body = calib.train(log_of(ARM, q, x), size=3).body
+    def waved(q):
+        return ARM.forward(q + 3e-4 * np.sin(9 * q + np.arange(6)))
+
+    body = calib.train(sensed(ARM, 60, 0, waved, NOISE), size=3).body
     assert 0.8 * NOISE < body.noise[0] < 1.3 * NOISE
 
 

@@ -22,15 +22,12 @@ SIX = calib.load_arm("six_axis")
 
 
 def log_of(seed, n=150, turn=FRAME, shift=(1.0, 0.5, 0.2)):
-    rng = np.random.default_rng(seed)
-    q = rng.uniform(ARM.lower, ARM.upper, (n, 3))
-    x = ARM.forward(q) @ np.transpose(turn) + shift + rng.normal(0.0, NOISE, (n, 3))
-    return models.log_of(ARM, q, x, unit="m")
+    return models.sensed(ARM, n, seed, lambda q: ARM.forward(q) @ turn.T + shift, NOISE, unit="m")
 
 
 def errors(model, rows):
     """Mean distance [m] from exact rows, and the share of them within the model's bound."""
-    error = np.linalg.norm(model.forward(rows.q) - rows.x, axis=1)
+    error = models.distances(model, rows.q, rows.x)
     return error.mean(), np.mean(error <= model.expected_error(rows.q))
 
 
@@ -61,10 +58,8 @@ def of_two_joints(second, seed):
     zeros = rng.normal(0.0, 0.01, 2) * np.where(drawn.revolute, 1.0, 0.1)
 
     def log(rows, seed, change=0.0):
-        rng = np.random.default_rng(seed)
-        q = rng.uniform(drawn.lower, drawn.upper, (rows, 2))
-        x = built.forward(q + zeros + (0.0, change)) + rng.normal(1.0, 1e-4, (rows, 3))
-        return models.log_of(drawn, q, x)
+        off = np.add(zeros, (0.0, change))
+        return models.sensed(drawn, rows, seed, lambda q: built.forward(q + off) + 1.0)
 
     return log
 
@@ -261,10 +256,9 @@ def test_a_wrist_that_moves_with_its_neighbour_is_named_and_mended():
     share = 6e-3
 
     def rows(n, seed, coupling=share, noise=1e-4):
-        rng = np.random.default_rng(seed)
-        q = rng.uniform(SIX.lower, SIX.upper, (n, 6))
-        real = q + coupling * q[:, 3:4] * (np.arange(6) == 4)
-        return models.log_of(SIX, q, SIX.forward(real) + rng.normal(0.0, noise, (n, 3)))
+        coupled = np.eye(6)
+        coupled[3, 4] = coupling
+        return models.sensed(SIX, n, seed, lambda q: SIX.forward(q @ coupled), noise)
 
     model = calib.train(rows(300, 1, 0.0), size=6)
     assert not calib.check(model, rows(60, 3, 0.0)).drifted

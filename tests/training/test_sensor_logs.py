@@ -1,11 +1,12 @@
 """Several sensors of one arm: files or a column, repeated poses, one model, its own answers."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import polars as pl
 import pytest
-from models import built, draw, log_of
+from models import built, draw, log_of, sensed
 from refusals import refused
 
 import calib
@@ -16,13 +17,9 @@ NOISE = 1e-4  # [m]
 def seen_from(sensor, rows, seed, shift):
     """What a tracker that stands at `shift` [m] reads of the arm, and the arm's truth for it."""
     arm, structure, beta, _ = built()
-    rng = np.random.default_rng(seed)
-    beta = beta.copy()
     beta[structure.groups["view.shift"]] += shift
-    q = rng.uniform(arm.lower, arm.upper, (rows, arm.dof))
-    x = structure.predict(q, beta) + NOISE * rng.standard_normal((rows, 3))
-    log = log_of(arm, q, x, sensor=sensor)
-    return log, lambda joints: structure.predict(joints, beta)
+    truth = partial(structure.predict, beta=beta)
+    return sensed(arm, rows, seed, truth, NOISE, sensor=sensor), truth
 
 
 @pytest.fixture(scope="module")

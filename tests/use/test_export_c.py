@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from conftest import run_in_process
-from models import draw, in_space, log_of, of_the_drawing, six
+from models import arm, draw, in_space, of_the_drawing, sensed, six, two_link
 from scipy.spatial.transform import Rotation
 
 import calib
@@ -40,15 +40,14 @@ def model(kind):
             path = Path(folder) / "m.calib"
             (six() if kind == "six" else in_space()).save(path)
             return calib.load(path)
-    arm = calib.load_arm("two_link")
-    rng = np.random.default_rng(0)
-    q = rng.uniform(arm.lower, arm.upper, (500, 2))
-    bent = q + 2e-3 * np.sin(9 * q) + [0.0, 0.02]
-    x = arm.forward(bent) @ [[0.0, 1.0], [-1.0, 0.0]] + rng.normal(scale=5e-5, size=(500, 2))
-    if kind == "local":
-        x = x + 4e-3 * np.sin(5 * q[:, :1] * q[:, 1:])
-    curved = calib.train(log_of(arm, q, x), size=8)
-    if kind != "local":
+    local = 4e-3 if kind == "local" else 0.0
+
+    def seen(q):
+        x = two_link(q + 2e-3 * np.sin(9 * q) + [0.0, 0.02]) @ [[0.0, 1.0], [-1.0, 0.0]]
+        return x + local * np.sin(5 * q[:, :1] * q[:, 1:])
+
+    curved = calib.train(sensed(arm(), 500, 0, seen, 5e-5), size=8)
+    if not local:
         return curved
     models = curved.predictor.models  # every third node without one
     coefficients = models.coefficients * (np.arange(64) % 3 > 0)[:, None, None]
