@@ -268,7 +268,7 @@ def test_no_attainable_point_is_closer_and_the_edge_is_reached(robot):
 
 
 def test_a_small_step_goes_where_the_jacobian_says_and_a_gain_is_a_share_of_the_way():
-    model = trained()
+    model = trained("two_link")
     q = draw(model, 50, seed=1, margin=0.2)
     gap = 1e-5 * np.random.default_rng(2).normal(size=(50, 2))
     x = two_link(q)
@@ -280,7 +280,7 @@ def test_a_small_step_goes_where_the_jacobian_says_and_a_gain_is_a_share_of_the_
 
 
 def test_steps_keep_the_limits_and_are_never_long():
-    model = trained()
+    model = trained("two_link")
     span = model.about.upper - model.about.lower
     q = draw(model, 100, seed=6)
     far = np.random.default_rng(7).uniform(-5, 5, (100, 2))

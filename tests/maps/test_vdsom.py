@@ -44,15 +44,6 @@ def test_sigma_and_alpha_fall_as_eq_4_says():
     np.testing.assert_allclose(told.alpha, 0.5 * np.exp(-np.arange(100) / T))
 
 
-def test_after_a_change_sigma_falls_by_eq_10_and_the_links_rates_by_eq_12():
-    t = np.arange(0, 900, 100)
-    told = Rates.following(t, (4.0, 2.0), 0.5, 800)
-    now = np.minimum(t, 800)
-    np.testing.assert_allclose(told.sigma[0], 4.0 * (0.5 / 4.0) ** (now / 800))
-    np.testing.assert_allclose(told.beta, np.exp((800 - now) / 800))
-    np.testing.assert_allclose(told.eta, 0.13 * np.exp((800 - now) / 800))
-
-
 def test_eq_7_and_8_as_printed_step_by_step():
     lattice, sigma, alpha = Lattice((4, 5)), 1.5, 0.4
     rng = np.random.default_rng(3)

@@ -150,7 +150,7 @@ def test_what_is_no_model_and_what_is_no_maps_is_told_in_one_line(tmp_path):
 
 
 def test_an_older_file_is_replaced_only_by_one_that_was_read_back(tmp_path):
-    model, path = trained(), tmp_path / "m.calib"
+    model, path = trained("two_link"), tmp_path / "m.calib"
     model.save(path)
     before, upper = path.read_bytes(), model.about.upper.copy()
     upper[0] = np.nan

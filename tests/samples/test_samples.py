@@ -78,7 +78,7 @@ SWAPPED = {
 @pytest.mark.parametrize("kind", SWAPPED)
 def test_named_columns_are_taken_by_name_wherever_joint_values_go(kind):
     swapped = SWAPPED[kind](JOINTS)
-    model, arm = trained(), calib.load_arm("two_link")
+    model, arm = trained("two_link"), calib.load_arm("two_link")
     np.testing.assert_array_equal(model.forward(swapped), model.forward(JOINTS))
     np.testing.assert_array_equal(model.expected_error(swapped), model.expected_error(JOINTS))
     np.testing.assert_array_equal(arm.forward(swapped), arm.forward(JOINTS))
@@ -103,7 +103,7 @@ def test_named_columns_are_taken_by_name_wherever_joint_values_go(kind):
     ],
 )
 def test_what_is_no_table_of_numbers_is_refused_in_one_line(values, words):
-    for take in (trained().forward, calib.load_arm("two_link").forward):
+    for take in (trained("two_link").forward, calib.load_arm("two_link").forward):
         refused(calib.QueryError, words, take, values)
 
 
