@@ -22,6 +22,9 @@ ELBOW = np.radians([15.0, 150.0])
 """Limits of the elbow of `two_link`."""
 
 
+needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
+
+
 @cache
 def trained(robot: str = "two_link", n: int = 3000, size: int = 20, noise: float = 0.0, **options):
     """Return a small model of a bundled robot."""

@@ -1,7 +1,6 @@
 """Queries by a model's own compiled C are those of the batch in NumPy, and safe to ask for."""
 
 import pickle
-import shutil
 import time
 from dataclasses import replace
 from functools import cache
@@ -10,15 +9,13 @@ import models
 import numpy as np
 import pytest
 from chains import chain_urdf, turning
-from models import draw, in_pixels, in_space, log_of, of_a_third, six, trained, warm
+from models import draw, in_pixels, in_space, log_of, needs_compiler, of_a_third, six, trained, warm
 from refusals import refused
 
 import calib
 from calib.arm.loading import arm_from_urdf
 from calib.kernel.compiled import Compiler
 from calib.model.header import Header
-
-needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
 ROBOTS = [entry.name for entry in calib.list_robots()]
 

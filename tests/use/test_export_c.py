@@ -1,7 +1,6 @@
 """The exported C header answers as the model does, as C99 and as C++17, in double and float."""
 
 import re
-import shutil
 import subprocess
 from dataclasses import replace
 from functools import cache
@@ -11,13 +10,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from conftest import run_in_process
-from models import arm, draw, in_space, of_the_drawing, sensed, six, two_link
+from models import arm, draw, in_space, needs_compiler, of_the_drawing, sensed, six, two_link
 from scipy.spatial.transform import Rotation
 
 import calib
-
-COMPILER = shutil.which("cc") or shutil.which("gcc")
-needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
 
 DATA = Path(__file__).parents[1] / "data"
 LANGUAGES = {"c99": ["-std=c99"], "c++17": ["-x", "c++", "-std=c++17"]}
@@ -28,7 +24,7 @@ def compiled(folder, language, header, program, *options, check=True):
     (folder / "arm.h").write_text(header)
     (folder / "program.c").write_text(program)
     flags = [*LANGUAGES[language], "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic", *options]
-    words = [COMPILER, *flags, "-o", folder / "program", folder / "program.c", "-lm"]
+    words = ["cc", *flags, "-o", folder / "program", folder / "program.c", "-lm"]
     return not subprocess.run(words, check=check, capture_output=not check).returncode
 
 
