@@ -50,9 +50,15 @@ def papers(noise: float = 0.0):
 
 
 @cache
-def measured(n: int = 1200, size: int = 10, noise: float = 1e-3):
+def measured(n: int = 1200, size: int | None = 10, noise: float = 1e-3):
     """Return a model of a log: what is simulated is not known to the training."""
     return calib.train(log(n, noise), size=size)
+
+
+@cache
+def learned(robot: str = "two_link"):
+    """Return a model of 400 rows of a robot that no simulation is known of."""
+    return calib.train(bare(robot, 400, 7), size=6)
 
 
 @cache

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from models import arm, babbled, bare, log_of, model, trained
+from models import arm, babbled, bare, learned, log_of, model, trained
 from refusals import refused
 
 import calib
@@ -168,11 +168,6 @@ def test_a_log_that_nothing_explains(spoil):
     assert ("12 rows" in found.verdict.explanations[0]) == (spoil == "lag")
     assert found.model is model(1e-3)
     assert any("nothing explains the log" in note for note in found.notes)
-
-
-@cache
-def learned(robot="two_link"):
-    return calib.train(bare(robot, 400, 7), size=6)
 
 
 @pytest.mark.parametrize(("n", "every"), [(25, 3), (100, 4), (100, 3)])

@@ -1,6 +1,5 @@
 """Every branch, turn and family is found, none invented; the nearest point out of reach; steps."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -174,13 +173,9 @@ def family_count(x, n=8001):
 
 
 def test_every_connected_family_is_named_once_whatever_else_is_asked():
-    limits = iter(LIMITS)
-    text = re.sub(
-        r'<limit lower="[^"]+" upper="[^"]+"',
-        lambda _: '<limit lower="{}" upper="{}"'.format(*next(limits)),
-        calib.load_arm("three_link").urdf,
-    )
-    arm = arm_from_urdf(text)
+    origins = ("0 0 0", "0.3 0 0", "0.25 0 0")
+    joints = (joint("0 0 1", *each) for each in zip(origins, *np.transpose(LIMITS), strict=True))
+    arm = arm_from_urdf(chain_urdf(*joints, tip="0.15 0 0"))
     model = calib.train(calib.babble(arm, 3000, seed=0), size=15)
     x = arm.forward(draw(model, 30, seed=1))
     ways = model.inverse_all(x)

@@ -92,7 +92,7 @@ def test_a_calm_stream_is_no_change_to_a_model_of_few_rows(path, late):
         q = samples.lower + swing * (samples.upper - samples.lower)
         away = samples.x - two_link(samples.q)
         samples = replace(samples, q=q, x=two_link(np.roll(q, late, axis=0)) + away)
-    one = calib.train(models.log(300, noise=1e-3))
+    one = models.measured(300, size=None)
     assert not any(step.adapting for step in followed(one, samples, 1500)[0])
     told = states(calib.monitor(one), samples.take(slice(300)))
     assert not any(state.drifted for state in told)
