@@ -22,6 +22,9 @@ ELBOW = np.radians([15.0, 150.0])
 """Limits of the elbow of `two_link`."""
 
 
+needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
+
+
 @cache
 def trained(robot: str = "two_link", n: int = 3000, size: int = 20, noise: float = 0.0, **options):
     """Return a small model of a bundled robot."""
@@ -30,18 +33,14 @@ def trained(robot: str = "two_link", n: int = 3000, size: int = 20, noise: float
 
 
 @cache
-def _warm(key: int, model: calib.Model) -> calib.Model:
-    fast = pickle.loads(pickle.dumps(model))
-    said = fast.warm_up()
-    assert fast.warm, said
-    return fast
-
-
 def warm(model: calib.Model) -> calib.Model:
     """Return a copy of a model whose queries compiled C answers."""
     if shutil.which("cc") is None:
         pytest.skip("no C compiler here")
-    return _warm(id(model), model)
+    fast = pickle.loads(pickle.dumps(model))
+    said = fast.warm_up()
+    assert fast.warm, said
+    return fast
 
 
 @cache
@@ -51,9 +50,15 @@ def papers(noise: float = 0.0):
 
 
 @cache
-def measured(n: int = 1200, size: int = 10, noise: float = 1e-3):
+def measured(n: int = 1200, size: int | None = 10, noise: float = 1e-3):
     """Return a model of a log: what is simulated is not known to the training."""
     return calib.train(log(n, noise), size=size)
+
+
+@cache
+def learned(robot: str = "two_link"):
+    """Return a model of 400 rows of a robot that no simulation is known of."""
+    return calib.train(bare(robot, 400, 7), size=6)
 
 
 @cache
@@ -69,12 +74,13 @@ def turning():
 @cache
 def tilted_camera():
     """Return a planar arm before a tilted camera with a lens, whose pixels are not exact."""
-    rng = np.random.default_rng(0)
-    q = rng.uniform(arm().lower, arm().upper, (300, 2))
-    x = two_link(q)
-    seen = 640 + 900 * x / (1.2 + 0.2 * x[:, :1])
-    seen += 1e-7 * (seen - 640) * ((seen - 640) ** 2).sum(axis=1, keepdims=True)
-    return calib.train(log_of(arm(), q, seen + rng.normal(size=q.shape), unit="px"), size=6)
+
+    def seen(q):
+        x = two_link(q)
+        away = 900 * x / (1.2 + 0.2 * x[:, :1])
+        return 640 + away + 1e-7 * away * (away**2).sum(axis=1, keepdims=True)
+
+    return calib.train(sensed(arm(), 300, 0, seen, 1.0, unit="px"), size=6)
 
 
 @cache
@@ -88,6 +94,14 @@ def log_of(arm, q: np.ndarray, x: np.ndarray, **facts) -> calib.Samples:
     """Return rows of an arm as a sensor measured them."""
     limits = arm.lower, arm.upper, arm.revolute
     return calib.Samples(q, x, arm.joint_names, *limits, arm=arm, **facts)
+
+
+def sensed(arm, n: int, seed: int, truth=None, noise: float = 1e-4, **facts) -> calib.Samples:
+    """Return rows at random joints of an arm whose tip is at truth(q), with a sensor's noise."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(arm.lower, arm.upper, (n, arm.dof))
+    x = (truth or arm.forward)(q)
+    return log_of(arm, q, x + rng.normal(0.0, noise, x.shape), **facts)
 
 
 def seen_through(log: calib.Samples, lens) -> calib.Samples:
@@ -228,10 +242,8 @@ def in_pixels(n: int = 60, robot: str = "spatial_three"):
     beta[groups["view.rotation"]] = (-1.3, 0.2, 0.1)
     beta[groups["view.shift"]] = (0.05, 0.1, 2.0)
     beta[groups["offset"][1:3]] = (0.03, -0.02)
-    rng = np.random.default_rng(0)
-    q = rng.uniform(arm.lower, arm.upper, (n, arm.dof))
-    x = structure.predict(q, beta) + rng.normal(0, 0.3, (n, 2))
-    return calib.train(seen_through(log_of(arm, q, x, unit="px"), lens), size=5)
+    log = sensed(arm, n, 0, lambda q: structure.predict(q, beta), 0.3, unit="px")
+    return calib.train(seen_through(log, lens), size=5)
 
 
 @cache

@@ -1,12 +1,18 @@
-"""Hard logs: errors that repeat, tools of one orientation, joints that stand still or are tied."""
+"""Hard logs: errors that repeat, tools of one orientation, tied joints, sagging arms, bad gears."""
 
+import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
-from models import log_of, trained
+from models import log_of, sensed, trained
+from reference import random_joints
+from refusals import refused
 
 import calib
+from calib.arm.gravity import Loads
+from calib.arm.loading import arm_from_urdf
 from calib.arm.rotations import exponential, matrix_of, quaternion_of
 
 NOISE = 2e-5
@@ -53,11 +59,10 @@ def test_the_bound_of_a_reading_is_of_one_of_its_own_noise(readings, noise):
 
 
 def test_few_rows_are_not_followed_into_their_noise():
-    rng = np.random.default_rng(0)
-    q = rng.uniform(ARM.lower, ARM.upper, (60, 6))
-    waves = 3e-4 * np.sin(9 * q + np.arange(6))
-    x = ARM.forward(q + waves) + NOISE * rng.normal(size=(60, 3))
-    body = calib.train(log_of(ARM, q, x), size=3).body
+    def waved(q):
+        return ARM.forward(q + 3e-4 * np.sin(9 * q + np.arange(6)))
+
+    body = calib.train(sensed(ARM, 60, 0, waved, NOISE), size=3).body
     assert 0.8 * NOISE < body.noise[0] < 1.3 * NOISE
 
 
@@ -137,3 +142,81 @@ def test_a_short_path_without_a_drawing_is_bounded_elsewhere():
     body = calib.train(replace(log, arm=None), size=4).body
     off = np.linalg.norm(body.predict(fresh) - ARM.forward(fresh), axis=1)
     assert np.mean(off <= body.bound(fresh)) > 0.9
+
+
+BARE = arm_from_urdf(re.sub(r"<inertial>.*?</inertial>", "", ARM.urdf, flags=re.DOTALL))
+COMPLIANCE = np.array([0.8, 1.0, 1.2, 4.0, 5.0, 3.0])
+
+
+def sagging(q, most, gravity=(0.0, 0.0, -9.81)):
+    """Positions (n, 3) [m] of an arm whose joints give way so that its tip moves by `most`."""
+    torques = np.einsum("exn,x->ne", Loads.of_masses(ARM.chain).levers(q), gravity)
+    bends = 1e-6 * COMPLIANCE * torques
+    moved = np.linalg.norm(ARM.forward(q + bends) - ARM.forward(q), axis=1).max()
+    return ARM.forward(q + most / moved * bends)
+
+
+def tracked(arm, q, x):
+    """A model of rows (n, dof) and what a tracker saw."""
+    return calib.train(log_of(arm, q, x, unit="m"), size=3)
+
+
+@cache
+def world(half=False):
+    """Rows that are learned, with noise, and others, exact."""
+    q = random_joints(ARM, 800)
+    x = sagging(q, 3e-3)
+    low = q[:, 1] < (ARM.lower[1] + ARM.upper[1]) / 2 if half else np.arange(len(q)) < 200
+    noise = np.random.default_rng(0).normal(0.0, 1e-4, (200, 3))
+    return q[low][:200], x[low][:200] + noise, q[~low], x[~low]
+
+
+def errors(model, q, x):
+    """Mean distance [m], and the share of rows within the model's bound."""
+    miss = np.linalg.norm(model.forward(q) - x, axis=1)
+    return float(miss.mean()), float((miss <= model.model_error(q)).mean())
+
+
+def test_an_arm_without_masses_is_as_accurate_as_with_them():
+    q, x, others, truth = world()
+    masses = errors(tracked(ARM, q, x), others, truth)[0]
+    model = tracked(BARE, q, x)
+    bare = errors(model, others, truth)[0]
+    assert bare < 1.2 * masses < 5e-5
+    said = " ".join(model.body.describe(ARM.lower, ARM.upper))
+    told = float(re.search(r"shoulder_lift: bends by up to ([\d.]+) mrad", said)[1])
+    # the tip, 1 m away, moves by 3 mm, most of it by that joint
+    assert 1.5 < told < 4.0
+
+
+def test_the_other_half_of_a_sagging_arms_range_is_within_the_bound():
+    q, x, others, truth = world(half=True)
+    miss, covered = errors(tracked(BARE, q, x), others, truth)
+    assert miss < 1e-4
+    assert covered > 0.85
+
+
+def test_an_arm_on_a_wall_is_believed_and_gravity_is_a_direction():
+    q = random_joints(ARM, 250)
+    x = sagging(q, 3e-3, (9.81, 0.0, 0.0)) + np.random.default_rng(0).normal(0.0, 1e-4, (250, 3))
+    arm = replace(BARE, gravity=(9.81, 0.0, 0.0))
+    assert errors(tracked(arm, q[:100], x[:100]), q[100:], x[100:])[0] < 3e-4
+    assert calib.load_arm("six_axis", gravity=(0, 0, 2)).gravity == (0.0, 0.0, 9.80665)
+    words = r"gravity.*three numbers"
+    refused(calib.OptionError, words, calib.load_arm, "six_axis", gravity=(0, 0, 0))
+
+
+@pytest.mark.parametrize("drawn", [True, False])
+def test_a_gear_that_is_two_percent_wrong_is_found(drawn):
+    """A chain alone missed by 7 mm of it."""
+    q = random_joints(ARM, 300)
+    gains = np.array([1.0, 1.0, 1.02, 1.0, 0.997, 1.0])
+    x = ARM.forward(gains * q) + np.random.default_rng(0).normal(0.0, 2.5e-5, (len(q), 3))
+    log = log_of(ARM, q[:150], x[:150], unit="m")
+    model = calib.train(log if drawn else replace(log, arm=None), size=3)
+    assert "geared" in model.body.member
+    found = model.body.beta[model.body.structure.groups["gain"]]
+    np.testing.assert_allclose(found[1:5], gains[1:5], atol=1e-3)
+    miss, covered = errors(model, q[150:], ARM.forward(gains * q[150:]))
+    assert miss < 1e-4
+    assert covered > 0.93

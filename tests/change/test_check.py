@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from models import arm, babbled, bare, log_of, model, trained
+from models import arm, babbled, bare, learned, log_of, model, trained
 from refusals import refused
 
 import calib
-from calib import OptionError
 
 NOISE = 2e-4
 TRACKER = Path(__file__).parents[3] / "shared/data/ur10_laser_tracker"
@@ -125,7 +124,7 @@ def test_what_is_known_of_a_change_is_believed():
     assert names(calib.check(model(1e-3), turned, cause="joints")) == {"offset:shoulder"}
     assert "length:elbow" in names(calib.check(model(1e-3), longer, cause="joints"))
     assert "length:elbow" not in names(calib.check(model(1e-3), longer, cause="sensor"))
-    refused(OptionError, "sensor, joints", calib.check, model(1e-3), longer, cause="wind")
+    refused(calib.OptionError, "sensor, joints", calib.check, model(1e-3), longer, cause="wind")
 
 
 def test_a_log_of_the_poses_that_were_learned_covers_what_the_model_knows():
@@ -169,11 +168,6 @@ def test_a_log_that_nothing_explains(spoil):
     assert ("12 rows" in found.verdict.explanations[0]) == (spoil == "lag")
     assert found.model is model(1e-3)
     assert any("nothing explains the log" in note for note in found.notes)
-
-
-@cache
-def learned(robot="two_link"):
-    return calib.train(bare(robot, 400, 7), size=6)
 
 
 @pytest.mark.parametrize(("n", "every"), [(25, 3), (100, 4), (100, 3)])
@@ -235,7 +229,7 @@ def test_the_drawing_is_trusted_but_the_zeros():
     assert cause.interval[0] < degree < cause.interval[1]
     assert made.after["mean"] < 2 * NOISE
     words = "free 'links': expected one of"
-    refused(OptionError, words, calib.adapt, learned("six_axis"), rows, free="links")
+    refused(calib.OptionError, words, calib.adapt, learned("six_axis"), rows, free="links")
 
 
 def test_a_flipped_elbow_is_told_and_the_shoulder_is_not_blamed():

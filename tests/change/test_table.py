@@ -1,11 +1,10 @@
 """What changed, what is named, in the plane and in space, through Python and the command line."""
 
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 import pytest
-from models import bare
+from models import bare, learned
 from reference import random_joints
 
 import calib
@@ -13,13 +12,6 @@ import calib
 NOISE = 2e-4
 DEGREE = "0.0174533"
 LINKS = {"length:elbow", "placement:wrist_1"}  # of arms in the plane, and in space
-
-
-@cache
-def world(robot):
-    """An arm, and a model of 400 rows of it that no simulation is known of."""
-    arm = calib.load_arm(robot)
-    return arm, calib.train(bare(arm, 400, 7), size=6)
 
 
 @dataclass(frozen=True)
@@ -76,7 +68,7 @@ CASES = [
 
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_change_is_named_and_mended(case):
-    arm, model = world(case.robot)
+    arm, model = calib.load_arm(case.robot), learned(case.robot)
     found = calib.adapt(model, bare(arm, case.n, 11, *case.changes))
     verdict = found.verdict
     named = {cause.cause: cause.interval for cause in verdict.causes}
@@ -106,7 +98,7 @@ def test_a_change_is_named_and_mended(case):
 
 @pytest.mark.parametrize("times", [2, 5, 10])
 def test_a_noisier_sensor_is_no_drift(times):
-    model = world("two_link")[1]
+    model = learned()
     for n, seed in ((10, 50), (10, 51), (20, 50), (20, 51)):
         assert not calib.check(model, bare("two_link", n, seed, noise=times * NOISE)).drifted
     verdict = calib.check(model, bare("two_link", 100, 11, noise=times * NOISE))
@@ -119,7 +111,7 @@ def test_a_noisier_sensor_is_no_drift(times):
 def test_an_error_that_follows_a_joints_direction_is_no_noise():
     """It was 5.3 times the usual scatter, the exit code 0, and 0 % of the rest within the bound."""
     log = bare("two_link", 100, 3)
-    model = world("two_link")[1]
+    model = learned()
     found = calib.adapt(model, replace(log, x=log.x + 1e-3 * log.side[:, :1]))
     assert not found.verdict.is_calm
     assert np.all(found.model.expected_error(log.q) > 1e-3)
@@ -127,7 +119,7 @@ def test_an_error_that_follows_a_joints_direction_is_no_noise():
 
 def test_a_corner_that_no_cause_explains_to_the_noise_says_little_of_the_rest():
     """Of a lens, taken for placements, the bound covered 62 % and the error had doubled."""
-    arm, model = world("six_axis")
+    arm, model = calib.load_arm("six_axis"), learned("six_axis")
 
     def seen(q):
         x = arm.forward(q)

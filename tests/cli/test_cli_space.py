@@ -4,11 +4,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from reference import Truth, read, table
+from rendering import Camera
 
-EYE, FOCAL, CENTRE, K1 = np.array([0.35, -1.1, 0.55]), 880.0, np.array([633.0, 371.0]), -0.09
-AHEAD = np.array([0.1, 0.0, 0.2]) - EYE
-CAMERA = np.stack([np.cross(AHEAD, (0, 0, 1)), np.cross(AHEAD, np.cross(AHEAD, (0, 0, 1))), AHEAD])
-CAMERA /= np.linalg.norm(CAMERA, axis=1, keepdims=True)  # right, down, ahead
+EYE = np.array([0.35, -1.1, 0.55])
+LENS = {"focal": 880.0, "k1": -0.09, "shift": (-6.5, 11.5)}
+CAMERA = Camera(position=tuple(EYE), target=(0.1, 0.0, 0.2), roll=0.0, **LENS)
 ROTATION = ["qx", "qy", "qz", "qw"]
 BOUNDS = ["expected_error", "model_error"]
 
@@ -18,18 +18,12 @@ def matrix(found, names):
     return np.stack([found[name] for name in names], axis=1)
 
 
-def project(places):
-    point = (places - EYE) @ CAMERA.T
-    n = point[:, :2] / point[:, 2:]
-    return FOCAL * n * (1 + K1 * (n**2).sum(axis=1, keepdims=True)) + CENTRE
-
-
 @pytest.fixture(scope="module")
 def pictures(run, tmp_path_factory):
     """The truth, a folder, and a model of 45 pictures at 0.3 px."""
     folder, truth = tmp_path_factory.mktemp("pictures"), Truth("spatial_three", 0)
     q = truth.draw(45)
-    pixels = project(truth.pose(q)[0]) + truth.rng.normal(0, 0.3, (45, 2))
+    pixels = CAMERA.project(truth.pose(q)[0]) + truth.rng.normal(0, 0.3, (45, 2))
     table(folder / "log.csv", [*truth.arm.joint_names, *"uv"], np.c_[q, pixels])
     train = f"train spatial_three --data {folder}/log.csv --size 5 -o {folder}/m.calib"
     assert "1280x720" in run.done(train).err
@@ -43,12 +37,12 @@ def test_the_camera_is_where_it_stands(run, pictures):
     camera = view["camera"]
     assert np.linalg.norm(np.array(camera["position"]) - EYE) < 3e-3
     turn = pin.Quaternion(np.array(camera["quaternion"])).matrix()  # columns: right, down, ahead
-    assert np.degrees(np.linalg.norm(pin.log3(turn @ CAMERA))) < 0.2
+    assert np.degrees(np.linalg.norm(pin.log3(turn @ CAMERA.rotation))) < 0.2
     assert camera["convention"]["joint"] == "shoulder_pan"
     low, high = np.transpose(camera["interval"])
     known = np.array(camera["position_95_up_to_gauge"])
     assert ((known > 0) & (known <= 1.0001 * (high - low) / 2)).all()
-    assert view["lens"]["focal"] == pytest.approx(FOCAL, rel=5e-3)
+    assert view["lens"]["focal"] == pytest.approx(CAMERA.focal, rel=5e-3)
     assert view["focal"]["unit"] == "px"
     words = run(f"info {folder}/m.calib").out
     assert "camera at (" in words
@@ -62,7 +56,7 @@ def test_pixels_and_the_tip_in_the_base_frame_are_those_of_the_truth(run, pictur
     table(folder / "q.csv", names, q)
     forward = f"query forward {folder}/m.calib --input {folder}/q.csv"
     seen, base = read(run(forward).out), read(run(f"{forward} --in base").out)
-    assert np.hypot(*(matrix(seen, "xy") - project(places)).T).mean() < 0.4
+    assert np.hypot(*(matrix(seen, "xy") - CAMERA.project(places)).T).mean() < 0.4
     miss = np.linalg.norm(matrix(base, "xyz") - places, axis=1)
     assert miss.mean() < 5e-4
     assert (miss <= base["expected_error"]).mean() >= 0.95
@@ -83,13 +77,13 @@ def test_pixels_and_the_tip_in_the_base_frame_are_those_of_the_truth(run, pictur
 def test_a_pixel_on_a_plane_gives_a_point_and_joints_that_stand_there(run, pictures):
     truth, folder, _ = pictures
     point = truth.pose([0.3, 0.9, -1.4])[0][0]
-    u, v = project(point[None])[0]
+    u, v = CAMERA.project(point[None])[0]
     ask = ("query", "inverse", folder / "m.calib")
     found = run(*ask, u, v, "--on", f"z={point[2]}", "--json").document
     assert found["on_plane"]["position"] == pytest.approx(point, abs=1e-3)
     joints = list(found["solutions"][0]["joints"].values())
     assert np.linalg.norm(truth.pose(joints)[0][0] - point) < 1e-3
-    up = run(*ask, *CENTRE, "--on", "z=2")  # the plane is above a camera that looks down
+    up = run(*ask, *CAMERA.centre, "--on", "z=2")  # the plane is above a camera that looks down
     assert (up.code, up.err.count("\n")) == (1, 1)
     assert "in front of the camera" in up.err
     assert run(*ask, u, v, "--on", "x=1").code == 2
@@ -103,7 +97,7 @@ def test_check_and_adapt_follow_a_camera_that_was_moved(run, pictures):
     truth, folder, _ = pictures
     q = truth.draw(30)
     moved = np.array([0.02, 0.03, -0.01])
-    pixels = project(truth.pose(q)[0] - moved) + truth.rng.normal(0, 0.3, (30, 2))
+    pixels = CAMERA.project(truth.pose(q)[0] - moved) + truth.rng.normal(0, 0.3, (30, 2))
     table(folder / "moved.csv", [*truth.arm.joint_names, *"uv"], np.c_[q, pixels])
     assert run(f"check {folder}/m.calib --data {folder}/moved.csv").code == 3
     run.done(f"adapt {folder}/m.calib --data {folder}/moved.csv -o {folder}/a.calib")

@@ -1,6 +1,5 @@
 """Every branch, turn and family is found, none invented; the nearest point out of reach; steps."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -174,13 +173,9 @@ def family_count(x, n=8001):
 
 
 def test_every_connected_family_is_named_once_whatever_else_is_asked():
-    limits = iter(LIMITS)
-    text = re.sub(
-        r'<limit lower="[^"]+" upper="[^"]+"',
-        lambda _: '<limit lower="{}" upper="{}"'.format(*next(limits)),
-        calib.load_arm("three_link").urdf,
-    )
-    arm = arm_from_urdf(text)
+    origins = ("0 0 0", "0.3 0 0", "0.25 0 0")
+    joints = (joint("0 0 1", *each) for each in zip(origins, *np.transpose(LIMITS), strict=True))
+    arm = arm_from_urdf(chain_urdf(*joints, tip="0.15 0 0"))
     model = calib.train(calib.babble(arm, 3000, seed=0), size=15)
     x = arm.forward(draw(model, 30, seed=1))
     ways = model.inverse_all(x)
@@ -268,7 +263,7 @@ def test_no_attainable_point_is_closer_and_the_edge_is_reached(robot):
 
 
 def test_a_small_step_goes_where_the_jacobian_says_and_a_gain_is_a_share_of_the_way():
-    model = trained()
+    model = trained("two_link")
     q = draw(model, 50, seed=1, margin=0.2)
     gap = 1e-5 * np.random.default_rng(2).normal(size=(50, 2))
     x = two_link(q)
@@ -280,7 +275,7 @@ def test_a_small_step_goes_where_the_jacobian_says_and_a_gain_is_a_share_of_the_
 
 
 def test_steps_keep_the_limits_and_are_never_long():
-    model = trained()
+    model = trained("two_link")
     span = model.about.upper - model.about.lower
     q = draw(model, 100, seed=6)
     far = np.random.default_rng(7).uniform(-5, 5, (100, 2))

@@ -1,7 +1,6 @@
 """Queries by a model's own compiled C are those of the batch in NumPy, and safe to ask for."""
 
 import pickle
-import shutil
 import time
 from dataclasses import replace
 from functools import cache
@@ -10,16 +9,13 @@ import models
 import numpy as np
 import pytest
 from chains import chain_urdf, turning
-from models import draw, in_pixels, in_space, log_of, of_a_third, six, trained, warm
+from models import draw, in_pixels, in_space, log_of, needs_compiler, of_a_third, six, trained, warm
 from refusals import refused
 
 import calib
-from calib import OptionError
 from calib.arm.loading import arm_from_urdf
 from calib.kernel.compiled import Compiler
 from calib.model.header import Header
-
-needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
 ROBOTS = [entry.name for entry in calib.list_robots()]
 
@@ -226,7 +222,7 @@ def test_without_a_compiler_the_batch_answers(monkeypatch, name, value):
     slow = cold(model)
     assert "batch" in slow.warm_up()
     assert not slow.warm
-    refused(OptionError, "strict", slow.warm_up, strict=True)
+    refused(calib.OptionError, "strict", slow.warm_up, strict=True)
     q = draw(model, 1)
     np.testing.assert_array_equal(slow.forward(q[0]), model.forward(q)[0])
 

@@ -3,18 +3,12 @@
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
-from small_maps import box, network, points
+from small_maps import box, grid, network, points
 
 from calib import SOM, Association
-from calib.common.scale import TURN, Scale
-from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS, SparseRows, Wiring
 
 BANDWIDTH = WIRINGS["oja"].bandwidth
-
-
-def grid(n):
-    return network(Lattice((n, n)).positions() / (n - 1), (n, n))
 
 
 def activity(nodes, u, bandwidth=BANDWIDTH, *, local=False):
@@ -89,8 +83,7 @@ def line(places, periodic=False, d=1):
     """Nodes on a line in `d` dimensions, joined in a row."""
     units = np.zeros((len(places), d))
     units[:, 0] = places
-    scale = Scale(np.zeros(d), np.where(periodic, TURN, np.ones(d)), np.full(d, periodic))
-    return network(units, (len(places),), scale)
+    return network(units, (len(places),), box(*[periodic] * d))
 
 
 def linked(motor, sensory, dense):

@@ -14,7 +14,6 @@ from refusals import refused
 from safetensors.numpy import load as unpack
 
 import calib
-from calib import ModelError
 
 PAGE = (Path(__file__).parents[2] / "docs" / "format.md").read_text(encoding="utf-8")
 
@@ -25,8 +24,8 @@ MODELS = {
     "of three joints": lambda: trained("three_link"),
     "with a slide": lambda: trained("polar"),
     "with a joint that turns round": turning,
-    "of few rows": lambda: calib.train(log(30, 1e-3), size=6),
-    "without a body": lambda: calib.train(log(300, 1e-3), size=6, body="none"),
+    "of few rows": lambda: measured(30, 6),
+    "without a body": cache(lambda: calib.train(log(300, 1e-3), size=6, body="none")),
     "of no arm": cache(lambda: calib.train(no_arm(60), size=6)),
     "of a camera": tilted_camera,
     "of a growing neural gas": lambda: trained("two_link", 300, 5, map="gng", epochs=5),
@@ -147,16 +146,16 @@ def test_what_is_no_model_and_what_is_no_maps_is_told_in_one_line(tmp_path):
         (calib.load_maps, tmp_path / "none.calib", "no such file"),
         (calib.load_maps, tmp_path / "damaged.calib", "checksum"),
     ):
-        refused(ModelError, message, load, file)
+        refused(calib.ModelError, message, load, file)
 
 
 def test_an_older_file_is_replaced_only_by_one_that_was_read_back(tmp_path):
-    model, path = trained(), tmp_path / "m.calib"
+    model, path = trained("two_link"), tmp_path / "m.calib"
     model.save(path)
     before, upper = path.read_bytes(), model.about.upper.copy()
     upper[0] = np.nan
     damaged = replace(model, about=replace(model.about, upper=upper))
-    refused(ModelError, "nothing was written", damaged.save, path)
+    refused(calib.ModelError, "nothing was written", damaged.save, path)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["m.calib"]
 

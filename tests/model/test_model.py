@@ -8,7 +8,6 @@ from models import draw, log, trained, turning, two_link
 from refusals import refused
 
 import calib
-from calib import QueryError
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +95,7 @@ def test_without_a_body_there_is_no_answer_far_from_every_row():
     ],
 )
 def test_what_is_no_query_is_refused_in_one_line(model, query, message):
-    assert isinstance(refused(QueryError, message, query, model), calib.CalibError)
+    assert isinstance(refused(calib.QueryError, message, query, model), calib.CalibError)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ import pytest
 from refusals import refused
 
 import calib
-from calib import CalibError
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and permissions of POSIX")
 
@@ -33,7 +32,7 @@ def test_a_failure_half_way_keeps_the_old_file(tmp_path, monkeypatch, error, wor
         raise error
 
     monkeypatch.setattr(os, "fsync", fail)
-    refused(CalibError if words else type(error), words, calib.write_log, LOG, path)
+    refused(calib.CalibError if words else type(error), words, calib.write_log, LOG, path)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
 

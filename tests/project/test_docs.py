@@ -12,8 +12,10 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 import versions
+from models import sensed
 from pages import PAGES, ROOT, SHARED, anchors, blocks, links, run_page
 from reference import ROBOTS, write_columns
+from rendering import Camera
 
 import calib
 
@@ -23,13 +25,14 @@ README = TEXTS["README.md"]
 #: pages whose blocks do not run: the README has a test of its own; the examples of api.md are
 #: those of the docstrings, which test_doctests.py runs
 RUN = [name for name in TEXTS if name not in ("README.md", "docs/api.md")]
-#: what pages take over from another one
 KNOCKED = (
     "train two_link",
     "babble two_link -n 100 --noise 0.001 --seed 6 --change elbow.length=+5% "
     "--change sensor.outliers=0.05 -o new.csv",
     "adapt two_link.calib --data new.csv",
 )
+#: what pages take over from another one
+EARLIER = dict.fromkeys(("docs/apply.md", "docs/howto/ros.md"), KNOCKED)
 INSTALLS = "Not run by the tests: it installs the package that they run."
 REMARKS = {  # of what does not run as it stands
     ("docs/quickstart.md", INSTALLS),
@@ -60,15 +63,11 @@ def folder(tmp_path, monkeypatch):
 
 def pictures():
     """45 pictures of an arm in space: its joints, and the pixel at which each shows the tip."""
-    arm, rng = calib.load_arm("spatial_three"), np.random.default_rng(0)
-    q = rng.uniform(arm.lower, arm.upper, (45, 3))
-    ahead = np.array([-0.2, 0.93, -0.3]) / np.linalg.norm([-0.2, 0.93, -0.3])
-    right = np.cross(ahead, (0, 0, 1)) / np.linalg.norm(np.cross(ahead, (0, 0, 1)))
-    axes = np.stack([right, np.cross(ahead, right), ahead])
-    point = (arm.forward(q) - (0.35, -1.1, 0.55)) @ axes.T
-    pixels = 880 * point[:, :2] / point[:, 2:] + (640, 360) + rng.normal(0, 0.3, (45, 2))
-    columns = dict(zip(arm.joint_names, q.T, strict=True))
-    return columns | {"u": pixels[:, 0], "v": pixels[:, 1]}
+    arm, eye = calib.load_arm("spatial_three"), (0.35, -1.1, 0.55)
+    ahead = {"position": eye, "target": np.add(eye, (-0.2, 0.93, -0.3)), "roll": 0.0}
+    camera = Camera(focal=880.0, k1=0.0, shift=(0.5, 0.5), **ahead)
+    log = sensed(arm, 45, 0, lambda q: camera.project(arm.forward(q)), 0.3, unit="px")
+    return dict(zip((*arm.joint_names, "u", "v"), np.hstack([log.q, log.x]).T, strict=True))
 
 
 REAL_URDF = next(ROBOTS.rglob("ur10_robot.urdf"), None)
@@ -132,7 +131,7 @@ def test_commands_and_code_run_and_print_what_the_page_shows(name, folder):
     if not any(block.language in ("console", "python") for block in blocks(text)):
         return
     needed(text)
-    for line in KNOCKED if name in ("docs/apply.md", "docs/howto/ros.md") else ():
+    for line in EARLIER.get(name, ()):
         assert SHARED.run(line.split(), folder).code == 0
     names: dict[str, object] = {}
     if name == "docs/howto/ros.md":

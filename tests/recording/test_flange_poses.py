@@ -18,6 +18,8 @@ from calib import LogError, ModelError, OptionError
 from calib.recording.lens import load_lens
 from calib.recording.pose_files import read_flange_poses
 
+DATA = Path(__file__).parents[1] / "data"
+
 
 @pytest.mark.parametrize("in_hand", [True, False])
 def test_camera_board_and_lens_are_found_with_intervals_that_hold(in_hand):
@@ -227,36 +229,16 @@ def test_matrices_are_read_as_programs_save_them(tmp_path, name):
     np.testing.assert_allclose(numbers, np.column_stack([world.flange[:, :3, 3], turns]), atol=1e-8)
 
 
-ROWS = ["0.1, 0.2, 0.3, 0.0, 0.0, 0.6, 0.8", "0.2, 0.1, 0.3, 0.6, 0.0, 0.8, 0.0"]
-TEXTS = {
-    "extra.csv": "# note\n,photo,pos_x,pos_y,pos_z,quat_x,quat_y,quat_z,quat_w,j1\n"
-    "7,a/0.png,{},9\n8,a/1.png,{},9",
-    "times.txt": "# timestamp tx ty tz qx qy qz qw\n9.5, {}\n\n9.7, {}",
-    "turns_first.txt": "0 0 0.6 0.8 0.1 0.2 0.3\n0.6 0 0.8 0 0.2 0.1 0.3",
-    "saved.txt": "# qx [1] qy [1] qz [1] qw [1] x [m] y [m] z [m]\n0 0 0.6 0.8 0.1 0.2 0.3\n"
-    "0.6 0 0.8 0 0.2 0.1 0.3",
-    "blanks.txt": "qx qy qz qw x y z\n0 0 0.6 0.8 0.1 0.2 0.3\n0.6 0 0.8 0 0.2 0.1 0.3",
-    "hand_and_board.yaml": "- robot:\n    translation: {{x: 1e-1, y: 0.2, z: 0.3}}\n"
-    "    rotation: {{x: 0, y: 0, z: 0.6, w: 0.8}}\n- optical: [1, 0, 0, 0, 0, 0]\n  robot:\n"
-    "    translation: [0.2, 0.1, 0.3]\n    rotation: [0.6, 0, 0.8, 0]",
-    "echo.yaml": "pose:\n  position: {{x: 0.1, y: 0.2, z: 0.3}}\n"
-    "  orientation: {{x: 0, y: 0, z: 0.6, w: 0.8}}\n---\npose:\n"
-    "  position: {{x: 0.2, y: 0.1, z: 0.3}}\n  orientation: {{x: 0.6, y: 0, z: 0.8, w: 0}}\n---",
-    "named.txt": "a/0.png {}\na/1.png {}",
-    "lists.yml": "%YAML:1.0\nsize: [640, 480]\npose2: [{}]\npose10: [{}]",
-    "records.json": '{"of": [7, 8], "shots": {"10": {"xyz": [0.2, 0.1, 0.3], '
-    '"orientation": [0.6, 0, 0.8, 0]}, "2": {"position": [0.1, 0.2, 0.3], "orientation": '
-    '{"w": 0.8, "x": 0, "y": 0, "z": 0.6}}}}',
-}
+POSES = [[0.1, 0.2, 0.3, 0.0, 0.0, 0.6, 0.8], [0.2, 0.1, 0.3, 0.6, 0.0, 0.8, 0.0]]
+FILES = sorted((DATA / "flange_poses").iterdir())
+"""Both poses as public repositories keep theirs."""
 
 
-@pytest.mark.parametrize("name", TEXTS)
-def test_poses_are_read_as_public_repositories_keep_them(tmp_path, name):
-    text = TEXTS[name]
-    (tmp_path / name).write_text(text if "json" in name else text.format(*ROWS))
-    table = read_flange_poses(tmp_path / name)
-    np.testing.assert_allclose(table.numbers, [[*map(float, row.split(", "))] for row in ROWS])
-    assert table.pictures == (["0.png", "1.png"] if "a/" in text else None)
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_poses_are_read_as_public_repositories_keep_them(path):
+    table = read_flange_poses(path)
+    np.testing.assert_allclose(table.numbers, POSES)
+    assert table.pictures == (["0.png", "1.png"] if "a/" in path.read_text() else None)
 
 
 def test_tables_of_other_columns_and_of_other_numbers_are_refused_in_one_line(tmp_path):
@@ -372,16 +354,13 @@ def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):
     assert "doubtful" not in swapped.err
 
 
-LENSES = Path(__file__).parents[1] / "data/lenses"
-
-
 @pytest.mark.parametrize("name", ["opencv.yml", "ros.yaml", "lens.json"])
 def test_lenses_of_others_are_read(tmp_path, name):
-    lens, _ = load_lens(LENSES / name)
+    lens, _ = load_lens(DATA / "lenses" / name)
     assert lens.parameters.tolist() == [500.0, 501.0, 320.0, 240.0, -0.1, 0.02, 0.0, 0.0, 0.0]
     assert lens.size == (640, 480)
     nan = "NaN" if "json" in name else ".nan"
-    (tmp_path / name).write_text(re.sub(r"501\.?", nan, (LENSES / name).read_text()))
+    (tmp_path / name).write_text(re.sub(r"501\.?", nan, (DATA / "lenses" / name).read_text()))
     refused(LogError, "finite", load_lens, tmp_path / name)
     (tmp_path / name).write_text("&all [*all]")
     refused(LogError, "no lens .no YAML without aliases", load_lens, tmp_path / name)

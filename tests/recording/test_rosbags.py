@@ -8,7 +8,6 @@ from models import two_link
 from refusals import refused
 
 import calib
-from calib import LogError
 from calib.recording.bags import read_bag
 
 rosbags = pytest.importorskip("rosbags")
@@ -121,14 +120,14 @@ def test_joints_are_interpolated_to_the_positions(tmp_path, bag):
 @pytest.mark.parametrize("kind", ["mcap", "ros2"])
 def test_poses_of_tf_between_two_frames(tmp_path, kind):
     bag = write(tmp_path / "a", kind, "TFMessage", n=100, turning=True)
-    refused(LogError, r"2 transforms or topics move.*base,link.*camera,tag", read_bag, bag)
+    refused(calib.LogError, r"2 transforms or topics move.*base,link.*camera,tag", read_bag, bag)
     found = read_bag(bag, frames=("camera", "tag"))
     assert found.source["frame"] == "camera"
     t = 0.013 + found.time
     assert np.abs(found.x - x_at(t)).max() < 1e-8
     expected = np.array([turn_at(each) for each in t])
     assert np.abs(np.abs((found.orientation * expected).sum(axis=1)) - 1).max() < 1e-12
-    refused(LogError, "2 transforms .* expected one", read_bag, bag, frames=("tag", "tool"))
+    refused(calib.LogError, "2 transforms .* expected one", read_bag, bag, frames=("tag", "tool"))
 
 
 def test_time_offset_undoes_latency(tmp_path):
@@ -155,21 +154,21 @@ def test_lost_positions_and_too_little_motion_for_clocks_are_told(tmp_path):
 
 
 def test_topics_are_listed(tmp_path):
-    refused(LogError, "nofile: no such file or folder", read_bag, "nofile")
+    refused(calib.LogError, "nofile: no such file or folder", read_bag, "nofile")
     path = write(tmp_path / "a", n=60)
     for words, options in (
         (r"0 topics '/tip' .*/joint_states.*/tracker \(PointStamped\)", {"tip_topic": "/tip"}),
         ("0 topics .*expected one.*JointState", {"tip_topic": "/joint_states"}),
         ("0 joint states of wrist.*its joints: elbow, shoulder", {"joints": ["wrist"]}),
     ):
-        refused(LogError, words, read_bag, path, **options)
+        refused(calib.LogError, words, read_bag, path, **options)
 
 
 def test_a_bag_in_a_log_s_place_names_the_command(tmp_path, monkeypatch):
     bag = write(tmp_path / "bag", n=60)
-    refused(LogError, "calib log", calib.read_log, bag, joints=["shoulder", "elbow"])
+    refused(calib.LogError, "calib log", calib.read_log, bag, joints=["shoulder", "elbow"])
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
-    refused(LogError, r"pip install 'calib-arm\[ros\]'", read_bag, tmp_path)
+    refused(calib.LogError, r"pip install 'calib-arm\[ros\]'", read_bag, tmp_path)
 
 
 def test_the_command_writes_a_log_that_can_be_learned_from(tmp_path, run):

@@ -3,11 +3,9 @@
 import shutil
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("cv2")
-import cv2
 from PIL import ExifTags, Image
 from reference import table, write_columns
 from refusals import refused

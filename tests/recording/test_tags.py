@@ -5,11 +5,9 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("cv2")
-import cv2
 from refusals import refused
 from rendering import Camera, Desk, board, board_shots, tag
 

@@ -9,14 +9,13 @@ from models import bare, trained
 from refusals import refused
 
 import calib
-from calib import LogError, Samples
 
 
 def make(n=4, **changes):
     rng = np.random.default_rng(0)
     fields = {"q": rng.random((n, 2)), "x": rng.random((n, 2)), "joint_names": ("a", "b")}
     limits = {"lower": [0, 0], "upper": [1, 1], "revolute": (True, False)}
-    return Samples(**fields | limits | changes)
+    return calib.Samples(**fields | limits | changes)
 
 
 def test_arrays_are_float_contiguous_and_read_only():
@@ -47,12 +46,12 @@ def test_arrays_are_float_contiguous_and_read_only():
     ],
 )
 def test_what_does_not_fit_is_refused_in_one_line(changes, message):
-    refused(LogError, message, make, **changes)
+    refused(calib.LogError, message, make, **changes)
 
 
 def test_each_joint_came_from_the_side_of_its_last_motion_and_rows_at_one_pose_share_its_number():
     q = np.array([[0.0, 1.0], [0.5, 1.0], [0.5, 0.2], [0.0, 1.0], [0.0, 1.0 + 1e-9]])
-    rows = Samples(q, np.arange(10.0).reshape(5, 2), ("one", "two"))
+    rows = calib.Samples(q, np.arange(10.0).reshape(5, 2), ("one", "two"))
     assert rows.side.T.tolist() == [[0, 1, 1, -1, -1], [0, 0, -1, 1, 1]]
     assert rows.pose_index.tolist() == [0, 1, 2, 0, 0]
 
@@ -79,7 +78,7 @@ SWAPPED = {
 @pytest.mark.parametrize("kind", SWAPPED)
 def test_named_columns_are_taken_by_name_wherever_joint_values_go(kind):
     swapped = SWAPPED[kind](JOINTS)
-    model, arm = trained(), calib.load_arm("two_link")
+    model, arm = trained("two_link"), calib.load_arm("two_link")
     np.testing.assert_array_equal(model.forward(swapped), model.forward(JOINTS))
     np.testing.assert_array_equal(model.expected_error(swapped), model.expected_error(JOINTS))
     np.testing.assert_array_equal(arm.forward(swapped), arm.forward(JOINTS))
@@ -104,7 +103,7 @@ def test_named_columns_are_taken_by_name_wherever_joint_values_go(kind):
     ],
 )
 def test_what_is_no_table_of_numbers_is_refused_in_one_line(values, words):
-    for take in (trained().forward, calib.load_arm("two_link").forward):
+    for take in (trained("two_link").forward, calib.load_arm("two_link").forward):
         refused(calib.QueryError, words, take, values)
 
 
@@ -181,6 +180,6 @@ def test_pixels_of_an_arm_in_space_are_a_cameras():
     arm = calib.load_arm("spatial_three")
     q = np.linspace(arm.lower, arm.upper, 6)
     pixels = np.linspace([10, 20], [600, 400], 6)
-    samples = Samples(q, pixels, arm.joint_names, arm=arm, unit="px")
+    samples = calib.Samples(q, pixels, arm.joint_names, arm=arm, unit="px")
     assert samples.camera.size == (640, 480)
     assert samples.take([0]).camera is samples.camera

@@ -123,6 +123,7 @@ REPORTED = {
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, tuple[int, int]], dict]:
     """Reports, and a preview with all its layers, as they are laid out at two sizes."""
+    chromium()  # or nothing of this is asked for
     folder = tmp_path_factory.mktemp("pages")
     paths = {"preview": folder / "preview.html"}  # first: what is out of the window is not drawn
     calib.preview(in_space(), paths["preview"])

@@ -17,7 +17,7 @@ import calib
 
 WHY = ["where", "coverage", "joints", "arrows"]
 
-simulated = partial(trained, "two_link", n=3000, size=20)
+simulated = partial(trained, "two_link")
 
 
 def report(model, given=None) -> str:

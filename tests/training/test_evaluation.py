@@ -9,7 +9,6 @@ from refusals import refused
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib import LogError
 
 
 def test_a_simulated_model_repeats_the_errors_of_its_training():
@@ -78,7 +77,7 @@ def test_a_log_of_other_joints_is_refused_and_one_in_another_order_is_the_same_l
     s, model = log(50), trained("two_link")
     other = replace(s, joint_names=("hip", "knee"), arm=None)
     words = "log's joints are hip, knee, the model's are shoulder"
-    refused(LogError, words, calib.evaluate, model, other)
+    refused(calib.LogError, words, calib.evaluate, model, other)
     turned = calib.Samples(
         s.q[:, ::-1], s.x, s.joint_names[::-1], s.lower[::-1], s.upper[::-1], s.revolute[::-1]
     )

@@ -1,15 +1,15 @@
 """Several sensors of one arm: files or a column, repeated poses, one model, its own answers."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import polars as pl
 import pytest
-from models import built, draw, log_of
+from models import built, draw, log_of, sensed
 from refusals import refused
 
 import calib
-from calib import LogError, OptionError
 
 NOISE = 1e-4  # [m]
 
@@ -17,13 +17,9 @@ NOISE = 1e-4  # [m]
 def seen_from(sensor, rows, seed, shift):
     """What a tracker that stands at `shift` [m] reads of the arm, and the arm's truth for it."""
     arm, structure, beta, _ = built()
-    rng = np.random.default_rng(seed)
-    beta = beta.copy()
     beta[structure.groups["view.shift"]] += shift
-    q = rng.uniform(arm.lower, arm.upper, (rows, arm.dof))
-    x = structure.predict(q, beta) + NOISE * rng.standard_normal((rows, 3))
-    log = log_of(arm, q, x, sensor=sensor)
-    return log, lambda joints: structure.predict(joints, beta)
+    truth = partial(structure.predict, beta=beta)
+    return sensed(arm, rows, seed, truth, NOISE, sensor=sensor), truth
 
 
 @pytest.fixture(scope="module")
@@ -101,9 +97,9 @@ def test_two_sensors_see_a_planar_arm_from_both_sides_in_units_of_their_own(run,
 
 def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused(logs):
     log = logs[0][0]
-    refused(LogError, "a name of its own", calib.train, [log, log])
+    refused(calib.LogError, "a name of its own", calib.train, [log, log])
     other = calib.babble(calib.load_arm("two_link"), 50)
-    refused(LogError, "simulation", calib.train, [log, other])
+    refused(calib.LogError, "simulation", calib.train, [log, other])
     plane = replace(other, simulation=None, sensor="plane")
     refused(calib.CalibError, "a log of the same arm", calib.train, [log, plane])
 
@@ -118,7 +114,7 @@ def test_a_sensor_of_another_arm_is_named(logs, two):
 
 def test_poses_that_are_read_again_are_no_new_poses(logs):
     log, _ = logs[0]
-    with pytest.raises(LogError, match="poses: 8, in 160 rows: too few"):
+    with pytest.raises(calib.LogError, match="poses: 8, in 160 rows: too few"):
         calib.train(log.take(np.tile(np.arange(8), 20)))
     twice = calib.train(log.take(np.tile(np.arange(40), 2)), size=3)
     assert twice.about.errors == calib.train(log, size=3).about.errors
@@ -157,7 +153,7 @@ def test_a_sensor_is_asked_by_its_name(two, run, tmp_path):
     run("export", path, "-o", tmp_path / "right.h", "--in", "right")
     assert (tmp_path / "first.h").read_bytes() != (tmp_path / "right.h").read_bytes()
     nameless = replace(two, others=(), about=replace(two.about, sensor=""))
-    refused(OptionError, "'base': expected none", nameless.forward, q, sensor="base")
+    refused(calib.OptionError, "'base': expected none", nameless.forward, q, sensor="base")
 
 
 def test_a_log_is_judged_as_its_sensor_sees_the_arm(two):

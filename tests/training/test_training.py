@@ -8,7 +8,6 @@ from models import draw, log, log_of, measured, of_a_third, papers, trained, two
 from refusals import refused
 
 import calib
-from calib import LogError, OptionError
 
 MM = 1e-3
 
@@ -148,7 +147,7 @@ def test_a_drawing_that_is_trusted_leaves_zeros_and_frame(name):
 
     assert miss("offsets") < 0.8 * miss("all")
     no_drawing = replace(log, arm=None)
-    refused(OptionError, "trusts the drawing", calib.train, no_drawing, free="offsets")
+    refused(calib.OptionError, "trusts the drawing", calib.train, no_drawing, free="offsets")
 
 
 @pytest.mark.parametrize(
@@ -175,12 +174,12 @@ def test_a_drawing_that_is_trusted_leaves_zeros_and_frame(name):
 )
 def test_impossible_options_are_refused_in_one_line(options, message):
     samples = calib.babble(calib.load_arm("two_link"), 200)
-    refused(OptionError, message, calib.train, samples, **{"size": 5, **options})
+    refused(calib.OptionError, message, calib.train, samples, **{"size": 5, **options})
 
 
 def test_too_few_rows_are_refused_and_ten_are_enough():
     words = "poses: 9, in 9 rows: too few to learn from, give at least 10"
-    refused(LogError, words, calib.train, log(9), size=4)
+    refused(calib.LogError, words, calib.train, log(9), size=4)
     assert calib.train(log(10), size=4).about.samples == 10
 
 
@@ -208,7 +207,7 @@ def test_a_joint_that_never_moved_is_refused_or_ignored():
 
 def test_maps_that_did_not_unfold_are_refused_in_one_line():
     samples = calib.babble(calib.load_arm("two_link"), 100, seed=0)
-    with pytest.raises(OptionError, match=r"map.*`size`"):
+    with pytest.raises(calib.OptionError, match=r"map.*`size`"):
         calib.train(samples, size=4, map="som", epochs=3, sigma=(1e9, 1e9))
 
 
@@ -227,7 +226,7 @@ def test_rows_that_no_arm_in_space_explains_are_refused_in_one_line(case):
     q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (60, 3))
     change, words = MISFITS[case]
     q, x, orientation = change(q, *arm.pose(q))
-    refused(LogError, words, calib.train, log_of(arm, q, x, orientation=orientation), size=3)
+    refused(calib.LogError, words, calib.train, log_of(arm, q, x, orientation=orientation), size=3)
 
 
 @pytest.mark.parametrize(("n", "noise", "most"), [(60, 1e-4, 3e-4), (200, 0.0, 1e-12)])

@@ -10,7 +10,6 @@ from models import arm, babbled, bare, model, of_the_drawing, six, wide
 from refusals import refused
 
 import calib
-from calib import OptionError, correct
 
 Q = np.random.default_rng(0).uniform([0.4, 0.7], [1.1, 2.0], (50, 2))
 
@@ -25,7 +24,7 @@ def test_the_real_arm_goes_where_the_nominal_one_would(changes):
     truth = samples.simulation.exact
     wanted = arm().forward(Q)
     assert np.linalg.norm(truth(Q) - wanted, axis=1).mean() > 2e-3
-    found = correct(adapted, Q)
+    found = calib.correct(adapted, Q)
     assert np.linalg.norm(truth(found.q) - wanted, axis=1).max() < 1e-4
 
 
@@ -33,17 +32,17 @@ def test_a_sensor_that_moved_is_no_fault_of_the_arm():
     adapted = model()
     for changes in (("sensor.rotate=0.1", "sensor.shift=0.05,0"), ("sensor.mirror=x",)):
         adapted = calib.adapt(adapted, babbled(*changes, n=100, noise=0.0)).model
-        assert np.abs(correct(adapted, Q).q - Q).max() < 1e-4
+        assert np.abs(calib.correct(adapted, Q).q - Q).max() < 1e-4
 
 
 def test_out_of_reach_is_nan_and_without_a_urdf_an_error():
     adapted = calib.adapt(model(), babbled("elbow.length=-20%", n=60)).model
-    found = correct(adapted, [[0.3, 0.27], [0.6, 1.4]])
+    found = calib.correct(adapted, [[0.3, 0.27], [0.6, 1.4]])
     assert found.reachable.tolist() == [False, True]
     assert np.isnan(found.q[0]).all()
     assert found.distance[0] > 0.03
     undrawn = calib.train(replace(babbled(n=60), arm=None, simulation=None), size=10)
-    refused(OptionError, "no URDF", correct, undrawn, Q)
+    refused(calib.OptionError, "no URDF", calib.correct, undrawn, Q)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +61,7 @@ def test_answers_stay_on_the_turn_of_the_input(turning):
     assert about.upper[0] - about.lower[0] == pytest.approx(2 * np.pi)
     for start, end in ((-3.1, -3.2), (3.0, 3.4), (-6.0, 6.0)):
         q = np.linspace([start, 1.0], [end, 1.3], 200)
-        found = correct(turning[0], q)
+        found = calib.correct(turning[0], q)
         assert not found.exceeded.any()
         assert np.abs(found.q - q).max() < 0.05
         step = np.abs(np.diff(q, axis=0)).max()
@@ -71,7 +70,7 @@ def test_answers_stay_on_the_turn_of_the_input(turning):
 
 def test_a_change_beyond_the_limit_is_marked_and_not_written(tmp_path, run, turning):
     model, path = turning
-    found = correct(model, [[0.3, 1.0], [0.4, 2.4]], limit=1e-4)
+    found = calib.correct(model, [[0.3, 1.0], [0.4, 2.4]], limit=1e-4)
     assert found.exceeded.all()
     assert np.isnan(found.q).all()  # what exceeds the limit is no command
     assert np.isfinite(found.nearest).all()
@@ -107,11 +106,11 @@ def test_command_answers_row_by_row_and_other_columns_go_along(tmp_path, run, tu
     assert lines[0] == "time,elbow,note,shoulder,x,y,distance,expected_error,reachable"
     row = next(csv.reader([lines[1]]))
     assert (row[0], row[2]) == ("0.10", "a, b")
-    expected = correct(model, [0.3, 1.0]).q[0]
+    expected = calib.correct(model, [0.3, 1.0]).q[0]
     assert [float(row[3]), float(row[1])] == pytest.approx(expected, abs=1e-12)
     table.write_text("shoulder,elbow\n30,60\n")
     answers = run(f"correct {path} --input {table} --degrees --json").document["answers"]
-    expected = correct(model, np.deg2rad([30, 60])).q[0, 0]  # in rad
+    expected = calib.correct(model, np.deg2rad([30, 60])).q[0, 0]  # in rad
     assert answers["shoulder"][0] == pytest.approx(expected)
 
 
@@ -121,13 +120,13 @@ def test_the_frame_of_a_tracker_is_not_corrected():
     truth = changed.simulation.exact
     turn = np.array([[0.6, -0.8], [0.8, 0.6]])
     seen = replace(changed, x=changed.x @ turn.T + [3.0, -2.0], simulation=None, arm=arm())
-    found = correct(calib.train(seen, size=12), Q)
+    found = calib.correct(calib.train(seen, size=12), Q)
     assert "first joint's offset is taken as zero; if the log is in the" in found.notes[0]
-    pixels = correct(calib.train(replace(seen, unit="px"), size=12), Q)
+    pixels = calib.correct(calib.train(replace(seen, unit="px"), size=12), Q)
     assert pixels.notes[0].endswith("taken as zero")
     assert np.linalg.norm(truth(found.q) - arm().forward(Q), axis=1).max() < 1e-3
     assert np.abs(found.change).max() < np.radians(3.0)
-    based = correct(calib.train(replace(changed, simulation=None), size=12, view="base"), Q)
+    based = calib.correct(calib.train(replace(changed, simulation=None), size=12, view="base"), Q)
     assert based.notes == ()
     assert np.linalg.norm(truth(based.q) - arm().forward(Q), axis=1).max() < 1e-3
 
@@ -137,7 +136,7 @@ def test_six_joints_keep_the_tools_orientation():
     structure, beta = model.body.structure, model.body.beta
     middle = np.array([0.3, -1.2, 1.4, -0.8, 1.2, 0.4])
     q = middle + np.random.default_rng(1).uniform(-0.3, 0.3, (100, 6))
-    found = correct(model, q)
+    found = calib.correct(model, q)
     assert found.reachable.all()
     wanted, reached = structure.pose(q, of_the_drawing(model.body)), structure.pose(found.q, beta)
     np.testing.assert_allclose(reached[0], wanted[0], rtol=0, atol=1e-8)
@@ -151,7 +150,7 @@ def test_beside_a_wrist_singularity_no_tool_is_tilted_without_a_word():
     model = six()
     q = np.array([0.3, -1.2, 1.4, -0.8, 0.0, 0.4]) + np.zeros((9, 6))
     q[:, 4] = np.linspace(-0.02, 0.02, 9)
-    found = correct(model, q)
+    found = calib.correct(model, q)
     answered = found.reachable & ~found.exceeded
     assert found.angle[found.reachable].max() < 1e-5
     assert not answered.all()
@@ -161,7 +160,7 @@ def test_beside_a_wrist_singularity_no_tool_is_tilted_without_a_word():
     model.warm_up()
     if model.warm:
         for row, together, one_answers in zip(q, found.q, answered, strict=True):
-            alone = correct(model, row)
+            alone = calib.correct(model, row)
             assert (alone.reachable[0] and not alone.exceeded[0]) == one_answers
             if one_answers:
                 np.testing.assert_allclose(alone.q[0], together, atol=1e-6)
@@ -172,7 +171,7 @@ def test_a_correction_meets_a_nearly_singular_wrist_and_no_stop():
     changes = ("shoulder_lift.offset=0.01", "elbow.length=+1%")
     model = calib.train(bare(arm, 150, 1, *changes, noise=1e-4), view="base", size=3)
     q = calib.babble(arm, 600, seed=7).q
-    corrected = correct(model, q)
+    corrected = calib.correct(model, q)
     lower, upper = np.transpose(arm.limits)
     assert np.isfinite(corrected.q).all(axis=1).mean() > 0.99
     assert ((corrected.nearest >= lower - 1e-9) & (corrected.nearest <= upper + 1e-9)).all()

@@ -1,7 +1,6 @@
 """The exported C header answers as the model does, as C99 and as C++17, in double and float."""
 
 import re
-import shutil
 import subprocess
 from dataclasses import replace
 from functools import cache
@@ -11,13 +10,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from conftest import run_in_process
-from models import draw, in_space, log_of, of_the_drawing, six
+from models import arm, draw, in_space, needs_compiler, of_the_drawing, sensed, six, two_link
 from scipy.spatial.transform import Rotation
 
 import calib
-
-COMPILER = shutil.which("cc") or shutil.which("gcc")
-needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
 
 DATA = Path(__file__).parents[1] / "data"
 LANGUAGES = {"c99": ["-std=c99"], "c++17": ["-x", "c++", "-std=c++17"]}
@@ -28,7 +24,7 @@ def compiled(folder, language, header, program, *options, check=True):
     (folder / "arm.h").write_text(header)
     (folder / "program.c").write_text(program)
     flags = [*LANGUAGES[language], "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic", *options]
-    words = [COMPILER, *flags, "-o", folder / "program", folder / "program.c", "-lm"]
+    words = ["cc", *flags, "-o", folder / "program", folder / "program.c", "-lm"]
     return not subprocess.run(words, check=check, capture_output=not check).returncode
 
 
@@ -40,15 +36,14 @@ def model(kind):
             path = Path(folder) / "m.calib"
             (six() if kind == "six" else in_space()).save(path)
             return calib.load(path)
-    arm = calib.load_arm("two_link")
-    rng = np.random.default_rng(0)
-    q = rng.uniform(arm.lower, arm.upper, (500, 2))
-    bent = q + 2e-3 * np.sin(9 * q) + [0.0, 0.02]
-    x = arm.forward(bent) @ [[0.0, 1.0], [-1.0, 0.0]] + rng.normal(scale=5e-5, size=(500, 2))
-    if kind == "local":
-        x = x + 4e-3 * np.sin(5 * q[:, :1] * q[:, 1:])
-    curved = calib.train(log_of(arm, q, x), size=8)
-    if kind != "local":
+    local = 4e-3 if kind == "local" else 0.0
+
+    def seen(q):
+        x = two_link(q + 2e-3 * np.sin(9 * q) + [0.0, 0.02]) @ [[0.0, 1.0], [-1.0, 0.0]]
+        return x + local * np.sin(5 * q[:, :1] * q[:, 1:])
+
+    curved = calib.train(sensed(arm(), 500, 0, seen, 5e-5), size=8)
+    if not local:
         return curved
     models = curved.predictor.models  # every third node without one
     coefficients = models.coefficients * (np.arange(64) % 3 > 0)[:, None, None]

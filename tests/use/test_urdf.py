@@ -12,7 +12,6 @@ from reference import pinocchio_pose, random_joints
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib import load_arm
 from calib.arm.loading import arm_from_urdf
 from calib.body.spatial import structure_of
 from calib.use.geometry_fit import fit_geometry
@@ -43,7 +42,7 @@ def test_kinematics_of_the_changed_planar_arm(written, changes):
     done, path = written(calib.adapt(model(), samples, cause="joints").model)
     assert done.code == 0, done.err
     q = random_joints(arm(), 200)
-    assert np.abs(load_arm(path).forward(q) - samples.simulation.exact(q)).max() < 1e-5
+    assert np.abs(calib.load_arm(path).forward(q) - samples.simulation.exact(q)).max() < 1e-5
     assert np.abs(arm().forward(q) - samples.simulation.exact(q)).max() > 5e-3
 
 
@@ -77,8 +76,8 @@ def test_the_users_own_file_is_never_written_over(written, tmp_path):
 
 
 ARMS = {
-    "six_axis": load_arm("six_axis"),
-    "spatial_three": load_arm("spatial_three"),
+    "six_axis": calib.load_arm("six_axis"),
+    "spatial_three": calib.load_arm("spatial_three"),
     "mixed": arm_from_urdf(MIXED),
     "followed": arm_from_urdf(FOLLOWED),
     "locked": arm_from_urdf(MIXED, lock={"lift": 0.4}),
@@ -203,4 +202,4 @@ def test_a_first_axis_that_stands_elsewhere_in_the_root_frame_is_written(written
     done, path = written(calib.train(log_of(drawn, q, x), view="base", size=3))
     assert done.code == 0, done.err
     assert np.abs(drawn.forward(q) - truth).max() > 2e-3
-    assert np.linalg.norm(load_arm(path).forward(q) - truth, axis=1).max() < 3e-4
+    assert np.linalg.norm(calib.load_arm(path).forward(q) - truth, axis=1).max() < 3e-4
