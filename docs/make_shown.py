@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "project")]
+sys.path[:0] = [str(ROOT / folder) for folder in ("tests", "tests/project", "benchmarks")]
 
 
 def renewed(shown: list[str], printed: list[str]) -> list[str]:
