@@ -166,6 +166,10 @@ def _verdict_on_body(
     extent = reference.structure.extents[0]
     bends = 1.0 + ((observations.z / extent) ** 2).sum(axis=1)
     shared_variance = observations.shared**2 * bends
+    # a clock that was corrected is a little early or late for all rows
+    slope = reference.structure.slope(observations.q, reference.beta)
+    moves = slope @ observations.clock_sd[:, :, None]
+    shared_variance += (moves**2).sum(axis=(1, 2))
     bound = bound_test(rows, rows.bound, tolerance, shared_variance, tests)
 
     report(0.4, "causes", math.nan)

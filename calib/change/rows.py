@@ -107,6 +107,13 @@ class LogRows(RowArrays):
         return self.log.side
 
     @property
+    def clock_sd(self) -> Array:
+        """Standard deviation (n, dof) of the joints, of all alike, by that of the log's clock."""
+        if self.log.clock_sd is None:
+            return np.zeros_like(self.q)
+        return self.log.clock_sd
+
+    @property
     def u(self) -> Array:
         """Joints (n, dof) in the unit box."""
         return self.model.motor.scale.to_unit(self.q)
@@ -325,6 +332,8 @@ class Observations(RowArrays):
     z: Array  # (n, m), outputs, without what maps add to the body [unit]
     # (n, dof), sign of each joint's last motion, 0 where it is not known
     side: Array
+    # (n, dof), standard deviation of q, of all rows alike, by that of the log's clock [rad or m]
+    clock_sd: Array
     # [unit], standard deviation that all rows share, such as that of a board that was found again
     shared: float = 0.0
 
@@ -365,7 +374,9 @@ def observations_of(rows: LogRows, reference: Reference) -> Observations:
         added = offset_after(rows.body, body, reference.beta, rows.q, added)
     # that of the model's own log and of this one
     shared = math.sqrt(2.0) * rows.shared
-    return Observations(rows.q, rows.x - added, rows.side, shared)
+    return Observations(
+        rows.q, rows.x - added, rows.side, rows.clock_sd, shared
+    )
 
 
 def neighbours_apart_in_time(u: Array) -> tuple[Index, Index]:

@@ -129,7 +129,7 @@ class System:
         return self.whiten(-self.slope * self.observations.side[:, None])
 
     def log_columns(self, sd: Array) -> Array:
-        """Columns (N, r) of a log's own deviations: a smooth residual, and a shared frame.
+        """Columns (N, r) of a log's own deviations: a smooth residual, a frame, a late clock.
 
         sd : (m,), standard deviation of the smooth residual [unit]
         """
@@ -138,7 +138,8 @@ class System:
         smooth = smooth_columns(self.reference.body, sd, q, nodes)
         places = self.predicted[:, : self.reference.structure.blocks[0]]
         shared = frame_columns(self.reference, self.observations, places)
-        return self.whiten(np.concatenate([smooth, shared], axis=2))
+        late = self.slope @ self.observations.clock_sd[:, :, None]
+        return self.whiten(np.concatenate([smooth, shared, late], axis=2))
 
 
 def system_of(reference: Reference, observations: Observations) -> System:

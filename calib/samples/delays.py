@@ -97,11 +97,17 @@ class Trajectory:
             velocity[inside] = path(when[inside], 1)
         return q, velocity
 
-    def samples_before(self, samples: Samples, delay: float) -> Samples:
-        """The rows whose joints are known `delay` [unit] before, with these."""
-        q, _ = self.before(delay)
+    def samples_before(
+        self, samples: Samples, delay: float, sd: float = 0.0
+    ) -> Samples:
+        """The rows whose joints are known `delay` [unit] before, with these.
+
+        sd : standard deviation of the delay [unit]
+        """
+        q, velocity = self.before(delay)
         inside = finite_rows(q)
-        return replace(samples.take(inside), q=q[inside])
+        clock_sd = sd * velocity[inside] if sd else None
+        return replace(samples.take(inside), q=q[inside], clock_sd=clock_sd)
 
 
 def with_offset(samples: Samples, offset: float) -> Samples:

@@ -49,6 +49,8 @@ class Motion(RowArrays):
     # (n, dof), sign of each joint's last motion: 1, -1, or 0 where it is not known
     side: Array | None = None
     time: Array | None = None  # (n,), when each row was taken [s]
+    # (n, dof), standard deviation of q, of all rows alike, by that of a corrected clock [rad or m]
+    clock_sd: Array | None = None
     episode: Array | None = None  # (n,), the series of each row
 
     def __len__(self) -> int:

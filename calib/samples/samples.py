@@ -156,6 +156,7 @@ class Samples(LogFile, Readings, Motion):
             "orientation": (self.orientation, (n, 4)),
             "covariance": (self.covariance, (n, 6, 6)),
             "time": (self.time, (n,)),
+            "clock_sd": (self.clock_sd, (n, dof)),
             "episode": (self.episode, (n,)),
         }
         arrays = {}

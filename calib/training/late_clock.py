@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..body.belief import Body
+from ..body.structure import Structure
 from ..common.rows import finite_rows
 from ..samples.delays import Delay, Trajectory, estimate_delay
 from ..samples.motion import directions
@@ -26,7 +27,8 @@ def samples_in_time(
     delay = _delay(samples, trajectory, body, fresh=fresh)
     if delay is None or not delay.clear:
         return samples, []
-    return trajectory.samples_before(samples, delay.value), [delay.note()]
+    in_time = trajectory.samples_before(samples, delay.value, delay.sd)
+    return in_time, [delay.note()]
 
 
 def _delay(
@@ -40,7 +42,7 @@ def _delay(
     structure = body.structure
     if structure.outputs != samples.x.shape[1]:
         return None
-    prior = structure.prior(structure.chain_blocks)
+    prior = structure.prior(_blocks_but_curves(structure))
     active = prior.active
     beta = body.beta.copy()
     if fresh:
@@ -83,3 +85,15 @@ def _delay(
         if is_settled and rms > LATE_CLOCK.falls * rms_before:
             break
     return Delay(late, delay.sd, trajectory.unit, share)
+
+
+def _blocks_but_curves(structure: Structure) -> list[str]:
+    """Blocks of parameters that are estimated with a delay: all that a body may free but curves.
+
+    Beside the chain alone, .1 deg of elasticity made a delay of 40 ms one of 41.1 +- .5, and errors
+    of .03 mm .5: what an arm bends followed the delay that was left.
+    """
+    blocks: dict[str, None] = {}
+    for _, freed in structure.members():
+        blocks.update(dict.fromkeys(freed))
+    return [block for block in blocks if block != "curve"]

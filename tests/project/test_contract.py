@@ -20,15 +20,16 @@ NOISE = 1e-4  # [m]
 PIXELS = 0.2  # [px]
 TRAINED = 100
 FRESH = 40
+TURNS = np.array([0.31, 0.53, 0.79, 0.67, 0.43])  # [rad/s]
 LENS = (900.0, 640.0, 360.0, -0.1)
 FROM_THE_SIDE = {"view.rotation": (-1.3, 0.2, 0.1), "view.shift": (0.05, 0.1, 2.0)}
 
 
 class Robot:
-    """`spatial_three` as it was built, before a sensor that stands anywhere."""
+    """An arm as it was built, before a sensor that stands anywhere."""
 
-    def __init__(self, view="rigid", **changes):
-        self.arm = calib.load_arm("spatial_three")
+    def __init__(self, view="rigid", arm="spatial_three", **changes):
+        self.arm = calib.load_arm(arm)
         lens = {"unit": "px", "lens": LENS, "lens_sd": (0.0,) * 4} if view == "pinhole" else {}
         self.truth = structure_of(self.arm, view, **lens)
         rng, groups = np.random.default_rng(7), self.truth.groups
@@ -102,18 +103,18 @@ def backlash():
     return random_rows(Robot(), (200, 60), stand=stand)
 
 
-def a_late_clock():
-    robot, rng = Robot(), np.random.default_rng(1)
+def a_late_clock(robot=None, noise=NOISE):
+    robot, rng = robot or Robot(), np.random.default_rng(1)
     middle = 0.5 * (robot.arm.lower + robot.arm.upper)
     swing = 0.4 * (robot.arm.upper - robot.arm.lower)
 
     def path(time):
-        return middle + swing * np.sin([0.31, 0.53, 0.79] * time[:, None])
+        return middle + swing * np.sin(TURNS[: robot.arm.dof] * time[:, None])
 
     logs = []
     for start, rows in ((0.0, 400), (57.3, 200)):
         time = start + 0.05 * np.arange(rows)
-        logs.append(robot.log(path(time), path(time - 0.03), rng, time=time))
+        logs.append(robot.log(path(time), path(time - 0.03), rng, noise, time=time))
     return logs
 
 
@@ -148,6 +149,7 @@ ABILITIES = {
     "backlash": backlash,
     "rows left out": rows_left_out,
     "a late clock": a_late_clock,
+    "a late clock of an elastic arm": lambda: a_late_clock(Robot(arm="so101", elastic=-2e-3), 5e-5),
     "two sensors": two_sensors,
     "touches": touches,
 }

@@ -155,6 +155,15 @@ def test_a_right_clock_and_poses_in_any_order_need_no_word_and_a_late_log_is_as_
     assert result.errors["local"]["forward"]["distance"]["mean"] < 3e-4
 
 
+@pytest.mark.parametrize("robot", ["so101", "six_axis"])
+def test_what_is_unsure_of_a_clock_is_no_drift(robot):
+    """A clock that 120 rows tell to .3 ms was taken as exact: 23 of 60 such logs were drifted."""
+    log, _ = moving(robot, 0.04, n=1100, rate=20.0, noise=5e-5)
+    model = calib.train(log.take(slice(500)), size=4)
+    for start in range(500, 1100, 120):
+        assert calib.check(model, log.take(slice(start, start + 120))).score < 0.9
+
+
 def test_without_a_column_of_time_the_delay_is_one_of_rows():
     log, _ = moving("two_link", 0.02)
     model = calib.train(replace(log, time=None), size=8)
