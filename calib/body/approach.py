@@ -11,7 +11,7 @@ with h half the play and s = 1, -1 the sign of the joint's last motion.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -38,23 +38,58 @@ class Approach:
         return has_direction
 
 
-def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
+class Beside(NamedTuple):
+    """What rows may err by besides plays: k parameters that are estimated together with them."""
+
+    columns: Array  # (n, m, k), derivatives of the position by them, in noises
+    root_precision: (
+        Array  # (k,), of their prior, one over its standard deviations
+    )
+    pull: Array  # (k,), how far they are below their prior mean
+
+
+def learn_play(
+    residual: Array,
+    slope: Array,
+    direction: Array,
+    beside: Beside,
+    known: Array,
+) -> Array | None:
     """Half the play of each joint (dof,), or None where no joint is sure to have some.
 
     Once one joint surely has play, others count that are only likely to have some.
 
-    residual : (n, m) [unit], measured less predicted position, in the order of motion
-    slope : (n, m, dof) [unit / rad or m], derivative of the position by the joint values
+    residual : (n, m), measured less predicted position in noises, in the order of motion
+    slope : (n, m, dof) [1 / rad or m], derivative of the position in noises by the joint values
     direction : (n, dof), sign of the last motion of each joint
+    known : (dof,), half the play that the predictions are free of [rad or m]
     """
+    n, outputs, dof = slope.shape
     features = -slope * direction[:, None, :]
-    half, error = _least_squares(features, residual)
+    residual = residual + features @ known
+    # the prior adds a row for each parameter
+    count = len(beside.pull)
+    columns = np.vstack(
+        [
+            beside.columns.reshape(n * outputs, count),
+            np.diag(beside.root_precision),
+        ]
+    )
+    target = np.append(residual, beside.root_precision * beside.pull)
+    plays = np.vstack(
+        [features.reshape(n * outputs, dof), np.zeros((count, dof))]
+    )
+    # less what the parameters explain
+    basis, _ = np.linalg.qr(columns)
+    target -= basis @ (basis.T @ target)
+    plays -= basis @ (basis.T @ plays)
+
+    half, error = _least_squares(plays, target, outputs)
     is_sure = half > PLAY.sure * error
     if not is_sure.any():
         return None
     is_likely = half > PLAY.likely * error
-    features = features[:, :, is_likely]
-    half, _ = _least_squares(features, residual)
+    half, _ = _least_squares(plays[:, is_likely], target, outputs)
     if (half < 0.0).any():
         return None
     play = np.zeros(len(is_likely))
@@ -62,23 +97,25 @@ def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
     return play
 
 
-def _least_squares(features: Array, residual: Array) -> tuple[Array, Array]:
-    """Solution (k,) of ``features @ solution = residual``, and its standard errors (k,).
+def _least_squares(
+    features: Array, target: Array, outputs: int
+) -> tuple[Array, Array]:
+    """Solution (k,) of ``features @ solution = target``, and its standard errors (k,).
 
-    features, residual : (n, m, k) and (n, m)
+    features, target : (N, k) and (N,)
+    outputs : coordinates of a row, which are one measurement
     Where the rows do not determine it, the solution is zero and its errors are infinite.
     """
-    n, _, k = features.shape
-    flat = features.reshape(-1, k)
-    gram = flat.T @ flat
-    if not n or np.linalg.cond(gram) > 1e12:
-        errors = np.full(k, np.inf)
-        return np.zeros(k), errors
+    count = features.shape[1]
+    gram = features.T @ features
+    if not len(target) or np.linalg.cond(gram) > 1e12:
+        errors = np.full(count, np.inf)
+        return np.zeros(count), errors
     inverse = np.linalg.inv(gram)
-    solution = inverse @ flat.T @ residual.ravel()
-    misfit = residual - features @ solution
-    # one row's coordinates are one measurement: robust to what they share
-    products = features * misfit[:, :, None]
-    scores = products.sum(axis=1)
+    solution = inverse @ features.T @ target
+    misfit = target - features @ solution
+    # robust to what the coordinates of a row share
+    starts = np.arange(0, len(target), outputs)
+    scores = np.add.reduceat(features * misfit[:, None], starts, axis=0)
     errors = np.linalg.norm(scores @ inverse, axis=0)
     return solution, errors

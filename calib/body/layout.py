@@ -244,6 +244,14 @@ class Layout:
         members = self.members()
         return dict(members).get("chain", members[0][1])
 
+    @property
+    def blocks_but_curves(self) -> list[str]:
+        """All blocks that some member frees but the curves."""
+        blocks: dict[str, None] = {}
+        for _, freed in self.members():
+            blocks.update(dict.fromkeys(freed))
+        return [block for block in blocks if block != "curve"]
+
     # Parameters.
 
     @cached_property

@@ -150,7 +150,7 @@ def estimate_delay(
         predicted ones, NaN where unknown [unit, unit/time]
     columns : (n, m, k), derivative by parameters that are fitted as well, such as a clock's rate
     precision, pull : (k,), their prior precision, and how far they are below their prior mean
-    play : (n, m, j), what else could explain the residual: the better explanation counts
+    play : (n, m, j), derivative by plays, which count where they explain clearly more
     Returns the delay and how the parameters change with it (k,), None where nothing moves.
     """
     rows = np.flatnonzero(finite_rows(np.hstack([velocity, residual])))
@@ -166,21 +166,25 @@ def estimate_delay(
         [weight[:, None] * columns[rows].reshape(rest.size, -1), np.diag(root)]
     )
 
-    inverse, values, remainder = _explain(
-        target, weight[:, None] * late, beside
-    )
-    variance = float(inverse[0] @ inverse[0])  # of noise of 1
+    cause = weight[:, None] * late
+    inverse, values, remainder = _explain(target, cause, beside)
     squares = float(remainder @ remainder)
+    if play is not None:
+        plays = weight[:, None] * play[rows].reshape(rest.size, -1)
+        with_play = _explain(target, np.hstack([cause, plays]), beside)
+        squares_with_play = float(with_play[2] @ with_play[2]) + 1e-300
+        # by the criterion of Schwarz (1978)
+        gain = rest.size * np.log(squares / squares_with_play)
+        if gain > plays.shape[1] * np.log(rest.size):
+            inverse, values, remainder = with_play
+            squares = squares_with_play
+    variance = float(inverse[0] @ inverse[0])  # of noise of 1
     gain = float(values[0]) ** 2 / variance
     share = gain / (squares + gain)
-    if play is not None:
-        cause = weight[:, None] * play[rows].reshape(rest.size, -1)
-        by_play = _explain(target, cause, beside)[2]
-        if by_play @ by_play <= squares:
-            share = 0.0
     freedom = max(rest.size - len(values), 1)
     sd = _delay_sd(inverse[0], remainder, rest.shape, squares / freedom)
-    return Delay(float(values[0]), sd, "s", share), values[1:]
+    changes = values[len(values) - columns.shape[2] :]
+    return Delay(float(values[0]), sd, "s", share), changes
 
 
 def _delay_sd(

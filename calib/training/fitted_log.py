@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..body.approach import Approach, learn_play
+from ..body.approach import Approach, Beside, learn_play
 from ..body.body_fit import BodyFit
 from ..common.arrays import Array, Index
 from ..common.rows import thinned
@@ -113,11 +113,13 @@ class FittedLog(SoundLog):
         log = self
         # curves and frame have taken some of it before
         for _ in range(BACKLASH.rounds):
-            more = _play_of(log)
-            if more is None:
+            play = _play_of(log)
+            if play is None:
+                break
+            more = play - log.play
+            if np.abs(more).max() <= BACKLASH.settled * play.max():
                 break
             readings = samples_without_play(log.readings, more)
-            play = log.play + more
             log = replace(log.of_readings(readings), play=play)
         return log
 
@@ -144,18 +146,27 @@ def _play_of(log: FittedLog) -> Array | None:
     if len(log.rows) < BACKLASH.fewest or exact or samples.side is None:
         return None
     rows = log.rows[thinned(len(log.rows), BACKLASH.most)]
-    scale = samples.unit_box
-    u = scale.to_unit(samples.q[rows])
-    value, slope = log.body.value_and_slope(u)
+    body = log.fit.body
+    structure = body.structure
+    q = samples.q[rows]
+    predicted, slope = structure.predict_and_slope(q, body.beta)
+    slope /= body.noise[:, None]
+    # elasticity, gears and couplings took half of a play along a path, where joints seldom turn
+    prior = structure.prior(structure.blocks_but_curves)
+    _, columns = structure.linearise(q, body.beta, prior.active)
     # a joint near a limit mostly came from one side: its curve has taken that already
-    surprise = samples.side[rows].copy()
-    for k, values in enumerate(np.clip(u, 0.0, 1.0).T):
-        powers = np.polynomial.chebyshev.chebvander(
-            2.0 * values - 1.0, BACKLASH.trend
-        )
-        trend = np.linalg.lstsq(powers, surprise[:, k])[0]
-        surprise[:, k] -= powers @ trend
-    return learn_play(samples.x[rows] - value, slope / scale.span, surprise)
+    u = np.clip(samples.unit_box.to_unit(q), 0.0, 1.0)
+    powers = np.polynomial.chebyshev.chebvander(2.0 * u - 1.0, BACKLASH.trend)
+    curves = np.einsum("nmk,nkp->nmkp", slope, powers)
+    curves = curves.reshape(*slope.shape[:2], -1)
+    loose = np.ones(curves.shape[2])
+    beside = Beside(
+        np.concatenate([columns / body.noise[:, None], curves], axis=2),
+        root_precision=np.append(1.0 / prior.sd[prior.active], loose),
+        pull=np.append((prior.mean - body.beta)[prior.active], 0.0 * loose),
+    )
+    residual = structure.residual(samples.x[rows], predicted) / body.noise
+    return learn_play(residual, slope, samples.side[rows], beside, log.play)
 
 
 def samples_without_play(samples: Samples, play: Array) -> Samples:

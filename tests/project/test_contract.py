@@ -20,7 +20,7 @@ NOISE = 1e-4  # [m]
 PIXELS = 0.2  # [px]
 TRAINED = 100
 FRESH = 40
-TURNS = np.array([0.31, 0.53, 0.79, 0.67, 0.43])  # [rad/s]
+TURNS = np.array([0.31, 0.53, 0.79, 0.67, 0.43, 0.59])  # [rad/s]
 LENS = (900.0, 640.0, 360.0, -0.1)
 FROM_THE_SIDE = {"view.rotation": (-1.3, 0.2, 0.1), "view.shift": (0.05, 0.1, 2.0)}
 
@@ -103,7 +103,7 @@ def backlash():
     return random_rows(Robot(), (200, 60), stand=stand)
 
 
-def a_late_clock(robot=None, noise=NOISE):
+def a_late_clock(robot=None, noise=NOISE, late=0.03, play=0.0):
     robot, rng = robot or Robot(), np.random.default_rng(1)
     middle = 0.5 * (robot.arm.lower + robot.arm.upper)
     swing = 0.4 * (robot.arm.upper - robot.arm.lower)
@@ -114,7 +114,9 @@ def a_late_clock(robot=None, noise=NOISE):
     logs = []
     for start, rows in ((0.0, 400), (57.3, 200)):
         time = start + 0.05 * np.arange(rows)
-        logs.append(robot.log(path(time), path(time - 0.03), rng, noise, time=time))
+        stand = path(time - late)
+        stand[:, 1] -= play * np.sign(path(time)[:, 1] - path(time - 0.05)[:, 1])
+        logs.append(robot.log(path(time), stand, rng, noise, time=time))
     return logs
 
 
@@ -148,7 +150,9 @@ ABILITIES = {
     "encoders that tremble": encoders_that_tremble,
     "backlash": backlash,
     "rows left out": rows_left_out,
+    "backlash along a path": lambda: a_late_clock(late=0.0, play=4e-3),
     "a late clock": a_late_clock,
+    "a late clock and backlash": lambda: a_late_clock(Robot(arm="six_axis"), 2e-4, play=3e-3),
     "a late clock of an elastic arm": lambda: a_late_clock(Robot(arm="so101", elastic=-2e-3), 5e-5),
     "two sensors": two_sensors,
     "touches": touches,
