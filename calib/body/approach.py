@@ -42,9 +42,7 @@ class Beside(NamedTuple):
     """What rows may err by besides plays: k parameters that are estimated together with them."""
 
     columns: Array  # (n, m, k), derivatives of the position by them, in noises
-    root_precision: (
-        Array  # (k,), of their prior, one over its standard deviations
-    )
+    precision_root: Array  # (k,), one over their prior standard deviations
     pull: Array  # (k,), how far they are below their prior mean
 
 
@@ -69,16 +67,11 @@ def learn_play(
     residual = residual + features @ known
     # the prior adds a row for each parameter
     count = len(beside.pull)
-    columns = np.vstack(
-        [
-            beside.columns.reshape(n * outputs, count),
-            np.diag(beside.root_precision),
-        ]
-    )
-    target = np.append(residual, beside.root_precision * beside.pull)
-    plays = np.vstack(
-        [features.reshape(n * outputs, dof), np.zeros((count, dof))]
-    )
+    of_rows = beside.columns.reshape(n * outputs, count)
+    columns = np.vstack([of_rows, np.diag(beside.precision_root)])
+    target = np.append(residual, beside.precision_root * beside.pull)
+    features = features.reshape(n * outputs, dof)
+    plays = np.vstack([features, np.zeros((count, dof))])
     # less what the parameters explain
     basis, _ = np.linalg.qr(columns)
     target -= basis @ (basis.T @ target)

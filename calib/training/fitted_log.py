@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ..body.approach import Approach, Beside, learn_play
+from ..body.belief import Body
 from ..body.body_fit import BodyFit
 from ..common.arrays import Array, Index
 from ..common.rows import thinned
@@ -143,30 +144,43 @@ def _play_of(log: FittedLog) -> Array | None:
     samples = log.samples
     simulation = samples.simulation
     exact = simulation is not None and not simulation.hidden
-    if len(log.rows) < BACKLASH.fewest or exact or samples.side is None:
+    if len(log.rows) < BACKLASH.fewest or exact:
         return None
-    rows = log.rows[thinned(len(log.rows), BACKLASH.most)]
+    samples = samples.take(log.rows[thinned(len(log.rows), BACKLASH.most)])
+    if samples.side is None:
+        return None
     body = log.fit.body
     structure = body.structure
-    q = samples.q[rows]
-    predicted, slope = structure.predict_and_slope(q, body.beta)
+    predicted, slope = structure.predict_and_slope(samples.q, body.beta)
     slope /= body.noise[:, None]
-    # elasticity, gears and couplings took half of a play along a path, where joints seldom turn
+    residual = structure.residual(samples.x, predicted) / body.noise
+    beside = _beside_plays(samples, body, slope)
+    return learn_play(residual, slope, samples.side, beside, log.play)
+
+
+def _beside_plays(samples: Samples, body: Body, slope: Array) -> Beside:
+    """What rows (n,) may err by besides plays: all that the body may free, and joints' curves.
+
+    Elasticity, gears and couplings took half of a play along a path, where joints seldom turn; the
+    curve of a joint has taken what it did near a limit, to where it mostly came from one side.
+
+    slope : (n, m, dof) [1 / rad or m], derivative of the positions in noises by the joints
+    """
+    structure = body.structure
     prior = structure.prior(structure.blocks_but_curves)
-    _, columns = structure.linearise(q, body.beta, prior.active)
-    # a joint near a limit mostly came from one side: its curve has taken that already
-    u = np.clip(samples.unit_box.to_unit(q), 0.0, 1.0)
+    free = prior.active
+    _, columns = structure.linearise(samples.q, body.beta, free)
+
+    u = np.clip(samples.unit_box.to_unit(samples.q), 0.0, 1.0)
     powers = np.polynomial.chebyshev.chebvander(2.0 * u - 1.0, BACKLASH.trend)
     curves = np.einsum("nmk,nkp->nmkp", slope, powers)
     curves = curves.reshape(*slope.shape[:2], -1)
-    loose = np.ones(curves.shape[2])
-    beside = Beside(
+    count = curves.shape[2]
+    return Beside(
         np.concatenate([columns / body.noise[:, None], curves], axis=2),
-        root_precision=np.append(1.0 / prior.sd[prior.active], loose),
-        pull=np.append((prior.mean - body.beta)[prior.active], 0.0 * loose),
+        precision_root=np.append(1.0 / prior.sd[free], np.ones(count)),
+        pull=np.append((prior.mean - body.beta)[free], np.zeros(count)),
     )
-    residual = structure.residual(samples.x[rows], predicted) / body.noise
-    return learn_play(residual, slope, samples.side[rows], beside, log.play)
 
 
 def samples_without_play(samples: Samples, play: Array) -> Samples:
