@@ -93,7 +93,7 @@ def learn_play(
 def _least_squares(
     features: Array, target: Array, outputs: int
 ) -> tuple[Array, Array]:
-    """Solution (k,) of ``features @ solution = target``, and its standard errors (k,).
+    """Solution (k,) of ``features @ solution = target`` in noises, and its standard errors (k,).
 
     features, target : (N, k) and (N,)
     outputs : coordinates of a row, which are one measurement
@@ -111,4 +111,6 @@ def _least_squares(
     starts = np.arange(0, len(target), outputs)
     scores = np.add.reduceat(features * misfit[:, None], starts, axis=0)
     errors = np.linalg.norm(scores @ inverse, axis=0)
-    return solution, errors
+    # where rows hardly tell a play from the parameters, these are as unsure as their priors
+    white = np.sqrt(np.diag(inverse))
+    return solution, np.maximum(errors, white)

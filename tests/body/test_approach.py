@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from models import arm, bare
+from models import L1, L2, arm, bare, log_of, two_link
 
 import calib
 
@@ -88,3 +88,15 @@ def test_a_play_below_zero_is_none(elbow):
         assert approach is None
     else:
         assert approach.play == pytest.approx(play, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [5, 9])
+def test_what_a_parameter_explains_as_well_is_no_play(seed):
+    """Along a path between three poses, each joint of which turned once, play was learned."""
+    rng = np.random.default_rng(seed)
+    poses = rng.uniform(arm().lower, arm().upper, (3, 2))
+    time = np.linspace(0.0, 2.0, 600)
+    q = np.stack([np.interp(time, np.arange(3), joint) for joint in poses.T], axis=1)
+    offset, longer = rng.normal(0.0, 1e-3, 2), 5e-4 * rng.standard_normal()
+    x = two_link(q + offset, L1 + longer, L2 - 5e-4) + rng.normal(0.0, 2e-4, q.shape)
+    assert calib.train(log_of(arm(), q, x), size=4).approach is None
