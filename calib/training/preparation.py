@@ -162,7 +162,8 @@ def _with_clock_in_doubt(fit: BodyFit, samples: Samples) -> BodyFit:
     """The fit with what the standard deviation of a corrected clock adds to that of parameters.
 
     Rows that all move by v change parameters of covariance C by C J' v, J their derivatives, both
-    over the noise: of 180 rows along 9 s a late clock moved them by more than the noise did.
+    over the noise.  Without it three models of 9 s paths, of 180 rows each, took their unchanged
+    arm for drifted; with it one does.
     """
     if samples.clock_sd is None:
         return fit

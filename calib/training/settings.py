@@ -81,9 +81,8 @@ class Backlash:
     fewest: int = 20  # rows
     most: int = 5_000
     rounds: int = 3
-    settled: float = (
-        0.01  # share of the largest play by which the last round moves any
-    )
+    # share of the largest play: a round that moves less is the last
+    settled: float = 0.01
     trend: int = 7  # degree of a joint's direction as a function of its value
 
 
