@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, NamedTuple, TypeVar
 
@@ -11,7 +11,7 @@ import numpy as np
 from ..common.arrays import TRIANGLE, Array, Shape
 from ..common.rows import row_lengths
 from .covariance import Z95, as_kept, radius_95, root_of, spread_of
-from .parameters import Gaussian, Indices
+from .parameters import Gaussian, Indices, Prior
 from .sensor_pose import SensorPose
 from .settings import PRIOR_SHARE, SHARED
 from .structure import OfStructure, Structure
@@ -81,6 +81,15 @@ class Body(OfStructure):
         active = np.union1d(self.active, indices)
         root = root_of(total[np.ix_(active, active)])
         return replace(self, active=active, root=root)
+
+    def prior(self, free: Sequence[str]) -> Prior:
+        """Prior that frees the blocks of `free`, as wide as the evidence found them, at least."""
+        prior = self.structure.prior(free)
+        sd = prior.sd.copy()
+        for hyper in prior.hypers:
+            larger = max(self.scales.get(hyper.name, 0.0) / hyper.scale, 1.0)
+            sd[hyper.indices] *= larger
+        return replace(prior, sd=sd)
 
     def predict(self, q: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof) [rad or m]."""

@@ -18,7 +18,7 @@ from ..common.rows import finite_rows, row_lengths
 from ..errors import LogError
 from .diagnosis import is_path
 from .samples import Samples
-from .settings import DELAY
+from .settings import DELAY, ClearDelay
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,19 @@ class Delay:
     @property
     def clear(self) -> bool:
         """Whether it is sure, and matters."""
-        sure = abs(self.value) > DELAY.clear * self.sd
-        return sure and self.share > DELAY.share
+        limits = self._limits
+        is_sure = limits.deviations * self.sd < abs(self.value)
+        return is_sure and self.sd < limits.most and self.share > limits.share
+
+    @property
+    def doubt(self) -> float:
+        """Standard deviation of the clocks where it is not corrected [unit], 0 beyond a limit."""
+        doubt = float(np.hypot(self.value, self.sd))
+        return doubt if doubt < self._limits.most else 0.0
+
+    @property
+    def _limits(self) -> ClearDelay:
+        return DELAY.in_rows if self.unit == "rows" else DELAY.timed
 
     def note(self) -> str:
         """One line for the user on a clear delay."""
@@ -204,8 +215,10 @@ def _delay_sd(
     blocks = [block.sum() for block in np.array_split(scores, DELAY.blocks)]
     white = np.linalg.norm(by_rows) * np.sqrt(variance)
     noise = max(float(np.linalg.norm(blocks)), float(white))
-    # exact rows do not settle all that the prior leaves: along one line a delay is an offset
-    return float(np.hypot(noise, np.linalg.norm(by_target[size:])))
+    # exact rows do not settle all that the prior leaves: along one line a delay is an offset; and a
+    # parameter that rows pull further from its prior than expected makes the delay as unsure
+    pulled = np.maximum(1.0, np.abs(remainder[size:]))
+    return float(np.hypot(noise, np.linalg.norm(by_target[size:] * pulled)))
 
 
 def _explain(

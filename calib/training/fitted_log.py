@@ -167,7 +167,7 @@ def _beside_plays(samples: Samples, body: Body, slope: Array) -> Beside:
     slope : (n, m, dof) [1 / rad or m], derivative of the positions in noises by the joints
     """
     structure = body.structure
-    prior = structure.prior(structure.blocks_but_curves)
+    prior = body.prior(structure.blocks_but_curves)
     free = prior.active
     _, columns = structure.linearise(samples.q, body.beta, free)
 

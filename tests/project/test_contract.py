@@ -152,6 +152,7 @@ ABILITIES = {
     "rows left out": rows_left_out,
     "backlash along a path": lambda: a_late_clock(late=0.0, play=4e-3),
     "a late clock": a_late_clock,
+    "a clock that is hardly late": lambda: a_late_clock(noise=1e-3, late=0.004),
     "a late clock and backlash": lambda: a_late_clock(Robot(arm="six_axis"), 2e-4, play=3e-3),
     "a late clock of an elastic arm": lambda: a_late_clock(Robot(arm="so101", elastic=-2e-3), 5e-5),
     "two sensors": two_sensors,

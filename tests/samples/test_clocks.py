@@ -78,8 +78,12 @@ def test_what_is_doubtful_is_refused(case):
 
 
 def test_a_delay_that_is_unsure_or_explains_nothing_is_not_corrected():
-    cases = ((1e-3, 0.5), (1e-2, 0.5), (1e-3, 0.0))
-    assert [Delay(0.02, sd, "s", share).clear for sd, share in cases] == [True, False, False]
+    cases = ((0.02, 1e-3, 0.5), (0.02, 1e-2, 0.5), (0.02, 1e-3, 0.0), (0.47, 0.11, 0.09))
+    delays = [Delay(value, sd, "s", share) for value, sd, share in cases]
+    assert [delay.clear for delay in delays] == [True, False, False, False]
+    # then it is a doubt, but one of half a second is that of rows that nothing explains
+    assert delays[1].doubt == pytest.approx(np.hypot(0.02, 0.01))
+    assert delays[3].doubt == 0.0
 
 
 def test_a_delay_is_as_sure_as_its_interval_says():
@@ -162,6 +166,17 @@ def test_what_is_unsure_of_a_clock_is_no_drift(robot):
     model = calib.train(log.take(slice(500)), size=4)
     for start in range(500, 1100, 120):
         assert calib.check(model, log.take(slice(start, start + 120))).score < 0.9
+
+
+def test_offsets_far_from_the_drawing_leave_the_delay_of_a_fresh_log_as_sure_as_it_says():
+    """Held near the drawing they made it 12 standard deviations wrong."""
+    log, _ = moving("three_link", 0.04, n=1500, rate=20.0)
+    log = replace(log, q=log.q + [0.08, -0.1, 0.02])
+    model = calib.train(log.take(slice(600)), size=4)
+    for start in range(600, 1500, 150):
+        notes = calib.check(model, log.take(slice(start, start + 150))).notes
+        _, value, half = delay_of(notes)
+        assert abs(value - 40.0) < 2.0 * half
 
 
 def test_without_a_column_of_time_the_delay_is_one_of_rows():
