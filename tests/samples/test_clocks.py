@@ -171,7 +171,7 @@ def test_what_is_unsure_of_a_clock_is_no_drift(robot):
 def test_offsets_far_from_the_drawing_leave_the_delay_of_a_fresh_log_as_sure_as_it_says():
     """Held near the drawing they made it 12 standard deviations wrong."""
     log, _ = moving("three_link", 0.04, n=1500, rate=20.0)
-    log = replace(log, q=log.q + [0.08, -0.1, 0.02])
+    log = replace(log, q=log.q + np.array([0.08, -0.1, 0.02]))
     model = calib.train(log.take(slice(600)), size=4)
     for start in range(600, 1500, 150):
         notes = calib.check(model, log.take(slice(start, start + 150))).notes
