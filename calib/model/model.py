@@ -86,8 +86,11 @@ class Model(Compilable):
 
     def with_sensor(self, adapted: Model) -> Model:
         """Return the model with one adapted sensor, whose arm all its sensors take over."""
+        before = self.by(adapted.about.sensor)
+        events = adapted.history[len(before.history) :]
         first, *others = (
-            with_arm_of(model, adapted) for model in (self, *self.others)
+            with_arm_of(model, adapted, events)
+            for model in (self, *self.others)
         )
         return replace(first, others=tuple(others))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
@@ -330,10 +331,12 @@ def bounds_of_nodes(motor: Map, body: Body) -> tuple[Array, Array]:
     return body.bound(nodes), body.bound(nodes, noise=False)
 
 
-def with_arm_of(parts: _P, adapted: _P) -> _P:
+def with_arm_of(parts: _P, adapted: _P, events: Sequence[Document]) -> _P:
     """Return one sensor's parts with the arm of another one's adapted model.
 
     The parts of the sensor that was adapted are the adapted model's.
+
+    events : of the adaptation, as the adapted model's history has them
     """
     if parts.about.sensor == adapted.about.sensor:
         return replace(adapted, others=())
@@ -354,14 +357,16 @@ def with_arm_of(parts: _P, adapted: _P) -> _P:
         second=after.second,
     )
     reading, position = bounds_of_nodes(parts.motor, body)
-    event = dict(adapted.history[-1])
-    for of_that_sensor in ("frame", "before", "after"):
-        event.pop(of_that_sensor, None)
+    of_that_sensor = ("frame", "before", "after")
+    shared = [
+        {name: event[name] for name in event if name not in of_that_sensor}
+        for event in events
+    ]
     return replace(
         alone,
         body=body,
         bounds=np.maximum(parts.bounds, reading),
         model_bounds=np.maximum(parts.model_bounds, position),
-        history=(*parts.history, event),
+        history=(*parts.history, *shared),
         approach=adapted.approach,
     )

@@ -168,3 +168,8 @@ def test_a_log_is_judged_as_its_sensor_sees_the_arm(two):
     assert adapted.model.sensors == ("left", "right")
     moved = adapted.model.forward(turned.q, sensor="right") - two.by("right").forward(q)
     assert np.median(np.linalg.norm(moved, axis=1)) < 3e-4
+    # a bound alone that became wider has no event for the others to take over
+    right = replace(two.by("right"), bounds=2.0 * two.by("right").bounds)
+    wider = two.with_sensor(right)
+    assert not wider.history
+    assert np.array_equal(wider.by("right").bounds, right.bounds)
