@@ -146,6 +146,14 @@ class Layout:
             groups += other.free
         return tuple(groups)
 
+    @property
+    def scale_groups(self) -> tuple[str, ...]:
+        """Blocks of the scales of all sensors in metres but the first: they may disagree."""
+        metric = [sensor for sensor in self.sensors if sensor.is_metric]
+        return tuple(
+            self._group_of(sensor, "view.scale") for sensor in metric[1:]
+        )
+
     def _group_of(self, sensor: Sensor, block: str) -> str:
         """Name of a sensor's block: prefixed by the sensor's name, except the viewpoint's."""
         if sensor is self.viewpoint:

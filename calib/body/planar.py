@@ -298,6 +298,7 @@ class PlanarStructure(Structure):
             # few rows of a camera that looks straight down need no more
             ("similarity", few, "view.shear" in frame),
             ("chain", chain, True),
+            ("scales", (*chain, *self.scale_groups), bool(self.scale_groups)),
             ("elastic", (*chain, "elastic"), exact and turns),
             # a simulated sensor may be tilted or bent; the lengths hold the scale
             ("view", (*chain, "view.shear", "view.tilt", "lens"), exact),

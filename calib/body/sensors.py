@@ -26,6 +26,7 @@ from .views import (
     Projection,
     Sight,
     ViewKind,
+    is_camera,
 )
 
 PLACE = ("view.rotation", "view.shift", "view.scale", "lens")
@@ -57,6 +58,11 @@ class Sensor(Measurement):
     def outputs(self) -> int:  # type: ignore[override]
         """How many numbers a row has."""
         return self.view_kind.outputs
+
+    @property
+    def is_metric(self) -> bool:
+        """Whether it says how long a metre is."""
+        return not (self.view_kind.has_scale or is_camera(self.view))
 
     @property
     def groups(self) -> tuple[str, ...]:

@@ -314,6 +314,7 @@ class SpatialStructure(Structure):
             ("frame", frame, drawn),
             ("offsets", (*frame, "offset"), drawn and self.camera),
             ("chain", chain, True),
+            ("scales", (*chain, *self.scale_groups), bool(self.scale_groups)),
             ("elastic", bent, drawn),
             ("payload", (*bent, "payload"), drawn and self.has_masses),
             ("coupled", (*chain, "coupling"), drawn and gears),

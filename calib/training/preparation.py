@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.body_fit import BodyFit
+from ..body.covariance import Z95
 from ..common.rows import finite_rows, median_length
 from ..common.wording import quantity
 from ..errors import LogError, OptionError
@@ -130,19 +131,31 @@ def _prepare_one_sensor(
 
 
 def _disagreement(log: FittedLog, together: BodyFit) -> list[str]:
-    """Return a note where one body of all sensors misses this one's rows by far more than its own.
+    """Return notes where a sensor's scale, or its rows by far, are not as all sensors say.
 
     log : with its own body
     """
+    body = together.body
+    sensor = body.structure.viewpoint
+    (scale,) = body.structure.groups["view.scale"]
+    notes = []
+    if sensor.is_metric and scale in body.active:
+        percent = 100.0 * np.expm1(body.beta[scale])
+        half = 100.0 * Z95 * body.sds[scale]
+        notes.append(
+            f"sensor {sensor.name} reads lengths {percent:+.3f} ± {half:.2g} % longer than the "
+            "first one: one of them is scaled, and the arm's size is as the first one says"
+        )
     alone = mean_error(log.fit)
     error = mean_error(together)
     if error < DISAGREEMENT * alone:
-        return []
+        return notes
     unit = log.readings.unit
     return [
+        *notes,
         f"sensor {log.readings.sensor} disagrees with the others about the arm: its held-out rows "
         f"are missed by {quantity(error, unit)}, by {quantity(alone, unit)} where "
-        "it is fitted alone; check that its joints and positions are of the same arm"
+        "it is fitted alone; check that its joints and positions are of the same arm",
     ]
 
 

@@ -120,10 +120,11 @@ def a_late_clock(robot=None, noise=NOISE, late=0.03, play=0.0):
     return logs
 
 
-def two_sensors():
+def two_sensors(scale=1.0):
     left = Robot()
     right = Robot(**{"view.rotation": (0.0, 0.5, -2.0), "view.shift": (1.0, 0.0, 0.5)})
     logs = [random_rows(robot, sensor=name) for robot, name in ((left, "left"), (right, "right"))]
+    logs[1] = [replace(log, x=scale * log.x) for log in logs[1]]
     return [logs[0][0], logs[1][0]], logs[1][1]
 
 
@@ -156,6 +157,7 @@ ABILITIES = {
     "a late clock and backlash": lambda: a_late_clock(Robot(arm="six_axis"), 2e-4, play=3e-3),
     "a late clock of an elastic arm": lambda: a_late_clock(Robot(arm="so101", elastic=-2e-3), 5e-5),
     "two sensors": two_sensors,
+    "two sensors of two scales": lambda: two_sensors(1.003),
     "touches": touches,
 }
 

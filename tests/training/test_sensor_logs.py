@@ -71,6 +71,17 @@ def test_a_second_sensor_helps_the_first_and_both_bounds_hold(logs, two):
         assert np.mean(miss(seen, truth) <= seen.model_error(q)) > 0.9
 
 
+def test_sensors_whose_scales_disagree_are_told_and_leave_the_first_one_as_good(logs):
+    """A second tracker that read lengths .3 % longer made errors of .05 mm .4, all drifted."""
+    (left, truth), (right, _) = logs
+    model = calib.train([left, replace(right, x=1.003 * right.x)], size=3)
+    assert any("lengths +0.3" in note for note in model.by("right").about.notes)
+    q = draw(model, 300)
+    assert np.linalg.norm(model.forward(q) - truth(q), axis=1).mean() < 1e-4
+    fresh, _ = seen_from("left", 40, 7, 0.0)
+    assert not calib.check(model, fresh).drifted
+
+
 def test_two_sensors_see_a_planar_arm_from_both_sides_in_units_of_their_own(run, tmp_path):
     arm, rng, rows = calib.load_arm("two_link"), np.random.default_rng(0), []
     sides = (("front", "m", np.ones(2)), ("back", "mm", np.array([1e3, -1e3])))
