@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
@@ -46,6 +47,11 @@ class Scale(ReadOnly):
             np.zeros(x.shape[1], dtype=bool),
         )
 
+    @cached_property
+    def goes_round(self) -> bool:
+        """Whether any coordinate is periodic."""
+        return bool(self.periodic.any())
+
     def to_unit(self, x: Array) -> Array:
         """Coordinates (n, d) in the unit box; periodic ones are wrapped into [0, 1)."""
         with np.errstate(over="ignore"):  # infinitely far outside is outside
@@ -58,14 +64,14 @@ class Scale(ReadOnly):
     def difference(self, u: Array, v: Array) -> Array:
         """U - v in the unit box, the short way round where it is periodic."""
         delta = u - v
-        if self.periodic.any():
+        if self.goes_round:
             turns = np.round(delta)
             delta = delta - np.where(self.periodic, turns, 0.0)
         return delta
 
     def wrapped(self, u: Array) -> Array:
         """Points (n, d) with their periodic coordinates within one turn, [0, 1)."""
-        if not self.periodic.any():
+        if not self.goes_round:
             return u
         with np.errstate(invalid="ignore"):  # of what is infinitely far
             turned = u % 1.0

@@ -83,7 +83,7 @@ class LinkStarts:
         """Starts of the nearest nodes, a linear step towards each target `x` (n, m) on."""
         node = self._nearest_nodes(x)
         filled = np.isfinite(self._u[node, :, 0])
-        target, place, column = np.nonzero(filled)
+        target, place, column = filled.nonzero()
         start = node[target, place], column
         gap = x[target] - self._value[start]
         inverse = self._inverse[start]
@@ -97,14 +97,16 @@ class LinkStarts:
         sensory = self.association.sensory
         place = sensory.scale.to_unit(x)
         _, node = sensory.nearest(place, self._count)
-        missing = node[~self._ready[node]]
+        is_ready = self._ready[node]
+        if is_ready.all():
+            return node
+        missing = node[~is_ready]
         if 0 < len(missing) < LINKS.ahead:  # single queries follow each other
             count = min(LINKS.ahead, sensory.size)
             places = sensory.units[missing]
             _, around = sensory.nearest(places, count)
             missing = around[~self._ready[around]]
-        if len(missing):
-            self._prepare(np.unique(missing))
+        self._prepare(np.unique(missing))
         return node
 
     def _prepare(self, nodes: Index) -> None:

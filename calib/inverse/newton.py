@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +17,7 @@ ROUNDING = 1e-13
 """Share of a task's size to which a target is met as well as numbers allow."""
 
 
-@dataclass(frozen=True)
-class Stand:
+class Stand(NamedTuple):
     """Current joints, and their residuals."""
 
     x: Array  # (n, k), targets
@@ -28,13 +28,7 @@ class Stand:
 
     def rows(self, index: Index | Mask | slice) -> Stand:
         """Some of the rows."""
-        return Stand(
-            self.x[index],
-            self.u[index],
-            self.gap[index],
-            self.slope[index],
-            self.miss[index],
-        )
+        return Stand._make(part[index] for part in self)
 
     def put(self, index: Index | Mask, other: Stand) -> None:
         """Put other joints in the place of some, for the same targets."""
@@ -67,7 +61,7 @@ class Newton:
     def clip(self, u: Array) -> Array:
         """Joints (n, dof) within their limits; those of full turns go round."""
         inside = np.minimum(np.maximum(u, 0.0), 1.0)
-        if not self.scale.periodic.any():
+        if not self.scale.goes_round:
             return inside
         return np.where(self.scale.periodic, u % 1.0, inside)
 
@@ -122,42 +116,44 @@ class Newton:
             return
         here = stand.rows(rows)
         damping = np.full(len(rows), SOLVER.easy)
-        # what the next step leaves, (n,): Newton's steps gain twice as many digits as the last did
-        rest = np.full(len(rows), np.inf)
+        rest = here.miss
+        is_last = False
         for _ in range(steps):
             move = self.move(here, damping)
-            step = limit_joints(move, SOLVER.longest)
-            u = here.u + step
-            inside = u.min() > 0.0 and u.max() < 1.0
-            if inside and rest.max() <= enough:
+            u = here.u + limit_joints(move, SOLVER.longest)
+            if is_last and u.min() > 0.0 and u.max() < 1.0:
                 # a look less, which counts of a single target
-                here = replace(here, u=u, miss=rest)
+                here = here._replace(u=u, miss=rest)
                 break
             trial = self.at(u, here.x)
             ratio = trial.miss / here.miss
+            # what the next step leaves, (n,): it gains twice as many digits as this one did
             rest = trial.miss * ratio * ratio
-            better = ratio < 1.0
-            slow = ratio > 1.0 - SOLVER.slow
-            final = better | (here.miss < rounding)
-            ended = slow & final
-            if better.all():
-                here = trial
-            else:
-                here.put(better, trial.rows(better))
             eased = np.maximum(damping / SOLVER.easier, SOLVER.easiest)
-            harder = np.maximum(damping * SOLVER.easier, SOLVER.hard)
-            damping = np.where(better, eased, harder)
-            ended |= damping > SOLVER.hardest
-            ended |= here.miss < enough
-            if ended.all():
-                break
+            if ratio.max() <= 1.0 - SOLVER.slow:
+                here = trial
+                damping = eased
+                ended = here.miss < enough
+            else:
+                better = ratio < 1.0
+                slow = ratio > 1.0 - SOLVER.slow
+                final = better | (here.miss < rounding)
+                here.put(better, trial.rows(better))
+                harder = np.maximum(damping * SOLVER.easier, SOLVER.hard)
+                damping = np.where(better, eased, harder)
+                ended = slow & final
+                ended |= damping > SOLVER.hardest
+                ended |= here.miss < enough
             if ended.any():
                 going = ~ended
+                if not going.any():
+                    break
                 stand.put(rows[ended], here.rows(ended))
                 rows = rows[going]
                 here = here.rows(going)
                 damping = damping[going]
                 rest = rest[going]
+            is_last = rest.max() <= enough
         stand.put(rows, here)
 
     def closest(self, u: Array, x: Array) -> Stand:
@@ -253,7 +249,7 @@ def _nearest_move(
 
     ``wish + J' (J J' + damping)^-1 (gap - J wish)``, of Jacobians (n, m, dof), damping (n,).
     """
-    across = np.swapaxes(slope, 1, 2)
+    across = slope.swapaxes(1, 2)
     power = slope @ across
     n, count, _ = power.shape
     diagonal = power.reshape(n, count * count)[:, :: count + 1]
@@ -275,7 +271,10 @@ def limit_length(moves: Array, longest: float) -> Array:
 
 def limit_joints(moves: Array, longest: float) -> Array:
     """Moves (n, d) shortened so that no joint goes further than that."""
-    return _limit(moves, np.abs(moves).max(axis=1), longest)
+    size = np.abs(moves)
+    if size.max(initial=0.0) <= longest:
+        return moves
+    return _limit(moves, size.max(axis=1), longest)
 
 
 def _limit(moves: Array, size: Array, longest: float) -> Array:

@@ -118,7 +118,7 @@ class Solver:
         """
         stand = self.nearest(x, near)
         met = self.newton.is_met(stand.miss)
-        lost = np.flatnonzero(~met)
+        lost = (~met).nonzero()[0]
         if len(lost):
             closest = self.newton.closest(stand.u[lost], x[lost])
             stand.put(lost, closest)
@@ -170,17 +170,18 @@ class Solver:
         newton = self.newton
         count = len(x)
         target, start = self.starts.of(x)
-        owner = np.concatenate([np.arange(count), target])
-        u = np.concatenate([near, start])
+        # the last of the starts first: of ways as near the first one counts
+        owner = np.concatenate([np.arange(count), target[::-1]])
+        u = np.concatenate([near, start[::-1]])
         stand = newton.at(u, x[owner])
         hopeful = stand.miss <= SOLVER.rough * newton.task.size
         hopeful[count:] = True
         newton.descend(stand, hopeful)
-        first = stand.rows(slice(count))
-        best = Nearest.of(newton, first, near)
-        others = stand.rows(slice(count, None))
-        best.take(target, others)
-        return best
+        cost = _cost(newton, stand, near[owner])
+        order = np.lexsort((cost, owner))
+        first = np.searchsorted(owner[order], np.arange(count))
+        best = order[first]
+        return Nearest(newton, near, stand.rows(best), cost[best])
 
     def every(self, x: Array) -> Ways:
         """Every way to targets (n, m), sorted as those of `solve_all`.
@@ -225,16 +226,15 @@ def twins(newton: Newton, stand: Stand, folded: float) -> tuple[Index, Array]:
 
     folded : least singular value beside a fold, of the Jacobian's squares
     """
-    sides, size, directions = np.linalg.svd(stand.slope, full_matrices=False)
-    squares = size * size
-    power = squares.sum(axis=1)
-    folds = squares[:, -1] <= folded * power
-    rows = np.flatnonzero(folds)
+    squares = np.linalg.eigvalsh(stand.slope.swapaxes(1, 2) @ stand.slope)
+    folds = squares[:, 0] <= folded * squares.sum(axis=1)
+    rows = folds.nonzero()[0]
     if not len(rows):
         return rows, stand.u[rows]
     here = stand.rows(rows)
-    flat = directions[rows, -1]
-    side = sides[rows, :, -1]
+    sides, size, directions = np.linalg.svd(here.slope, full_matrices=False)
+    flat = directions[:, -1].copy()
+    side = sides[:, :, -1]
     probe = here.u + SOLVER.probe * flat
     _, ahead = newton.task.residual(probe, here.x)
     change = (ahead - here.slope) / SOLVER.probe
@@ -242,7 +242,7 @@ def twins(newton: Newton, stand: Stand, folded: float) -> tuple[Index, Array]:
     along = columns[:, :, 0]
     rate = (side * along).sum(axis=1)
     rate[rate == 0.0] = np.inf
-    least = size[rows, -1]
+    least = size[:, -1]
     reach = -2.0 * least / rate
     near = np.abs(reach) < SOLVER.twin_reach
     near &= reach != 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -97,21 +97,26 @@ def inverse(
     wish = anchor(model, near, len(x))
     wished = wished_joints(model, wish, near)
     kernel = kernel_for(model, INVERSE_LONG, len(x))
-    q = np.full_like(wished, np.nan)
-    rest = np.arange(len(x))
-    if kernel is not None:
-        q, flags = kernel.rows(INVERSE_LONG.name, wished, x)
-        lost = flags == Flag.NONE
-        if nearest:
-            lost |= flags == Flag.UNREACHABLE
-        rest = np.flatnonzero(lost)
+    if kernel is None:
+        return _inverse_by_numpy(model, x, wish, wished, nearest)
+    q, flags = kernel.rows(INVERSE_LONG.name, wished, x)
+    lost = flags == Flag.NONE
+    if nearest:
+        lost |= flags == Flag.UNREACHABLE
+    rest = np.flatnonzero(lost)
     if len(rest):
-        joints, within = joints_and_reach(
-            model, x[rest], wish[rest], bounded=not nearest
-        )
-        joints[~within] = np.nan
-        q[rest] = on_turn(model, joints, wished[rest])
+        question = x[rest], wish[rest], wished[rest]
+        q[rest] = _inverse_by_numpy(model, *question, nearest)
     return q
+
+
+def _inverse_by_numpy(
+    model: Parts, x: Array, wish: Array, wished: Array, nearest: bool
+) -> Array:
+    """The joints (n, dof) of `inverse`, near to `wish` in the unit box and on turns of `wished`."""
+    joints, within = joints_and_reach(model, x, wish, bounded=not nearest)
+    joints[~within] = np.nan
+    return on_turn(model, joints, wished)
 
 
 def solve(
@@ -162,7 +167,7 @@ def joints_and_reach(
     """Nearest joint values (n, dof), and whether they reach the target (n,) if `bounded`."""
     u, distance = model.solver.solve(in_sight(model, x), near)
     within = np.ones(len(u), dtype=bool)
-    far = np.flatnonzero(distance > ANSWER.reached * model.solver.extent)
+    far = (distance > ANSWER.reached * model.solver.extent).nonzero()[0]
     if len(far) and bounded:
         # only the expected error can still call these reachable
         reach = _within_reach(model, model.bound_at(u[far]))
@@ -178,7 +183,10 @@ def in_sight(model: Parts, x: Array) -> Array:
     limit = ANSWER.in_sight * (
         model.solver.extent + float(np.abs(model.sensory.scale.lower).max())
     )
-    furthest = np.abs(x).max(axis=1, keepdims=True)
+    size = np.abs(x)
+    if size.max(initial=0.0) <= limit:
+        return x
+    furthest = size.max(axis=1, keepdims=True)
     return np.asarray(x / np.maximum(furthest / limit, 1.0))
 
 
@@ -240,25 +248,28 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
     if near is None:
         return np.full((n, len(names)), 0.5)
     rows = rows_for(near, names, "near", n)
-    lower = model.about.lower
-    upper = model.about.upper
+    above = rows - scale.lower
     # an encoder may read a hair beyond a limit; a whole range beyond are other units
-    beyond = (rows < 2 * lower - upper) | (rows > 2 * upper - lower)
-    out = beyond & ~scale.periodic
+    half = 0.5 * scale.span
+    out = np.abs(above - half) > 3.0 * half
+    if scale.goes_round:
+        out &= ~scale.periodic
     if out.any():
         row, k = np.argwhere(out)[0]
         raise QueryError(
             f"near has {names[k]} = {rows[row, k]:.6g}: expected a value in its range "
-            f"{lower[k]:.6g} to {upper[k]:.6g}"
+            f"{model.about.lower[k]:.6g} to {model.about.upper[k]:.6g}"
         )
-    inside = np.minimum(np.maximum(rows, lower), upper)
-    return scale.to_unit(np.where(scale.periodic, rows, inside))
+    inside = np.minimum(np.maximum(above, 0.0), scale.span) / scale.span
+    if not scale.goes_round:
+        return inside
+    return np.where(scale.periodic, scale.to_unit(rows), inside)
 
 
 def wished_joints(model: Parts, wish: Array, near: ArrayLike | None) -> Array:
     """Joints [rad or m] of :func:`anchor` (n, dof), by whole turns next to `near`."""
     q = model.motor.scale.from_unit(wish)
-    if near is None:
+    if near is None or not model.motor.scale.goes_round:
         return q
     rows = rows_for(near, model.about.joint_names, "near", len(wish))
     return nearest_turn(model, q, rows)
@@ -294,7 +305,7 @@ def servo_step(
     scale = model.motor.scale
     newton = model.solver.newton
     stand = newton.at(scale.to_unit(joints), wanted)
-    measured_gap = replace(stand, gap=gain * (wanted - place))
+    measured_gap = stand._replace(gap=gain * (wanted - place))
     step = newton.move(measured_gap, np.full(len(joints), ANSWER.calm))
     step = limit_length(limit_joints(step, SOLVER.longest), ANSWER.longest)
     result = scale.from_unit(newton.clip(stand.u + step))

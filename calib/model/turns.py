@@ -30,17 +30,17 @@ def within_limits(model: Parts, q: Array) -> Mask:
 
 def nearest_turn(model: Parts, q: Array, near: Array) -> Array:
     """Joints (n, dof) by whole turns as near to others (n, dof) as can be, beyond limits too."""
-    periodic = model.motor.scale.periodic
-    if not periodic.any():
+    scale = model.motor.scale
+    if not scale.goes_round:
         return q
     turns = np.round((near - q) / TURN)
-    return np.where(periodic, q + TURN * turns, q)
+    return np.where(scale.periodic, q + TURN * turns, q)
 
 
 def on_turn(model: Parts, q: Array, near: Array) -> Array:
     """Joints (n, dof) by whole turns as near to others (n, dof) as their limits allow."""
-    periodic = model.motor.scale.periodic
-    if not periodic.any():
+    scale = model.motor.scale
+    if not scale.goes_round:
         return q
     lower, upper = joint_limits(model).T
     moved = nearest_turn(model, q, near)
@@ -50,7 +50,7 @@ def on_turn(model: Parts, q: Array, near: Array) -> Array:
     moved = moved + TURN * np.ceil(
         np.maximum(lower - moved - _ROUNDED, 0.0) / TURN
     )
-    return np.where(periodic, np.clip(moved, lower, upper), q)
+    return np.where(scale.periodic, np.clip(moved, lower, upper), q)
 
 
 def unwound(model: Parts, q: Array, start: Array) -> tuple[Array, Index]:
