@@ -34,17 +34,12 @@ static inline void calib_add_rows(int count, const calib_real *__restrict amount
   for (r = 0; n < count && r < CALIB_TOGETHER; ++r) sum[r] += amount[n * apart] * row[r];
 }
 
-/* The same of motions, row by row, in each coordinate. */
-static inline void calib_spread(int count, const calib_real *motion, const calib_real *row,
-                                calib_ways sum[3]) {
-  int k;
-  for (k = 0; k < 3; ++k) calib_add_rows(count, motion + k, 3, row, sum[k]);
-}
 #if @gravity@
 
 /* Adds how the tip moves as loads bend joints more, by how these move the tip, and as gravity tilts. */
-static inline void calib_loads_off(const calib_frame *at, calib_real swung[CALIB_CHAIN][3],
-                                   calib_real by_joint[CALIB_CHAIN][3], calib_real motion[][3]) {
+static inline void calib_loads_off(const calib_bend *bend, calib_real by_joint[CALIB_CHAIN][3],
+                                   calib_real motion[][3]) {
+  const calib_frame *at = bend->drawn;
   int i, j, k, n;
   for (n = 0; n < CALIB_LOADS; ++n) { /* a joint, and the first and last link that weigh on it */
     calib_real lever[4] = {0, 0, 0, 0}, moved[3];
@@ -60,44 +55,31 @@ static inline void calib_loads_off(const calib_frame *at, calib_real swung[CALIB
   }
   for (i = 0; i < CALIB_CHAIN; ++i)
     for (n = 0; n < 2; ++n)
-      calib_add_times(calib_dot(swung[i], calib_tilt[n]), by_joint[i], motion[CALIB_LOADS + n]);
+      calib_add_times(calib_dot(bend->swung[i], calib_tilt[n]), by_joint[i], motion[CALIB_LOADS + n]);
 }
 #endif
 
 /* Where the tip is, and how it moves with joints and with each part of the arm, in the order of those of
  * calib_by_part between the numbers of view and lens: as origins shift and turn along the axes of their
  * frames, by offsets of joints, by gains of their own and of the joints before, and by loads. */
-static inline void calib_parts_off(const calib_joints q, calib_multiples wave, calib_vector tip,
+static inline void calib_parts_off(const calib_joints q, calib_bend *bend, calib_vector tip,
                                    calib_real motion[CALIB_PARTS][3], calib_real joint[CALIB_DOF][3]) {
   calib_frame at[CALIB_CHAIN + 1];
-  calib_real by_joint[CALIB_CHAIN][3], lever[3], value[CALIB_CHAIN];
+  calib_real by_joint[CALIB_CHAIN][3], lever[4];
   int i, k, n, row = 0;
-#if @gravity@
-  calib_frame drawn[CALIB_CHAIN + 1];
-  calib_real swung[CALIB_CHAIN][3];
-#endif
-  (void)wave;
-  calib_mixed(&calib_body, q, value, 0);
-#if @curve@
-  calib_curves(q, wave, value, 0);
-#endif
-#if @gravity@
-  calib_sag(q, drawn, swung, value, 0);
-#endif
-  calib_frames(&calib_body, value, at);
+  calib_posture(&calib_body, q, bend, at, 0);
   calib_copy(3, at[CALIB_CHAIN].p, tip);
   for (i = 0; i <= CALIB_CHAIN; ++i, row += 3) calib_copy(9, at[i].axes, motion[row]);
   for (i = 0; i < CALIB_CHAIN; ++i) {
-    for (k = 0; k < 3; ++k) lever[k] = at[CALIB_CHAIN].p[k] - at[i].p[k];
+    calib_tip_moved(at, i, lever, by_joint[i]);
     for (k = 0; k < 9; k += 3) calib_cross(at[i].axes + k, lever, motion[row++]);
-    calib_tip_moved(at, i, by_joint[i]);
     for (n = 0; n < CALIB_DOF; ++n) calib_add_times(calib_coupling[i][n], by_joint[i], joint[n]);
   }
   for (i = 0; i < CALIB_DOF; ++i) calib_add_times(1, joint[i], motion[row++]);
   for (i = 0; i < CALIB_DOF; ++i) calib_add_times(q[i], joint[i], motion[row++]);
   for (i = 1; i < CALIB_DOF; ++i) calib_add_times(q[i - 1], joint[i], motion[row++]);
 #if @gravity@
-  calib_loads_off(drawn, swung, by_joint, motion + row);
+  calib_loads_off(bend, by_joint, motion + row);
 #endif
 }
 #if @alone@
@@ -123,19 +105,19 @@ static inline void calib_curve_off(int joint, calib_real value, calib_multiples 
  * of the joints' curves by themselves. */
 static inline void calib_moves(const calib_joints q, calib_ways z[3], calib_real by_joint[CALIB_DOF][3],
                                calib_real alone[CALIB_DOF][CALIB_BELIEFS]) {
-  calib_multiples wave;
+  calib_bend bend;
   calib_real motion[CALIB_PARTS][3] = {{0}}, joint[CALIB_DOF][3] = {{0}}, seen[9];
   calib_real point[4] = {0, 0, 0, 1};
   calib_ways there[3] = {{0}};
   int k, n;
   (void)alone;
-  calib_parts_off(q, wave, point, motion, joint);
-  calib_spread(CALIB_PARTS, motion[0], calib_by_part[CALIB_VIEW], there);
+  calib_parts_off(q, &bend, point, motion, joint);
+  for (k = 0; k < 3; ++k) calib_add_rows(CALIB_PARTS, motion[0] + k, 3, calib_by_part[CALIB_VIEW], there[k]);
 #if @alone@
   for (n = 0; n < CALIB_DOF; ++n) {
     calib_ways off = {0};
-    calib_curve_off(n, q[n], wave, off, alone[n]);
-    calib_spread(1, joint[n], off, there);
+    calib_curve_off(n, q[n], bend.wave, off, alone[n]);
+    for (k = 0; k < 3; ++k) calib_add_rows(1, joint[n] + k, 3, off, there[k]);
   }
 #endif
   calib_copy(9, calib_view, seen);

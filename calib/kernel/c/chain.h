@@ -40,8 +40,7 @@ static inline void calib_frames(const calib_arm *arm, const calib_values value, 
   }
 }
 
-/* How a joint moves a mass at the end of a lever, times that mass: it turns it, or slides.  A lever is
- * three coordinates, times the mass, and the mass. */
+/* How a joint turns or slides a mass, times it, at a lever: coordinates times the mass, the mass. */
 static inline void calib_swing(const calib_frame *at, int joint, const calib_real lever[4],
                                calib_vector out) {
   const calib_real *axis = at[joint].axes + 6;
@@ -50,11 +49,12 @@ static inline void calib_swing(const calib_frame *at, int joint, const calib_rea
   else for (k = 0; k < 3; ++k) out[k] = lever[3] * axis[k];
 }
 
-/* How a joint moves the tip. */
-static inline void calib_tip_moved(const calib_frame *at, int joint, calib_vector out) {
-  calib_real lever[4] = {0, 0, 0, 1};
+/* How a joint moves the tip, and the lever of that. */
+static inline void calib_tip_moved(const calib_frame *at, int joint, calib_real lever[4],
+                                   calib_vector out) {
   int k;
   for (k = 0; k < 3; ++k) lever[k] = at[CALIB_CHAIN].p[k] - at[joint].p[k];
+  lever[3] = 1;
   calib_swing(at, joint, lever, out);
 }
 #if @curve@
@@ -128,23 +128,25 @@ static inline void calib_sag(const calib_joints q, calib_frame *at, calib_real s
 }
 #endif
 
-/* Frames of an arm, as it bends or not, and where slope is not null the derivatives of its joints'
- * values. */
-static inline void calib_posture(const calib_arm *arm, int bends, const calib_joints q, calib_frame *at,
-                                 calib_slopes slope) {
+/* What bends an arm: curves by multiples of joint values, and weights at its drawn posture. */
+typedef struct {
+  calib_multiples wave;
+  calib_frame drawn[CALIB_CHAIN + 1];
+  calib_real swung[CALIB_CHAIN][3];
+} calib_bend;
+
+/* Frames of an arm, bent or not (0), and where slope is not null the derivatives of its values. */
+static inline void calib_posture(const calib_arm *arm, const calib_joints q, calib_bend *bend,
+                                 calib_frame *at, calib_slopes slope) {
   calib_real value[CALIB_CHAIN];
   calib_mixed(arm, q, value, slope);
-  if (bends) {
 #if @curve@
-    calib_multiples wave;
-    calib_curves(q, wave, value, slope);
+  if (bend) calib_curves(q, bend->wave, value, slope);
 #endif
 #if @gravity@
-    calib_frame drawn[CALIB_CHAIN + 1];
-    calib_real swung[CALIB_CHAIN][3];
-    calib_sag(q, drawn, swung, value, slope);
+  if (bend) calib_sag(q, bend->drawn, bend->swung, value, slope);
 #endif
-  }
+  (void)bend;
   calib_frames(arm, value, at);
 }
 
@@ -154,14 +156,15 @@ static inline void calib_chain(const calib_arm *arm, int bends, const calib_join
                                calib_rotation axes, calib_real G[6 * CALIB_DOF]) {
   calib_frame at[CALIB_CHAIN + 1];
   calib_real slope[CALIB_CHAIN][CALIB_DOF];
+  calib_bend bend;
   int i, k, o;
-  calib_posture(arm, bends, q, at, G ? slope : 0);
+  calib_posture(arm, q, bends ? &bend : 0, at, G ? slope : 0);
   calib_copy(3, at[CALIB_CHAIN].p, p);
   calib_copy(9, at[CALIB_CHAIN].axes, axes);
   for (k = 0; G && k < 6 * CALIB_DOF; ++k) G[k] = 0;
   for (i = 0; G && i < CALIB_CHAIN; ++i) {
-    calib_real twist[6] = {0, 0, 0, 0, 0, 0};
-    calib_tip_moved(at, i, twist);
+    calib_real twist[6] = {0, 0, 0, 0, 0, 0}, lever[4];
+    calib_tip_moved(at, i, lever, twist);
     if (calib_turns[i]) calib_copy(3, at[i].axes + 6, twist + 3);
     for (o = 0; o < 6; ++o)
       for (k = 0; k < CALIB_DOF; ++k) G[o * CALIB_DOF + k] += twist[o] * slope[i][k];
@@ -169,8 +172,7 @@ static inline void calib_chain(const calib_arm *arm, int bends, const calib_join
 }
 #if @lens@
 
-/* What is seen of a point before the sensor, its derivative by the point, and the point at
- * depth 1; the lens is focal length, centre and k1. */
+/* What a lens (focal length, centre, k1) shows of a point, its derivative, the point at depth 1. */
 static inline void calib_pinhole(const calib_vector at, calib_real x[2], calib_real L[6],
                                  calib_real u[2]) {
   const calib_real depth = at[2] > @least_depth@ ? at[2] : @least_depth@, f = calib_lens[0];

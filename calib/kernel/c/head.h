@@ -26,8 +26,7 @@ enum {
   CALIB_TRIES = @tries@, CALIB_BUDGET = @budget@, CALIB_BENDS = @bends@
 };
 
-/* Values of the joints, what a sensor sees, vectors, matrices row by row; values of the chain's joints
- * and their derivatives. */
+/* Joint values, what a sensor sees, vectors, matrices row by row, the chain's joints, derivatives. */
 typedef calib_real calib_joints[CALIB_DOF], calib_place[CALIB_OUT], calib_vector[3];
 typedef calib_real calib_rotation[9], calib_values[CALIB_CHAIN];
 typedef calib_real calib_slopes[CALIB_CHAIN][CALIB_DOF];
@@ -66,8 +65,7 @@ static inline calib_real calib_wrapped(int k, calib_real value) {
   return calib_periodic[k] ? value - calib_span[k] * floor(calib_share_of(k, value)) : value;
 }
 
-/* Joints with those of full turns moved into their range; 0 where they are outside of what the model
- * was learned for. */
+/* Joints with full turns moved into their range; 0 where they are outside of what was learned. */
 static inline int calib_inside(const calib_joints q, calib_joints out) {
   int i, inside = 1;
   for (i = 0; i < CALIB_DOF; ++i) {
@@ -101,8 +99,7 @@ static inline calib_real calib_between(calib_real value, calib_real least, calib
   return value > least ? value < most ? value : most : least;
 }
 
-/* From b to a in shares of the joints' ranges, the short way round where they go round; returns
- * the length. */
+/* The short way from b to a in shares of the joints' ranges; returns its length. */
 static inline calib_real calib_way(const calib_joints a, const calib_joints b, calib_joints way) {
   int k;
   for (k = 0; k < CALIB_DOF; ++k) way[k] = calib_short(k, (a[k] - b[k]) / calib_span[k]);

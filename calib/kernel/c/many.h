@@ -25,33 +25,28 @@ CALIB_API int calib_inverse_all_row(const calib_real *x, calib_real *out) {
 }
 #if @placed@
 
-/* The starts of a question. */
-static inline calib_starts calib_starts_of(const calib_real *b) {
-  const int count = (int)b[26];
-  const calib_starts starts = {b + 27, count, 1, count, CALIB_RUNS, b[25]};
-  return starts;
-}
-
-/* The task of the pose that a question asks for; whether its quaternion is one. */
-static inline int calib_task_of(const calib_real *b, calib_task *task) {
+/* The task and the starts of a question for a pose; whether its quaternion is one. */
+static inline int calib_asked(const calib_real *b, calib_task *task, calib_starts *starts) {
+  const calib_starts all = {b + 27, (int)b[26], 1, (int)b[26], CALIB_RUNS, b[25]};
   const calib_real length = calib_length(4, b + 20);
   calib_real R[9];
   calib_matrix(b + 20, R);
   *task = calib_pose_task(b + 16, R, (int)b[24]);
+  *starts = all;
   return fabs(length * length - 1) <= @rounding@;
 }
 
 CALIB_API int calib_poses_row(const calib_real *b, calib_real *q) {
-  const calib_starts starts = calib_starts_of(b);
+  calib_starts starts;
   calib_task task;
-  if (calib_task_of(b, &task)) return calib_pose_from(&task, &starts, b, q);
+  if (calib_asked(b, &task, &starts)) return calib_pose_from(&task, &starts, b, q);
   return calib_unknown(CALIB_DOF, q);
 }
 
 CALIB_API int calib_poses_all_row(const calib_real *b, calib_real *q) {
-  const calib_starts starts = calib_starts_of(b);
+  calib_starts starts;
   calib_task task;
-  const int valid = calib_task_of(b, &task);
+  const int valid = calib_asked(b, &task, &starts);
   calib_search search = calib_begin(&task, b, @most_ways@, CALIB_BUDGET * starts.count, q);
   if (valid) calib_try_starts(&search, &starts);
   return search.count;

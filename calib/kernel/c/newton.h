@@ -42,8 +42,8 @@ static inline int calib_clipped(calib_joints q) {
   return inside;
 }
 
-/* A move of the joints, in shares of their ranges: of all that bring the residuals to zero the one
- * that ends nearest to a wish; joints that a limit holds stay. */
+/* Of all moves, in shares of the joints' ranges, that bring residuals to zero the one that ends nearest
+ * to a wish; joints that a limit holds stay. */
 static inline int calib_move(int n, const calib_real *J, const calib_real *r, const calib_joints q,
                              const calib_real *wish, calib_real damping, calib_joints move) {
   calib_real own[6 * CALIB_DOF], ahead[CALIB_DOF] = {0}, lacking[6], y[6];
@@ -79,8 +79,7 @@ static inline int calib_beside(const calib_joints q, const calib_real *ways, int
   return 0;
 }
 
-/* Joints a move on, of which none goes further than a step may, within their limits.  Returns whether
- * no limit holds any. */
+/* Joints a move on, none further than a step may, within their limits; whether no limit holds any. */
 static inline int calib_moved(const calib_joints q, const calib_joints move, calib_joints out) {
   calib_real largest = @longest@;
   int k;
@@ -108,9 +107,8 @@ typedef struct {
   calib_real before[CALIB_DOF], slid[CALIB_DOF]; /* the pull of the last slide, and its way */
 } calib_slides;
 
-/* Adds the next slide to a move; 0 where joints have settled.  Its share of the pull, the way to `from`
- * that leaves the task as it is, follows from how the last slide turned that (Barzilai and Borwein
- * 1988). */
+/* Adds the next slide to a move; 0 where joints have settled.  Its share of the pull, which leaves the
+ * task as it is, follows from how the last slide turned that (Barzilai and Borwein 1988). */
 static inline int calib_slide(const calib_search *search, const calib_joints q,
                               const calib_gap *gap, calib_real settled, calib_slides *slides,
                               calib_joints move) {
@@ -193,8 +191,7 @@ static inline int calib_descend(calib_search *search, int count, calib_joints q,
   return gap->left <= (task->straight ? 10 * rough : close); /* what misses by far does so bent */
 }
 
-/* The same from a start on, first roughly by the arm without what bends it; a way that would be further
- * than the nearest is given up. */
+/* The same, first roughly by the arm without what bends it; a way further than the nearest is given up. */
 static inline int calib_reach(calib_search *search, calib_joints q, calib_gap *gap) {
   if (@step_cost@ > 1) {
     const calib_task *task = search->task;
@@ -212,8 +209,8 @@ static inline int calib_reach(calib_search *search, calib_joints q, calib_gap *g
   return calib_descend(search, search->count, q, gap);
 }
 
-/* Where the joints may stand on the other side of a nearby fold: as far beyond it as q is before it,
- * along the motion v that hardly moves the tip.  0 where no fold is near. */
+/* Joints as far beyond a nearby fold as q is before it, along the motion v that hardly moves the tip; 0
+ * where no fold is near. */
 static inline int calib_twin(const calib_task *task, const calib_joints q, const calib_gap *here,
                              calib_joints out) {
   const int n = task->rows;

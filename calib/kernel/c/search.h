@@ -7,42 +7,6 @@ typedef struct {
   int runs;        /* so many runs without a new way end a search */
   calib_real apart; /* starts closer to a known way lead to it */
 } calib_starts;
-#if @grid@
-
-/* Starts of a position: those of its cell of the workspace. */
-static inline calib_starts calib_position_starts(const calib_place x) {
-  calib_starts starts = {0, 0, 1, CALIB_TRIES, CALIB_TRIES, @margin@ / 2};
-  int cell = 0, i;
-  for (i = 0; i < CALIB_OUT; ++i) {
-    const calib_real u = (x[i] - calib_grid_lower[i]) / calib_grid_step[i];
-    cell = cell * calib_grid[i] + (int)calib_between(u, 0, calib_grid[i] - (calib_real)0.5);
-  }
-  starts.q = calib_start_q[calib_cell[cell]];
-  starts.count = calib_cell[cell + 1] - calib_cell[cell];
-  return starts;
-}
-#else
-
-/* Starts of a position: those that are near to it and to joints, the nearest first. */
-static inline calib_starts calib_near_starts(const calib_place x, const calib_joints near,
-                                             calib_real q[CALIB_TRIES][CALIB_DOF]) {
-  const int most = CALIB_TRIES < CALIB_STARTS ? CALIB_TRIES : CALIB_STARTS;
-  calib_starts starts = {q[0], most, 1, most / 6, CALIB_TRIES, @margin@ / 2};
-  calib_real far[CALIB_TRIES];
-  int row[CALIB_TRIES], count = 0, i, n;
-  for (n = 0; n < CALIB_STARTS; ++n) {
-    const calib_real joints = calib_apart(calib_start_q[n], near);
-    calib_real away = joints * joints;
-    for (i = 0; i < CALIB_OUT; ++i) {
-      const calib_real gap = (x[i] - calib_start_x[n][i]) / @extent@;
-      away += @pull@ * gap * gap;
-    }
-    count = calib_rank(n, away, count, most, far, row);
-  }
-  for (n = 0; n < most; ++n) calib_copy(CALIB_DOF, calib_start_q[row[n]], q[n]);
-  return starts;
-}
-#endif
 
 /* Whether a joint value is within the limits of all its turns. */
 static inline int calib_allowed(int k, calib_real value) {
@@ -63,8 +27,8 @@ static inline void calib_on_turn(const calib_joints near, calib_joints q) {
   }
 }
 
-/* Adds a way that none of those before is, the nearest first; where there is no room it puts it in the
- * place of one that is further.  Returns whether it did. */
+/* Adds a new way, the nearest first, where there is no room in the place of one that is further;
+ * returns whether it did. */
 static inline int calib_take(calib_search *search, const calib_joints way) {
   const calib_real away = calib_apart(way, search->from);
   calib_real *place = search->way + CALIB_DOF * search->count;
@@ -145,19 +109,43 @@ static inline void calib_try_starts(calib_search *search, const calib_starts *st
   }
 }
 
-/* Tries the starts of a position; where they lead nowhere and joints are not spare some all over. */
-static inline void calib_try_position(calib_search *search) {
 #if @grid@
-  calib_starts starts = calib_position_starts(search->task->x);
+
+/* Tries the starts of a position's cell of the workspace; where they lead nowhere some all over. */
+static inline void calib_try_position(calib_search *search) {
   calib_starts all = {calib_start_q[0], CALIB_STARTS, 1 + CALIB_STARTS / CALIB_TRIES, 0, CALIB_TRIES, 0};
+  calib_starts starts = {0, 0, 1, CALIB_TRIES, CALIB_TRIES, @margin@ / 2};
+  int cell = 0, i;
+  for (i = 0; i < CALIB_OUT; ++i) {
+    const calib_real u = (search->task->x[i] - calib_grid_lower[i]) / calib_grid_step[i];
+    cell = cell * calib_grid[i] + (int)calib_between(u, 0, calib_grid[i] - (calib_real)0.5);
+  }
+  starts.q = calib_start_q[calib_cell[cell]];
+  starts.count = calib_cell[cell + 1] - calib_cell[cell];
   calib_try_starts(search, &starts);
   if (!search->count) calib_try_starts(search, &all);
-#else
-  calib_real q[CALIB_TRIES][CALIB_DOF];
-  calib_starts starts = calib_near_starts(search->task->x, search->from, q);
-  calib_try_starts(search, &starts);
-#endif
 }
+#else
+
+/* Tries the starts that are near to a position and to joints, the nearest first. */
+static inline void calib_try_position(calib_search *search) {
+  const int most = CALIB_TRIES < CALIB_STARTS ? CALIB_TRIES : CALIB_STARTS;
+  calib_real q[CALIB_TRIES][CALIB_DOF], far[CALIB_TRIES];
+  const calib_starts starts = {q[0], most, 1, most / 6, CALIB_TRIES, @margin@ / 2};
+  int row[CALIB_TRIES], count = 0, i, n;
+  for (n = 0; n < CALIB_STARTS; ++n) {
+    const calib_real joints = calib_apart(calib_start_q[n], search->from);
+    calib_real away = joints * joints;
+    for (i = 0; i < CALIB_OUT; ++i) {
+      const calib_real gap = (search->task->x[i] - calib_start_x[n][i]) / @extent@;
+      away += @pull@ * gap * gap;
+    }
+    count = calib_rank(n, away, count, most, far, row);
+  }
+  for (n = 0; n < most; ++n) calib_copy(CALIB_DOF, calib_start_q[row[n]], q[n]);
+  calib_try_starts(search, &starts);
+}
+#endif
 
 /* Puts the way that was found on the turn nearest to `near`; returns `sure`, or without a way 0 or 3. */
 static inline int calib_answered(const calib_search *search, const calib_joints near, int sure) {
@@ -229,8 +217,7 @@ static inline int calib_pose_from(const calib_task *task, const calib_starts *st
   return calib_answered(&search, near, sure);
 }
 
-/* The same of a pose of the sensor's frame (R row by row); `axis` is -1, or an axis of the tip, 0 to 2,
- * about which its turn is left open. */
+/* The same from `near` alone, of a pose as calib_pose_task has it. */
 static inline int calib_inverse_pose(const calib_vector x, const calib_rotation R, int axis,
                                      const calib_joints near, calib_joints q) {
   const calib_starts none = {0, 0, 1, 0, 0, 0};
