@@ -124,8 +124,7 @@ class RigFit:
     def frame_covariance(self, numbers: list[int]) -> Array:
         """Covariance (6 k, 6 k) of steps of some frames (k,)."""
         places = self.problem.bundle.layout.frames[numbers].ravel()
-        covariance: Array = self.fit.covariance[np.ix_(places, places)]
-        return covariance
+        return self.fit.covariance[np.ix_(places, places)]
 
     @cached_property
     def half_width(self) -> float:
@@ -253,8 +252,7 @@ class RigFit:
         places = self.problem.bundle.layout.shapes[0]
         *bends, size = self.fit.unknowns.values[places]
         bent = points + shape_slopes(points) @ bends
-        corners: Array = np.exp(size) * bent
-        return corners
+        return np.exp(size) * bent
 
     def log(self, rig: HandEye) -> Samples | None:
         """The first camera's pictures as a log of poses, with the rig; None without joints."""

@@ -171,8 +171,7 @@ class Bundle:
         residuals = self.pixels - pixels
         squares = (residuals**2).sum(axis=1)
         total = np.bincount(self.motion, squares)
-        rms: Array = np.sqrt(total / np.bincount(self.motion))
-        return rms
+        return np.sqrt(total / np.bincount(self.motion))
 
     def predict(self, unknowns: Unknowns) -> PredictedCorners:
         """Pixels of all corners and their slopes at some values of the unknowns."""

@@ -304,8 +304,7 @@ def _next_size(sd: Array, squares: ArrayLike, rate: float) -> Array:
     ratios = np.maximum(squares, 1e-300) / sd**2
     change = 0.5 * np.log(ratios)
     factors = np.exp(rate * np.clip(change, -1.0, 1.0))
-    sizes: Array = sd * factors
-    return sizes
+    return sd * factors
 
 
 def _is_settled(before: Noise, after: Noise) -> bool:

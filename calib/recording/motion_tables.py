@@ -83,13 +83,13 @@ def read_joints(
         )
     q, about = np.split(rows.q, [len(names)], axis=1)
     revolute = np.array([name not in prismatic for name in names])
-    most = float(np.abs(q[:, revolute]).max(initial=0.0))
     if degrees:
         q[:, revolute] = np.deg2rad(q[:, revolute])
-    elif most > _TURNS:
+    most = np.where(revolute, np.abs(q).max(axis=0), 0.0)
+    if not degrees and most.max() > _TURNS:
         raise LogError(
-            f"{source.label}: a joint goes to {most:.4g} rad, more than two turns: are these "
-            "degrees? expected rad, or `degrees=True`"
+            f"{source.label}: {names[most.argmax()]} goes to {most.max():.4g} rad, more than two "
+            "turns: are these degrees? expected rad in each column, or `degrees=True`"
         )
     columns = dict(zip(beside, about.T, strict=True))
     episodes = columns.get("episode")

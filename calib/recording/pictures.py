@@ -139,8 +139,8 @@ def _setting(path: Path, grey: Picture) -> str:
     return size if turn == 1 else f"{size}, turned by EXIF {turn}"
 
 
-def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[Shot]:
-    """Yield the grey pictures of one camera; warn why others are left out.
+def read_series(paths: Sequence[Path], notes: list[str]) -> Iterator[Shot]:
+    """Yield the grey pictures of one camera; notes say why others are left out, and what turns all.
 
     Raises LogError if they have several sizes, or EXIF turns some: intrinsics hold for one setting.
     """
@@ -149,9 +149,14 @@ def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[Shot]:
         try:
             grey = read_picture(path)
         except LogError as error:
-            damaged.append(f"{error}; left out")
+            notes.append(f"{error}; left out")
             continue
         now = _setting(path, grey)
+        if not setting and "EXIF" in now:
+            notes.append(
+                f"pictures are {now}, as OpenCV's imread does: camera and lens are those of the "
+                "turned pictures"
+            )
         setting = setting or now
         if setting != now:
             raise LogError(
@@ -161,7 +166,7 @@ def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[Shot]:
         yield number, path.name, grey
     if not setting:
         folder = os.fspath(paths[0].parent)
-        raise LogError(f"no picture in {folder!r} can be read: {damaged[0]}")
+        raise LogError(f"no picture in {folder!r} can be read: {notes[0]}")
 
 
 class Video:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from .fit import CornerFit, CornerPrior, Noise, Scale, solve
 from .joint_motions import JointMotions
 from .pose_files import FlangeTable
 from .readings import Choice, choose, refuse_readings
-from .start import RigStart, find_start
+from .start import RigStart, find_start, find_starts
 from .view import View
 
 
@@ -43,8 +44,9 @@ class Priors:
     turn: float = 1.0
     # misfit of the median picture, beyond which poses are not of the pictures [rad]
     misfit: float = float(np.radians(5.0))
-    # times that misfit: the poses of the rows before or behind fit better
+    # times that misfit: the poses of other rows fit better
     late: float = 0.4
+    few: int = 10  # pictures of which each two are tried exchanged
 
 
 PRIORS = Priors()
@@ -134,15 +136,9 @@ def problem_of_poses(table: FlangeTable, views: Sequence[View]) -> Problem:
     fullest = max(views, key=lambda view: len(view.rows))
     choice = choose(table, fullest)
     flange = choice.reading.flange.copy()
-    _refuse_one_axis(flange[fullest.rows])
     _refuse_mirrored(fullest, choice.start)
-    _refuse_late(flange[fullest.rows], fullest, choice.start)
-    if choice.start.misfit > PRIORS.misfit:
-        raise LogError(
-            "no convention explains the pictures: the rows of poses are not those of the "
-            "pictures, perhaps a row late or early, or camera or board moved (misfit "
-            f"{np.degrees(choice.start.misfit):.2g} deg)"
-        )
+    _refuse_other_rows(table, choice, fullest)
+    _refuse_one_axis(flange[fullest.rows])
 
     # poses in metres, at each row that has a picture
     flange[:, :3, 3] /= METRES[choice.convention["unit"]]
@@ -176,16 +172,44 @@ def _refuse_mirrored(view: View, start: RigStart) -> None:
         )
 
 
-def _refuse_late(flange: Array, view: View, start: RigStart) -> None:
-    """Refuse poses (n, 4, 4) if those of the row before or behind explain the pictures better."""
-    for by in (1, -1):
-        other = find_start(np.roll(flange, by, axis=0), view, start.unit)
-        if other.misfit < PRIORS.late * start.misfit:
-            raise LogError(
-                "the rows of poses are late or early: those of the row before or behind fit each "
-                f"picture {two_digits(start.misfit / other.misfit)} times better",
-                hint="check which row is of which picture",
-            )
+def _refuse_other_rows(table: FlangeTable, choice: Choice, view: View) -> None:
+    """Refuse poses of which other rows explain the pictures better, or none does."""
+    start = choice.start
+    flange = choice.reading.flange[view.rows]
+    shifted = np.stack([np.roll(flange, by, axis=0) for by in (1, -1)])
+    late, early = find_starts(shifted, view, start.unit)
+    if early.misfit < late.misfit:
+        late = early
+    is_late = late.misfit < PRIORS.late * start.misfit
+    if not is_late and start.misfit <= PRIORS.misfit:
+        return
+    best = start
+    words = ""
+    if is_late:
+        best = late
+        words = "late or early: those of the row before or behind"
+    # of few pictures no fit leaves some out
+    if len(flange) <= PRIORS.few:
+        for pair in combinations(range(len(flange)), 2):
+            rows = view.rows.copy()
+            rows[[*pair]] = rows[[*reversed(pair)]]
+            other = choose(table, replace(view, rows=rows)).start
+            if other.misfit < PRIORS.late * best.misfit:
+                best = other
+                names = " and ".join(view.names[k] for k in pair)
+                words = f"exchanged: those of {names}, each at the other,"
+    if not words:
+        _refuse_one_axis(flange)
+        raise LogError(
+            "no convention explains the pictures: the rows of poses are not those of the "
+            "pictures, perhaps a row late or early, or camera or board moved (misfit "
+            f"{np.degrees(start.misfit):.2g} deg)"
+        )
+    raise LogError(
+        f"the rows of poses are {words} fit each picture "
+        f"{two_digits(start.misfit / best.misfit)} times better",
+        hint="check which row is of which picture",
+    )
 
 
 def _places(views: Sequence[View]) -> tuple[list[View], Index]:

@@ -22,7 +22,7 @@ from ..common.rows import row_lengths, spread_rows
 from ..common.scale import METRES
 from ..errors import LogError, OptionError
 from ..samples.findings import Finding
-from ..samples.interpretations import interpretations
+from ..samples.interpretations import ONLY_IF, interpretations
 from ..samples.settings import DIAGNOSIS
 from .pose_files import FlangeTable
 from .start import UNITS, RigStart, find_start, find_starts
@@ -241,7 +241,7 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     for start, (_, finding) in zip(starts, others, strict=True):
         if start.misfit < _CLEAR * best:
             best = start.misfit
-            words = finding.words
+            words = finding.words.removeprefix(ONLY_IF)
             hint = finding.hint
             if finding.kind == "exchanged":
                 hint = "correct the header of the joints"
@@ -285,6 +285,11 @@ def _others(
         any_order=len(names) <= DIAGNOSIS.most_ordered,
     )
     yield from units
+    for k in np.flatnonzero(structure.revolute):
+        mixed = q.copy()
+        mixed[:, k] = np.deg2rad(q[:, k])
+        words = f"{names[k]} alone is in degrees"
+        yield mixed, Finding("degrees", words, "convert its column to rad")
     for by in (-1, 1):
         yield np.roll(q, by, axis=0), late
     for group in (one, two, orders):
