@@ -210,9 +210,12 @@ class Bundle:
 
         # the board before the camera, and its steps before by those of X, Y and G E
         to_camera = inverse(unknowns.frames[camera_frame])
-        before_board, flange_steps = flange_before(
-            to_camera, flange, self.in_hand[camera]
-        )
+        if self.in_hand[camera]:
+            before_board = to_camera @ inverse(flange)
+            flange_steps = -adjoint(np.broadcast_to(to_camera, flange.shape))
+        else:
+            before_board = to_camera @ flange
+            flange_steps = adjoint(before_board)
         scenes = before_board @ unknowns.frames[board_frame]
         board_steps = adjoint(scenes)
         turns = turn_of(scenes)[motion]
@@ -239,20 +242,6 @@ class Bundle:
         slopes[..., layout.size : layout.size + POSE] = by_flange
         slopes[..., focus_column] = by_lens[..., :2] @ lens[:2]
         return pixels, slopes
-
-
-def flange_before(
-    to_camera: Array, flange: Array, in_hand: bool
-) -> tuple[Array, Array]:
-    """The board's parent before a camera (n, 4, 4) [m], and its steps (n, 6, 6) by the flange's.
-
-    to_camera : (4, 4), X^-1;  flange : (n, 4, 4) [m], G E
-    """
-    if in_hand:
-        steps = -adjoint(to_camera)[None].repeat(len(flange), axis=0)
-        return to_camera @ inverse(flange), steps
-    before_board = to_camera @ flange
-    return before_board, adjoint(before_board)
 
 
 def shape_slopes(points: Array) -> Array:

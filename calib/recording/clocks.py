@@ -2,7 +2,7 @@
 
 A correlation of speeds names candidates, for an arm may repeat itself; from each, steps of Gauss
 and Newton move the clocks to where joints predict the track best; the best fit is taken, if its
-rival is clearly worse.  See :mod:`calib.recording.clock_models`.
+rival is clearly worse.  See :mod:`calib.recording.track`.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from ..common.parallel import one_blas_thread
 from ..common.rows import median_length, row_lengths, spread_rows
 from ..errors import CalibError, LogError
 from ..samples.motion import joints_at
-from .clock_models import CLOCK, Chain, TrackRows, Waves
-from .track import jumps
+from .track import CLOCK, Chain, TrackRows, Waves, jumps
 
 SURE = 1.5e-3
 """Largest standard deviation of the offset that is accepted [s]."""

@@ -1,17 +1,20 @@
-"""The tag's track: how well joints predict it, its jumps, and rows whose joints are a neighbour's.
+"""A sensor's track: its jumps, and how joints predict it, by smooth functions or a planar chain.
 
-Ridge regression on products of the joints' harmonics, in which the tip of any arm is linear.
+The smooth functions are a ridge regression on products of the joints' harmonics, in which the tip
+of any arm is linear.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ..common.arrays import Array, Mask
 from ..common.rows import row_lengths, spread_rows
+from ..samples.delays import Delay, estimate_delay
 
 
 @dataclass(frozen=True)
@@ -144,3 +147,149 @@ def jumps(x: Array) -> Mask:
     distances = row_lengths(away)
     is_jump[is_visible] = distances > least
     return is_jump
+
+
+@dataclass(frozen=True)
+class ClockSettings:
+    """How clocks are compared."""
+
+    # peaks of the correlation of speeds that get a short fit
+    candidates: int = 15
+    # the best of them, which get a long one
+    long_fits: int = 3
+    # rate at which speeds are compared [1/s]
+    grid: float = 50.0
+    # share of the shorter recording that must have a counterpart
+    overlap: float = 0.8
+    # rows and steps of a short fit
+    short: tuple[int, int] = (120, 4)
+    # rows and steps of a long one
+    long: tuple[int, int] = (300, 12)
+    # time to either side over which a velocity is taken [s]
+    step: float = 0.01
+    # largest step of the offset [s]: far from the solution the velocity is a poor guide
+    farthest_step: float = 0.08
+    # furthest that a candidate moves from its peak [s]
+    farthest: float = 0.15
+    # prior sd of how much the rates of clocks differ
+    rate_sd: float = 4e-3
+    # where the rows show a rate, less than this share of the error is left
+    shows_rate: float = 0.9
+    # a planar chain that leaves more of the track's spread is none
+    chain_fits: float = 0.03
+    # the best candidate's error must be less than this share of its rival's
+    clearly: float = 0.6
+    # the best candidate's error must be less than this share of the track's spread
+    fits: float = 0.25
+    # difference of the rates: beyond it the stated frame rate is not the true one
+    fastest: float = 0.012
+    # candidates further apart than this are rivals [s]
+    apart: float = 0.3
+
+
+CLOCK = ClockSettings()
+
+
+class Linear(NamedTuple):
+    """Rows of a track, linear in delay, rate of the clocks and the predictor's k parameters."""
+
+    residual: Array  # (n, m) [px or mm]
+    velocity: Array  # (n, m), of the prediction [px/s or mm/s]
+    columns: Array  # (n, m, k), derivatives by the predictor's parameters
+    by_rate: Array  # (n, m), and by the rate
+    precision: Array  # (k,), of the parameters' prior
+    pull: Array  # (k,), how far parameters are below their prior mean
+
+    def delay(self, rate: float, rate_sd: float) -> tuple[Delay, Array] | None:
+        """How late the track is [s], and changes (k + 1,) of parameters and of the clocks' rate.
+
+        None where the rows determine no delay.
+        """
+        return estimate_delay(
+            self.residual,
+            self.velocity,
+            np.dstack([self.columns, self.by_rate]),
+            np.append(self.precision, rate_sd**-2.0),
+            np.append(self.pull, -rate),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class TrackRows:
+    """Rows of a track, and the joints at their times by the present clocks."""
+
+    track: Array  # (n, m) [px or mm]
+    q: Array  # (n, joints) [rad or m]
+    ahead: Array  # joints one `CLOCK.step` later
+    behind: Array  # and one earlier
+    time: Array  # (n,) [s]
+
+    @property
+    def since(self) -> Array:
+        """Times since their mean (n, 1) [s]."""
+        since: Array = self.time - self.time.mean()
+        return since[:, None]
+
+    @property
+    def joint_speed(self) -> Array:
+        """Speed of the joints (n, joints) [rad/s or m/s]."""
+        return (self.ahead - self.behind) / (2.0 * CLOCK.step)
+
+
+class Waves:
+    """Joints predict by smooth functions: each block of rows by the fit to the others."""
+
+    def linearise(self, rows: TrackRows) -> Linear:
+        """The rows as the other blocks predict them."""
+        judge = Judge(rows.q)
+        ahead = judge.predict(rows.ahead, rows.track)
+        behind = judge.predict(rows.behind, rows.track)
+        speed = (ahead - behind) / (2.0 * CLOCK.step)
+        miss = judge.miss(rows.track)
+        by_rate = judge.miss(speed * rows.since)
+        none = np.empty(0)
+        columns = np.empty((*miss.shape, 0))
+        return Linear(miss, judge.miss(speed), columns, by_rate, none, none)
+
+    def move(self, change: Array) -> None:
+        """Nothing to move: each linearisation is a fit of its own."""
+
+
+class Chain:
+    """Joints predict as a planar chain under a tilted camera, fitted with the clocks."""
+
+    def __init__(
+        self, q: Array, track: Array, revolute: tuple[bool, ...]
+    ) -> None:
+        from ..body.planar import planar_structure
+        from ..body.rows import Rows
+        from ..body.starts import best_start
+
+        names = tuple(f"q{k}" for k in range(q.shape[1]))
+        template = planar_structure(
+            track, names, revolute, None, "homography", "px", False
+        )
+        chain = template.chain_blocks
+        begin = best_start(template, Rows(q, track), chain)
+        self._structure = begin.structure
+        self._beta = begin.beta.copy()
+        self._prior = begin.structure.prior((*chain, "lens"))
+        self._active = np.flatnonzero(self._prior.sd > 0)
+
+    def linearise(self, rows: TrackRows) -> Linear:
+        """The rows as the chain predicts them."""
+        structure = self._structure
+        beta = self._beta
+        active = self._active
+        predicted, by_beta = structure.linearise(rows.q, beta, active)
+        by_joints = structure.slope(rows.q, beta)
+        velocity = np.einsum("nmd,nd->nm", by_joints, rows.joint_speed)
+        by_rate = velocity * rows.since
+        miss = rows.track - predicted
+        precision = self._prior.sd[active] ** -2.0
+        pull = (self._prior.mean - beta)[active]
+        return Linear(miss, velocity, by_beta, by_rate, precision, pull)
+
+    def move(self, change: Array) -> None:
+        """Move the chain's parameters."""
+        self._beta[self._active] += change
