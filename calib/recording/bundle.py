@@ -100,8 +100,7 @@ class Unknowns:
 
     def retract(self, step: Array, errors: Array) -> Unknowns:
         """The unknowns after a step (s,), and one of the errors (n, e)."""
-        width = POSE * len(self.frames)
-        steps = step[:width].reshape(-1, POSE)
+        steps = step[: POSE * len(self.frames)].reshape(-1, POSE)
         frames = step_from(self.frames, steps)
         return Unknowns(frames, self.values + step, self.errors + errors)
 
@@ -168,8 +167,7 @@ class Bundle:
 
     def misses(self, pixels: Array) -> Array:
         """Rms distance (n,) [px] of the corners at each motion from predicted pixels (N, 2)."""
-        residuals = self.pixels - pixels
-        squares = (residuals**2).sum(axis=1)
+        squares = ((self.pixels - pixels) ** 2).sum(axis=1)
         total = np.bincount(self.motion, squares)
         return np.sqrt(total / np.bincount(self.motion))
 
@@ -233,8 +231,7 @@ class Bundle:
         # columns of the unknowns, then of the motion's errors
         slopes = np.zeros((len(points), 2, layout.size + layout.errors))
         slopes[..., layout.frames[camera_frame]] = -by_scene
-        by_board = by_scene @ board_steps[motion]
-        slopes[..., layout.frames[board_frame]] = by_board
+        slopes[..., layout.frames[board_frame]] = by_scene @ board_steps[motion]
         slopes[..., layout.lenses[camera]] = by_lens
         slopes[..., bend_columns] = size * by_point @ bends
         slopes[..., [size_column]] = by_point @ points[:, :, None]

@@ -222,8 +222,7 @@ def read_dataset(
     instants: dict[Path, list[tuple[float, int]]] = {}
     for row in resting.tolist():
         path, begin = paths[row]
-        instant = (begin + float(time[row]), row)
-        instants.setdefault(path, []).append(instant)
+        instants.setdefault(path, []).append((begin + float(time[row]), row))
     frames: list[tuple[int, Picture]] = []
     for path, rows_at in instants.items():
         frames += _frames(path, rows_at, near)

@@ -256,5 +256,5 @@ def next_poses(
     chosen, covariances = expected.best(Motions(in_view), count)
     along_parent = turn_of(frame_of(rig.hand))
     shifts = along_parent @ covariances[:, 3:, 3:] @ along_parent.T
-    variances = shifts.diagonal(axis1=1, axis2=2)
-    return in_view[chosen], Z95 * np.sqrt(variances)
+    sd = np.sqrt(shifts.diagonal(axis1=1, axis2=2))
+    return in_view[chosen], Z95 * sd

@@ -96,8 +96,7 @@ class Problem:
         self, motions: Index, start: CornerFit, *, learn: bool = True
     ) -> CornerFit:
         """The fit to the pictures of some motions."""
-        exact = start.unknowns.exact(len(motions))
-        start = replace(start, unknowns=exact)
+        start = replace(start, unknowns=start.unknowns.exact(len(motions)))
         return solve(self.bundle.take(motions), self.prior, start, learn=learn)
 
     def predict(self, fit: CornerFit) -> Array:
@@ -326,8 +325,7 @@ def _from_same_end(
         return start
     board = start.board @ half_turn
     plain = np.linalg.norm(start.board - other.board)
-    turned = np.linalg.norm(board - other.board)
-    if turned < plain:
+    if np.linalg.norm(board - other.board) < plain:
         return replace(start, board=board, turned=~start.turned)
     return start
 

@@ -120,8 +120,7 @@ def _turns(numbers: Array) -> list[tuple[str, str, Array]]:
 
     if numbers.shape[1] == 9:
         matrices = numbers.reshape(-1, 3, 3)
-        transposed = matrices.mT
-        return [("matrix", "", matrices), ("transposed", "", transposed)]
+        return [("matrix", "", matrices), ("transposed", "", matrices.mT)]
     if numbers.shape[1] == 4:
         wxyz = np.roll(numbers, -1, axis=1)
         return [("xyzw", "", matrix_of(numbers)), ("wxyz", "", matrix_of(wxyz))]

@@ -57,18 +57,15 @@ class Judge:
 
     def __init__(self, q: Array) -> None:
         self.q = q
-        ridge = SOFT * np.eye(len(q))
-        covariance = _harmonics(q, q) + ridge
+        covariance = _harmonics(q, q) + SOFT * np.eye(len(q))
         self._inverse = np.linalg.inv(covariance)
 
     def miss(self, x: Array) -> Array:
         """Held-out errors (n, d) of values (n, d), linear in them."""
-        centred = x - x.mean(axis=0)
-        weights: Array = self._inverse @ centred
+        weights: Array = self._inverse @ (x - x.mean(axis=0))
         miss = np.empty_like(weights)
-        rows = np.arange(len(x))
         count = min(TRACK.blocks, len(x))
-        for block in np.array_split(rows, count):
+        for block in np.array_split(np.arange(len(x)), count):
             inverse = self._inverse[np.ix_(block, block)]
             miss[block] = np.linalg.solve(inverse, weights[block])
         return miss
@@ -77,9 +74,7 @@ class Judge:
         """Predictions (m, d) at joints (m, joints) of the fit to values (n, d) of all rows."""
         middle = x.mean(axis=0)
         weights = self._inverse @ (x - middle)
-        covariance = _harmonics(q, self.q)
-        predicted: Array = covariance @ weights + middle
-        return predicted
+        return np.asarray(_harmonics(q, self.q) @ weights + middle)
 
 
 def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
@@ -94,10 +89,8 @@ def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
         end = min(len(q), len(q) - shift)
         rows = np.arange(first, end)
         rows = rows[spread_rows(len(rows), TRACK.searched)]
-        judge = Judge(q[rows + shift])
-        miss = judge.miss(x[rows])
-        distances = row_lengths(miss)
-        return float(distances.mean())
+        miss = Judge(q[rows + shift]).miss(x[rows])
+        return float(row_lengths(miss).mean())
 
     if len(q) < TRACK.fewest:
         return 0, np.nan, np.nan
@@ -143,9 +136,7 @@ def jumps(x: Array) -> Mask:
     away = places - median_filter(places, window, mode="nearest")
     usual = median_filter(np.abs(away), window, mode="nearest")
     sd = 1.48 * usual.max(axis=1)
-    least = 6.0 * np.maximum(sd, 1.0)
-    distances = row_lengths(away)
-    is_jump[is_visible] = distances > least
+    is_jump[is_visible] = row_lengths(away) > 6.0 * np.maximum(sd, 1.0)
     return is_jump
 
 
