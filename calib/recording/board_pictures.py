@@ -56,7 +56,7 @@ class BoardPictures:
     count: int  # pictures, with those that do not show the board
     notes: tuple[str, ...]
     rows: Index  # (p,), of joints or poses, one for each
-    episodes: Index | None = None  # (p,), the series of each
+    episodes: Array | None = None  # (p,), number of the series of each
     # whether corners are those of boards' poses, which no camera took
     is_of_poses: bool = False
 
@@ -87,9 +87,6 @@ class BoardPictures:
         covariance = _log_covariance(poses, point, in_hand)
         variances = np.einsum("njj->n", covariance[:, :3, :3])
         noise = np.sqrt(variances.mean() / 3)
-        episode = None
-        if self.episodes is not None:
-            episode = self.episodes.astype(float)
         source = {
             "source": "board",
             "eye": "hand" if in_hand else "base",
@@ -110,7 +107,7 @@ class BoardPictures:
             orientation=quaternion_of(turns),
             covariance=covariance,
             pictures=np.array(self.names),
-            episode=episode,
+            episode=self.episodes,
         )
 
 

@@ -235,7 +235,11 @@ def read_dataset(
     labels = [f"episode {episode[k]} at {time[k]:.3f} s" for k in rows]
     label = str(dataset.root)
     table = JointTable(
-        label, names, first[rows], None, labels, episodes=episode[rows]
+        label,
+        names,
+        first[rows],
+        pictures=labels,
+        episodes=episode[rows].astype(float),
     )
     tables = {unit: replace(table, q=q[rows]) for unit, q in angles.items()}
     return tables, [picture for _, picture in frames], notes

@@ -234,17 +234,17 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     poses = flanges(values).reshape(len(others), len(rows), 4, 4)
     starts = find_starts(poses[:1], other_eye, "m")  # the eye is the first
     starts += find_starts(poses[1:], thinned, "m")
-    best = usual.misfit
-    words = ""
-    hint = ""
+    least = usual.misfit
+    best = None
     for start, (_, finding) in zip(starts, others, strict=True):
-        if start.misfit < _CLEAR * best:
-            best = start.misfit
-            words = finding.words.removeprefix(ONLY_IF)
-            hint = finding.hint
-            if finding.kind == "exchanged":
-                hint = "correct the header of the joints"
-    if words:
+        if start.misfit < _CLEAR * least:
+            least = start.misfit
+            best = finding
+    if best is not None:
+        hint = best.hint
+        if best.kind == "exchanged":
+            hint = "correct the header of the joints"
+        words = best.words.removeprefix(ONLY_IF)
         raise LogError(
             f"the pictures fit the joints only if {words}", hint=hint
         )

@@ -186,23 +186,20 @@ class Linear(NamedTuple):
 
     residual: Array  # (n, m) [px or mm]
     velocity: Array  # (n, m), of the prediction [px/s or mm/s]
-    columns: Array  # (n, m, k), derivatives by the predictor's parameters
-    by_rate: Array  # (n, m), and by the rate
-    precision: Array  # (k,), of the parameters' prior
-    pull: Array  # (k,), how far parameters are below their prior mean
+    columns: Array  # (n, m, k + 1), derivatives by the parameters and the rate
+    # (k,), of the parameters' prior
+    precision: Array = np.empty(0)
+    # (k,), how far parameters are below their prior mean
+    pull: Array = np.empty(0)
 
     def delay(self, rate: float, rate_sd: float) -> tuple[Delay, Array] | None:
         """How late the track is [s], and changes (k + 1,) of parameters and of the clocks' rate.
 
         None where the rows determine no delay.
         """
-        return estimate_delay(
-            self.residual,
-            self.velocity,
-            np.dstack([self.columns, self.by_rate]),
-            np.append(self.precision, rate_sd**-2.0),
-            np.append(self.pull, -rate),
-        )
+        precision = np.append(self.precision, rate_sd**-2.0)
+        pull = np.append(self.pull, -rate)
+        return estimate_delay(*self[:3], precision, pull)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,11 +233,8 @@ class Waves:
         ahead = judge.predict(rows.ahead, rows.track)
         behind = judge.predict(rows.behind, rows.track)
         speed = (ahead - behind) / (2.0 * CLOCK.step)
-        miss = judge.miss(rows.track)
-        by_rate = judge.miss(speed * rows.since)
-        none = np.empty(0)
-        columns = np.empty((*miss.shape, 0))
-        return Linear(miss, judge.miss(speed), columns, by_rate, none, none)
+        by_rate = judge.miss(speed * rows.since)[..., None]
+        return Linear(judge.miss(rows.track), judge.miss(speed), by_rate)
 
     def move(self, change: Array) -> None:
         """Nothing to move: each linearisation is a fit of its own."""
@@ -275,11 +269,12 @@ class Chain:
         predicted, by_beta = structure.linearise(rows.q, beta, active)
         by_joints = structure.slope(rows.q, beta)
         velocity = np.einsum("nmd,nd->nm", by_joints, rows.joint_speed)
-        by_rate = velocity * rows.since
-        miss = rows.track - predicted
+        columns = np.dstack([by_beta, velocity * rows.since])
         precision = self._prior.sd[active] ** -2.0
         pull = (self._prior.mean - beta)[active]
-        return Linear(miss, velocity, by_beta, by_rate, precision, pull)
+        return Linear(
+            rows.track - predicted, velocity, columns, precision, pull
+        )
 
     def move(self, change: Array) -> None:
         """Move the chain's parameters."""
