@@ -97,14 +97,14 @@ def read_flange_poses(path: FilePath) -> FlangeTable:
                 if isinstance(content, str):
                     content = _numbers(_filled(content))
                 files[file.stem] = content
-        return FlangeTable(label, _poses(label, files))
+        return _poses(label, files)
     try:
         content = _document(place)
     except (OSError, EOFError, ValueError):  # a pipe, UTF-16, Parquet
         return _table(open_source(path))
     if isinstance(content, str):
         return _text(label, content)
-    return FlangeTable(label, _poses(label, content))
+    return _poses(label, content)
 
 
 def _document(path: Path) -> Json:
@@ -206,7 +206,7 @@ def _text(label: str, text: str) -> FlangeTable:
         if len(numbers) > 3:
             lists.setdefault(name, []).append(numbers)
     if lists:
-        return FlangeTable(label, _poses(label, lists))
+        return _poses(label, lists)
 
     # a header in a comment, as of numpy.savetxt
     table = _named_columns([*above, *lines]) or _named_columns(lines)
@@ -224,7 +224,7 @@ def _text(label: str, text: str) -> FlangeTable:
             f"{label} has rows of several kinds, by the words {listing(words)} beside the "
             "numbers: keep those of one"
         )
-    return FlangeTable(label, _poses(label, rows), pictures)
+    return _poses(label, rows, pictures)
 
 
 def _named_columns(lines: Sequence[str]) -> str:
@@ -242,8 +242,10 @@ def _words(line: str) -> list[str]:
     return re.split(r"[\s,;]+", line.strip("# \t"))
 
 
-def _poses(label: str, document: Json) -> Array:
-    """The only poses in a document (n, 3 + k), as of :func:`_shift_first`."""
+def _poses(
+    label: str, document: Json, pictures: Sequence[str] | None = None
+) -> FlangeTable:
+    """The only poses in a document."""
     rows = list(_rows(document))
     names = _of_flange({name for name, row in rows if _is_pose(row)})
     if len(names) > 1:
@@ -255,7 +257,8 @@ def _poses(label: str, document: Json) -> Array:
         raise LogError(
             f"{label} holds no poses, or some with other numbers between them: expected {EXPECTED}"
         )
-    return _shift_first(np.array(poses, float))
+    numbers = _shift_first(np.array(poses, float))
+    return FlangeTable(label, numbers, pictures)
 
 
 def _of_flange(names: Iterable[str]) -> set[str]:

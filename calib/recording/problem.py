@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from operator import attrgetter
 
 import numpy as np
 
@@ -176,28 +177,21 @@ def _refuse_other_rows(table: FlangeTable, choice: Choice, view: View) -> None:
     start = choice.start
     flange = choice.reading.flange[view.rows]
     shifted = np.stack([np.roll(flange, by, axis=0) for by in (1, -1)])
-    late, early = find_starts(shifted, view, start.unit)
-    if early.misfit < late.misfit:
-        late = early
+    late = min(find_starts(shifted, view, start.unit), key=attrgetter("misfit"))
     is_late = late.misfit < PRIORS.late * start.misfit
     if not is_late and start.misfit <= PRIORS.misfit:
         return
-    best = start
-    words = ""
-    if is_late:
-        best = late
-        words = "late or early: those of the row before or behind"
+    words = "late or early: those of the row before or behind"
+    best = late
     # of few pictures no fit leaves some out
     if len(flange) <= PRIORS.few:
-        for pair in combinations(range(len(flange)), 2):
-            rows = view.rows.copy()
-            rows[[*pair]] = rows[[*reversed(pair)]]
-            other = choose(table, replace(view, rows=rows)).start
-            if other.misfit < PRIORS.late * best.misfit:
-                best = other
-                names = " and ".join(view.names[k] for k in pair)
-                words = f"exchanged: those of {names}, each at the other,"
-    if not words:
+        pair, exchanged = _exchanged(table, view)
+        if exchanged.misfit < PRIORS.late * min(late.misfit, start.misfit):
+            best = exchanged
+            words = (
+                f"exchanged: those of {' and '.join(pair)}, each at the other,"
+            )
+    if best is late and not is_late:
         _refuse_one_axis(flange)
         raise LogError(
             "no convention explains the pictures: the rows of poses are not those of the "
@@ -209,6 +203,17 @@ def _refuse_other_rows(table: FlangeTable, choice: Choice, view: View) -> None:
         f"{two_digits(start.misfit / best.misfit)} times better",
         hint="check which row is of which picture",
     )
+
+
+def _exchanged(table: FlangeTable, view: View) -> tuple[list[str], RigStart]:
+    """The two pictures whose poses, exchanged, fit best, and where that begins."""
+    starts: dict[tuple[int, int], RigStart] = {}
+    for one, other in combinations(range(len(view.rows)), 2):
+        rows = view.rows.copy()
+        rows[[one, other]] = rows[[other, one]]
+        starts[one, other] = choose(table, replace(view, rows=rows)).start
+    pair = min(starts, key=lambda numbers: starts[numbers].misfit)
+    return [view.names[k] for k in pair], starts[pair]
 
 
 def _places(views: Sequence[View]) -> tuple[list[View], Index]:

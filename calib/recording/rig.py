@@ -131,9 +131,8 @@ class HandEye:
     @property
     def distances(self) -> tuple[float, float]:
         """How far what is in the hand is from the flange, and what is at rest from the base [m]."""
-        return math.hypot(*self.hand["position"]), math.hypot(
-            *self.base["position"]
-        )
+        hand = math.hypot(*self.hand["position"])
+        return hand, math.hypot(*self.base["position"])
 
     @property
     def eye_doubt(self) -> str:

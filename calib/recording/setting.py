@@ -96,12 +96,11 @@ class Setting:
         """Return what a picture shows of the reference."""
         if self.board is not None:
             return self.board.find(grey)
-        if self.tags_at is None:
-            return {}
+        numbers = self.tags_at.points if self.tags_at else ()
         return {
             tag.number: tag.centre
             for tag in single_tags(tags)
-            if tag.number in self.tags_at.points
+            if tag.number in numbers
         }
 
 
@@ -240,9 +239,9 @@ def write_overlay(
         corners = [tag.corners[None].astype(np.float32) for tag in tags]
         numbers = np.array([tag.number for tag in tags])
         cv2.aruco.drawDetectedMarkers(canvas, corners, numbers, TAG_COLOUR)
-    marks = {} if setting.board is None else setting.marks(grey, ())
+    corners_of_board = setting.marks(grey, ()).values()
     radius = max(3, round(max(canvas.shape) / 213))
-    circles = ((PLACE_COLOUR, places), (MARK_COLOUR, marks.values()))
+    circles = ((PLACE_COLOUR, places), (MARK_COLOUR, corners_of_board))
     for colour, centres in circles:
         for centre in centres:
             middle = np.round(centre).astype(int).tolist()
