@@ -18,6 +18,7 @@ import numpy as np
 from ..arm.rigid import adjoint, inverse, shift_of, step_from, turn_of
 from ..common.arrays import Array, Index
 from ..samples.lens import Lens
+from ..samples.motion import RowArrays
 from .pictures import opencv
 
 LENS = 9
@@ -118,7 +119,7 @@ class PredictedCorners:
 
 
 @dataclass(frozen=True, eq=False)
-class Bundle:
+class Bundle(RowArrays):
     """Corners that cameras see at the motions of an arm, by camera and motion."""
 
     motions: Motions
@@ -152,17 +153,13 @@ class Bundle:
         """Numbers of the frames of a camera and of the board that it sees."""
         return camera, len(self.in_hand) + self.boards[camera]
 
-    def take(self, motions: Index) -> Bundle:
+    def at_motions(self, motions: Index) -> Bundle:
         """The corners at some motions (k,), which are numbered from 0."""
-        rows = np.isin(self.motion, motions)
+        corners = self.take(np.isin(self.motion, motions))
         return replace(
-            self,
+            corners,
             motions=self.motions.take(motions),
-            points=self.points[rows],
-            bends=self.bends[rows],
-            pixels=self.pixels[rows],
-            camera=self.camera[rows],
-            motion=np.searchsorted(motions, self.motion[rows]),
+            motion=np.searchsorted(motions, corners.motion),
         )
 
     def misses(self, pixels: Array) -> Array:

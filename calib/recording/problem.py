@@ -98,7 +98,9 @@ class Problem:
     ) -> CornerFit:
         """The fit to the pictures of some motions."""
         start = replace(start, unknowns=start.unknowns.exact(len(motions)))
-        return solve(self.bundle.take(motions), self.prior, start, learn=learn)
+        return solve(
+            self.bundle.at_motions(motions), self.prior, start, learn=learn
+        )
 
     def predict(self, fit: CornerFit) -> Array:
         """Pixels (N, 2) of all corners where the motions alone put them."""
