@@ -39,7 +39,7 @@ def units(q: Array, revolute: Sequence[bool]) -> Iterator[Interpretation]:
         ("degrees", np.deg2rad, "give `degrees=True`"),
         ("radians", np.rad2deg, "leave out `degrees`"),
     ):
-        words = f"{ONLY_IF}its joint values are {unit}"
+        words = f"{ONLY_IF}the joint values are {unit}"
         finding = Finding("degrees", words, hint, "degrees", unit == "radians")
         yield np.where(revolute, convert(q), q), finding
 
