@@ -23,6 +23,7 @@ from calib.recording.board_pictures import BoardPictures, find_board
 from calib.recording.bundle import project
 from calib.recording.pose_files import FlangeTable, read_flange_poses
 from calib.recording.readings import pose_readings
+from calib.recording.reference import frames_of
 from calib.samples.lens import Lens
 
 FOLDS = 5
@@ -84,7 +85,7 @@ def opencv(rig: calib.HandEye, shots: BoardPictures, flange: np.ndarray, kind: s
     """Hand and base (4, 4) by one of OpenCV's solvers, which get the lens and the convention."""
     lens = lens_of(rig)
     glass = Lens(shots.size, lens[:2], lens[2:4], lens[4:])
-    boards = rigid(*zip(*[(p.rotation, p.shift) for p in shots.poses(glass)], strict=True))
+    boards = frames_of(shots.poses(glass))
     motions = flange if rig.eye == "hand" else inverse(flange)
     turn, shift = cv2.calibrateHandEye(
         motions[:, :3, :3], motions[:, :3, 3], boards[:, :3, :3], boards[:, :3, 3],

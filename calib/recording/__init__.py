@@ -25,9 +25,8 @@ Tags and films (logs of a tag on the tip):
     tags              tags and corners to .01 px
     reference         metres in a frame on the desk
     setting           tag, reference and lens of a recording, and what pictures show
-    track             how well joints predict the tag
+    track             how joints predict the tag: smooth functions, or a planar chain
     clocks            the sensor's clock against the joints'
-    clock_models      the track by joints: smooth functions, or a planar chain
     tag_logs          the log
     printing          tags and boards to scale
 Bags and LeRobot:

@@ -50,9 +50,8 @@ class Agreement:
     @property
     def is_doubtful(self) -> bool:
         """Whether motions are as noisy as where some pictures contradict the others."""
-        turn, _, _, shift, *_ = self.fit.noise.error
-        most_turn, most_shift = AGREEMENT.doubtful
-        return bool(turn > most_turn or shift > most_shift)
+        turn, shift = AGREEMENT.doubtful
+        return self.fit.noise.turn > turn or self.fit.noise.shift > shift
 
 
 def consensus(problem: Problem) -> tuple[CornerFit, Mask]:
@@ -60,20 +59,17 @@ def consensus(problem: Problem) -> tuple[CornerFit, Mask]:
 
     Raises LogError if too few do.
     """
-    count = problem.count
-    whole = _agreement(problem, np.ones(count, bool))
-    attempts = [whole]
-    if whole is None or whole.is_doubtful:
+    number = np.arange(problem.count)
+    agreements = _agreements(problem, [number >= 0])
+    if not agreements or agreements[0].is_doubtful:
         # without pictures that the closed form contradicts
         misses = problem.bundle.misses(problem.predict(problem.start))
-        near = misses < AGREEMENT.near * np.median(misses)
-        attempts.append(_agreement(problem, near))
+        some = [misses < AGREEMENT.near * np.median(misses)]
         # a board that was moved once leaves one half whole
-        if count // 2 >= AGREEMENT.half:
-            is_early = np.arange(count) < count // 2
-            attempts.append(_agreement(problem, is_early))
-            attempts.append(_agreement(problem, ~is_early))
-    agreements = [attempt for attempt in attempts if attempt is not None]
+        half = problem.count // 2
+        if half >= AGREEMENT.half:
+            some += [number < half, number >= half]
+        agreements += _agreements(problem, some)
     if not agreements:
         raise LogError(
             "no place of camera and board explains the pictures: check that each row is of its "
@@ -86,6 +82,12 @@ def consensus(problem: Problem) -> tuple[CornerFit, Mask]:
     if best.score >= AGREEMENT.better * first.score:
         best = first
     return best.fit, best.agreeing
+
+
+def _agreements(problem: Problem, some: list[Mask]) -> list[Agreement]:
+    """The fits that there are of motions that agree with some (n,)."""
+    attempts = [_agreement(problem, mask) for mask in some]
+    return [attempt for attempt in attempts if attempt is not None]
 
 
 def _agreement(problem: Problem, agreeing: Mask) -> Agreement | None:
@@ -103,10 +105,10 @@ def _agreement(problem: Problem, agreeing: Mask) -> Agreement | None:
         agreeing = misses < AGREEMENT.far * usual
         if (agreeing == before).all():
             break
-    turn, _, _, shift, *_ = fit.noise.error
-    is_arm = turn < AGREEMENT.turn and shift < AGREEMENT.shift
+    noise = fit.noise
+    is_arm = noise.turn < AGREEMENT.turn and noise.shift < AGREEMENT.shift
     is_of_poses = [view.is_of_poses for view in problem.views]
-    is_sharp = (fit.noise.corner < AGREEMENT.corner) | is_of_poses
+    is_sharp = (noise.corner < AGREEMENT.corner) | is_of_poses
     share = before.mean()
     if not is_arm or not is_sharp.all() or share < AGREEMENT.share:
         return None

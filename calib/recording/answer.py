@@ -24,7 +24,7 @@ from ..common.rows import row_lengths
 from ..samples.lens import Lens
 from ..samples.samples import Samples
 from .agreement import consensus, held_out_pixels
-from .bundle import shape_slopes
+from .bundle import CornerLayout, shape_slopes
 from .fit import CornerFit
 from .joint_motions import ArmBelief, JointMotions
 from .notes import limit_of, notes_of
@@ -63,19 +63,17 @@ class RigFit:
         first = problem.views[0]
         hand, base = self.places(0)
         # of turn and shift of the hand's frame, then of the base's
-        numbers = [*self.frame_numbers(0)]
-        slope = shifts_along_parents(self.fit.unknowns.frames[numbers])
-        covariance = slope @ self.frame_covariance(numbers) @ slope.T
+        frames = [*self.frame_numbers(0)]
+        slope = shifts_along_parents(self.fit.unknowns.frames[frames])
+        covariance = slope @ self.frame_covariance(frames) @ slope.T
 
         # errors of motions, by fits without them
-        pixels = held_out_pixels(problem, self.fit, self.agreeing)
-        misses = bundle.misses(pixels)
+        misses = bundle.misses(
+            held_out_pixels(problem, self.fit, self.agreeing)
+        )
         squares = misses[self.agreeing] ** 2
-        turn, _, _, shift, *_ = self.fit.noise.error.tolist()
-
-        arm = self.fit.unknowns.values[bundle.layout.arm]
         choice = problem.choice
-        cameras = range(len(problem.views))
+        noise = self.fit.noise
         return HandEye(
             eye=first.eye,
             pictures=first.count,
@@ -86,46 +84,38 @@ class RigFit:
             lens=self.lens_facts(0),
             limited_by="",
             notes=(),
-            repeatability={"position": shift, "rotation": turn},
+            repeatability={"position": noise.shift, "rotation": noise.turn},
             square=self.square(),
             board={"text": first.board.text, "points": self.board().tolist()},
             held_out={"rms": float(np.sqrt(np.mean(squares)))},
             left_out=problem.pictures_at(~self.agreeing),
-            cameras=tuple(map(self.camera, cameras)),
+            cameras=tuple(map(self.camera, range(len(problem.views)))),
             convention=None if choice is None else choice.convention,
             frames=problem.frames,
             names=problem.names,
-            flange=bundle.motions.poses(arm),
+            flange=bundle.motions.poses(self.values[self.layout.arm]),
             misses=misses,
             covariance=covariance,
             body=self.body(0),
         )
 
-    def reprojection(self) -> dict[str, float]:
-        """Mean and largest error of the corners that the fit rests on [px]."""
-        bundle = self.problem.bundle
-        residuals = bundle.pixels - self.problem.predict(self.fit)
-        used = self.agreeing[bundle.motion]
-        distances = row_lengths(residuals[used])
-        return {"mean": float(distances.mean()), "max": float(distances.max())}
+    @property
+    def layout(self) -> CornerLayout:
+        """Indices of the unknowns."""
+        return self.problem.bundle.layout
 
-    def square(self) -> Square:
-        """The side of the first board's squares, as stated and as measured [m]."""
-        stated = self.problem.views[0].board.side
-        size = self.problem.bundle.layout.shapes[0, -1]
-        measured = stated * float(np.exp(self.fit.unknowns.values[size]))
-        half = self.half_width * measured * float(self.sd[size])
-        return {
-            "said": stated,
-            "measured": measured,
-            "interval": [measured - half, measured + half],
-        }
+    @property
+    def values(self) -> Array:
+        """Values (s,) of the unknowns."""
+        return self.fit.unknowns.values
+
+    def covariance(self, places: Index) -> Array:
+        """Covariance (k, k) of some unknowns."""
+        return self.fit.covariance[np.ix_(places, places)]
 
     def frame_covariance(self, numbers: list[int]) -> Array:
         """Covariance (6 k, 6 k) of steps of some frames (k,)."""
-        places = self.problem.bundle.layout.frames[numbers].ravel()
-        covariance: Array = self.fit.covariance[np.ix_(places, places)]
-        return covariance
+        return self.covariance(self.layout.frames[numbers].ravel())
 
     @cached_property
     def half_width(self) -> float:
@@ -136,35 +126,46 @@ class RigFit:
             return Z95  # the joints are as good as exact
         return float(stdtrit(max(self.fit.freedom, 3.0), 0.975))
 
-    @cached_property
-    def sd(self) -> Array:
-        """Sd (s,) of the unknowns."""
-        variances = np.diag(self.fit.covariance)
-        return np.sqrt(np.maximum(variances, 0.0))
+    def reprojection(self) -> dict[str, float]:
+        """Mean and largest error of the corners that the fit rests on [px]."""
+        bundle = self.problem.bundle
+        residuals = bundle.pixels - self.problem.predict(self.fit)
+        distances = row_lengths(residuals[self.agreeing[bundle.motion]])
+        return {"mean": float(distances.mean()), "max": float(distances.max())}
+
+    def square(self) -> Square:
+        """The side of the first board's squares, as stated and as measured [m]."""
+        stated = self.problem.views[0].board.side
+        size = self.layout.shapes[0, -1:]
+        measured = stated * float(np.exp(self.values[size[0]]))
+        sd = float(np.sqrt(self.covariance(size)[0, 0]))
+        half = self.half_width * measured * sd
+        return {
+            "said": stated,
+            "measured": measured,
+            "interval": [measured - half, measured + half],
+        }
 
     def frame_numbers(self, camera: int) -> tuple[int, int]:
         """Numbers of the frames of a camera and its board, that in the hand first."""
         bundle = self.problem.bundle
-        camera_frame, board_frame = bundle.frame_numbers(camera)
-        if bundle.in_hand[camera]:
-            return camera_frame, board_frame
-        return board_frame, camera_frame
+        numbers = bundle.frame_numbers(camera)
+        return numbers if bundle.in_hand[camera] else numbers[::-1]
 
     def body(self, camera: int) -> ArmBelief | None:
         """The arm with one camera as a belief; None of flange poses."""
-        bundle = self.problem.bundle
-        if not isinstance(bundle.motions, JointMotions):
+        motions = self.problem.bundle.motions
+        if not isinstance(motions, JointMotions):
             return None
-        frames = self.frame_numbers(camera)
-        return bundle.motions.body(self.fit, bundle.layout, *frames)
+        return motions.body(self.fit, self.layout, *self.frame_numbers(camera))
 
     def places(self, camera: int) -> tuple[Place, Place]:
         """Places of what is in the hand and of what is at rest, of one camera and its board."""
         body = self.body(camera)
         base = SensorPose.of(body)
         if body is None or base is None:
-            one, other = self.frame_numbers(camera)
-            return self._frame_place(one), self._frame_place(other)
+            hand_frame, base_frame = self.frame_numbers(camera)
+            return self.frame_place(hand_frame), self.frame_place(base_frame)
         return self._sensor_place(hand_pose(body)), self._sensor_place(base)
 
     def camera(self, number: int) -> CameraPlace:
@@ -175,34 +176,23 @@ class RigFit:
         camera = CameraPlace(name=view.name, eye=view.eye)
         camera[view.eye] = hand if view.in_hand else base
         camera["lens"] = self.lens_facts(number)
-        parents = [other.in_hand for other in views]
-        first = parents.index(view.in_hand)
+        first = [other.in_hand for other in views].index(view.in_hand)
         if first != number:
-            camera["from_first"] = self._between(first, number)
+            camera["from_first"] = self.frame_place(number, first)
         return camera
 
-    def _frame_place(self, number: int) -> Place:
-        """A frame with its intervals, along the axes of its parent."""
+    def frame_place(self, number: int, parent: int | None = None) -> Place:
+        """A frame with its intervals, in its parent or in another frame, along the axes there."""
         pose = self.fit.unknowns.frames[number]
-        return self._pose_place(pose, along_parent(pose), [number])
-
-    def _between(self, first: int, second: int) -> Place:
-        """A camera in the frame of another."""
-        one, two = self.fit.unknowns.frames[[first, second]]
-        pose = inverse(one) @ two
-        steps = np.hstack([-adjoint(inverse(pose)), np.eye(6)])
-        return self._pose_place(
-            pose, along_parent(pose) @ steps, [first, second]
-        )
-
-    def _pose_place(
-        self, pose: Array, slope: Array, frames: list[int]
-    ) -> Place:
-        """A pose (4, 4) with the slope (6, k) of its turn and shift by some frames."""
-        covariance = self.frame_covariance(frames)
-        variances = np.diag(slope @ covariance @ slope.T)
-        sds = np.sqrt(np.maximum(variances, 0.0))
-        turn, shift = np.split(sds, 2)
+        steps = np.eye(6)
+        numbers = [number]
+        if parent is not None:
+            pose = inverse(self.fit.unknowns.frames[parent]) @ pose
+            steps = np.hstack([-adjoint(inverse(pose)), steps])
+            numbers = [parent, number]
+        slope = along_parent(pose) @ steps
+        variances = np.diag(slope @ self.frame_covariance(numbers) @ slope.T)
+        turn, shift = np.split(np.sqrt(np.maximum(variances, 0.0)), 2)
         sd = np.concatenate([shift, turn])
         return self._place(pose, sd, sd)
 
@@ -213,30 +203,28 @@ class RigFit:
 
     def _place(self, pose: Array, sd: Array, sd_up_to_gauge: Array) -> Place:
         """A pose (4, 4) [m] as JSON; sds (6,) are of shift and turn along the parent's axes."""
-        shift, turn = np.split(self.half_width * sd, 2)
-        sure_shift, sure_turn = np.split(self.half_width * sd_up_to_gauge, 2)
-        return {
+        place = {
             "position": shift_of(pose).tolist(),
             "quaternion": quaternion_of(turn_of(pose)).tolist(),
-            "position_95": shift.tolist(),
-            "rotation_95": turn.tolist(),
-            "position_95_up_to_gauge": sure_shift.tolist(),
-            "rotation_95_up_to_gauge": sure_turn.tolist(),
         }
+        for which, sds in (("", sd), ("_up_to_gauge", sd_up_to_gauge)):
+            shift, turn = np.split(self.half_width * sds, 2)
+            place[f"position_95{which}"] = shift.tolist()
+            place[f"rotation_95{which}"] = turn.tolist()
+        return place
 
     def lens(self, number: int) -> Lens:
         """The lens of a camera."""
-        places: Index = self.problem.bundle.layout.lenses[number]
+        places = self.layout.lenses[number]
         size = self.problem.views[number].size
         rms = float(np.sqrt(2.0) * self.fit.noise.corner[number])
-        lens = Lens.of(size, self.fit.unknowns.values[places], rms)
-        covariance = self.fit.covariance[np.ix_(places, places)]
-        return replace(lens, covariance=covariance)
+        lens = Lens.of(size, self.values[places], rms)
+        return replace(lens, covariance=self.covariance(places))
 
     def lens_facts(self, number: int) -> LensFacts:
         """The lens as JSON, with half-widths of 95 % intervals."""
         lens = self.lens(number)
-        sd = self.sd[self.problem.bundle.layout.lenses[number, :2]]
+        sd = np.sqrt(np.diag(lens.covariance)[:2])
         return {
             "focal": float(lens.focal.mean()),
             "centre": lens.centre.tolist(),
@@ -250,11 +238,9 @@ class RigFit:
     def board(self) -> Array:
         """The first camera's board: corners (n, 3) as fitted, in its frame [m]."""
         points = self.problem.views[0].board.points()
-        places = self.problem.bundle.layout.shapes[0]
-        *bends, size = self.fit.unknowns.values[places]
+        *bends, size = self.values[self.layout.shapes[0]]
         bent = points + shape_slopes(points) @ bends
-        corners: Array = np.exp(size) * bent
-        return corners
+        return np.asarray(np.exp(size) * bent)
 
     def log(self, rig: HandEye) -> Samples | None:
         """The first camera's pictures as a log of poses, with the rig; None without joints."""

@@ -190,8 +190,7 @@ class CharucoPattern(Pattern):
 
     @cached_property
     def _detector(self) -> CharucoDetector:
-        aruco = opencv().aruco
-        detector: CharucoDetector = aruco.CharucoDetector(self.charuco)
+        detector: CharucoDetector = opencv().aruco.CharucoDetector(self.charuco)
         return detector
 
     def points(self) -> Array:

@@ -6,14 +6,13 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TypeVar
 
 import numpy as np
 
 from ..arm.arm import SpatialArm
 from ..arm.rigid import inverse, place_points, rigid, shift_of, turn_of
 from ..arm.rotations import cross_matrix, matrix_of, quaternion_of
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Index
 from ..common.atomic import FilePath
 from ..common.wording import listing
 from ..errors import LogError, OptionError
@@ -40,8 +39,6 @@ are one."""
 # share by which the focal length of a camera that was not touched may differ
 _REFOCUSED = 0.02
 
-_P = TypeVar("_P", bound="BoardPictures")
-
 Shots = FilePath | Sequence[Picture]
 """A folder or pattern of pictures, a LeRobotDataset, or grey pictures (height, width)."""
 
@@ -59,19 +56,9 @@ class BoardPictures:
     count: int  # pictures, with those that do not show the board
     notes: tuple[str, ...]
     rows: Index  # (p,), of joints or poses, one for each
-    episodes: Index | None = None  # (p,), the series of each
+    episodes: Array | None = None  # (p,), number of the series of each
     # whether corners are those of boards' poses, which no camera took
     is_of_poses: bool = False
-
-    def turned(self: _P, others: Mask) -> _P:
-        """The pictures with the board of some (p,) numbered from its other end."""
-        last = len(self.board.points()) - 1
-        corners = list(self.corners)
-        for k in np.flatnonzero(others):
-            corners[k] = {
-                last - number: place for number, place in corners[k].items()
-            }
-        return replace(self, corners=tuple(corners))
 
     def poses(self, lens: Lens) -> list[Pose]:
         """Where the board is before the camera in each picture."""
@@ -100,9 +87,6 @@ class BoardPictures:
         covariance = _log_covariance(poses, point, in_hand)
         variances = np.einsum("njj->n", covariance[:, :3, :3])
         noise = np.sqrt(variances.mean() / 3)
-        episode = None
-        if self.episodes is not None:
-            episode = self.episodes.astype(float)
         source = {
             "source": "board",
             "eye": "hand" if in_hand else "base",
@@ -123,7 +107,7 @@ class BoardPictures:
             orientation=quaternion_of(turns),
             covariance=covariance,
             pictures=np.array(self.names),
-            episode=episode,
+            episode=self.episodes,
         )
 
 

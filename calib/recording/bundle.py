@@ -18,6 +18,7 @@ import numpy as np
 from ..arm.rigid import adjoint, inverse, shift_of, step_from, turn_of
 from ..common.arrays import Array, Index
 from ..samples.lens import Lens
+from ..samples.motion import RowArrays
 from .pictures import opencv
 
 LENS = 9
@@ -100,8 +101,7 @@ class Unknowns:
 
     def retract(self, step: Array, errors: Array) -> Unknowns:
         """The unknowns after a step (s,), and one of the errors (n, e)."""
-        width = POSE * len(self.frames)
-        steps = step[:width].reshape(-1, POSE)
+        steps = step[: POSE * len(self.frames)].reshape(-1, POSE)
         frames = step_from(self.frames, steps)
         return Unknowns(frames, self.values + step, self.errors + errors)
 
@@ -119,7 +119,7 @@ class PredictedCorners:
 
 
 @dataclass(frozen=True, eq=False)
-class Bundle:
+class Bundle(RowArrays):
     """Corners that cameras see at the motions of an arm, by camera and motion."""
 
     motions: Motions
@@ -153,26 +153,20 @@ class Bundle:
         """Numbers of the frames of a camera and of the board that it sees."""
         return camera, len(self.in_hand) + self.boards[camera]
 
-    def take(self, motions: Index) -> Bundle:
+    def at_motions(self, motions: Index) -> Bundle:
         """The corners at some motions (k,), which are numbered from 0."""
-        rows = np.isin(self.motion, motions)
+        corners = self.take(np.isin(self.motion, motions))
         return replace(
-            self,
+            corners,
             motions=self.motions.take(motions),
-            points=self.points[rows],
-            bends=self.bends[rows],
-            pixels=self.pixels[rows],
-            camera=self.camera[rows],
-            motion=np.searchsorted(motions, self.motion[rows]),
+            motion=np.searchsorted(motions, corners.motion),
         )
 
     def misses(self, pixels: Array) -> Array:
         """Rms distance (n,) [px] of the corners at each motion from predicted pixels (N, 2)."""
-        residuals = self.pixels - pixels
-        squares = (residuals**2).sum(axis=1)
+        squares = ((self.pixels - pixels) ** 2).sum(axis=1)
         total = np.bincount(self.motion, squares)
-        rms: Array = np.sqrt(total / np.bincount(self.motion))
-        return rms
+        return np.sqrt(total / np.bincount(self.motion))
 
     def predict(self, unknowns: Unknowns) -> PredictedCorners:
         """Pixels of all corners and their slopes at some values of the unknowns."""
@@ -211,9 +205,12 @@ class Bundle:
 
         # the board before the camera, and its steps before by those of X, Y and G E
         to_camera = inverse(unknowns.frames[camera_frame])
-        before_board, flange_steps = flange_before(
-            to_camera, flange, self.in_hand[camera]
-        )
+        if self.in_hand[camera]:
+            before_board = to_camera @ inverse(flange)
+            flange_steps = -adjoint(np.broadcast_to(to_camera, flange.shape))
+        else:
+            before_board = to_camera @ flange
+            flange_steps = adjoint(before_board)
         scenes = before_board @ unknowns.frames[board_frame]
         board_steps = adjoint(scenes)
         turns = turn_of(scenes)[motion]
@@ -231,8 +228,7 @@ class Bundle:
         # columns of the unknowns, then of the motion's errors
         slopes = np.zeros((len(points), 2, layout.size + layout.errors))
         slopes[..., layout.frames[camera_frame]] = -by_scene
-        by_board = by_scene @ board_steps[motion]
-        slopes[..., layout.frames[board_frame]] = by_board
+        slopes[..., layout.frames[board_frame]] = by_scene @ board_steps[motion]
         slopes[..., layout.lenses[camera]] = by_lens
         slopes[..., bend_columns] = size * by_point @ bends
         slopes[..., [size_column]] = by_point @ points[:, :, None]
@@ -240,20 +236,6 @@ class Bundle:
         slopes[..., layout.size : layout.size + POSE] = by_flange
         slopes[..., focus_column] = by_lens[..., :2] @ lens[:2]
         return pixels, slopes
-
-
-def flange_before(
-    to_camera: Array, flange: Array, in_hand: bool
-) -> tuple[Array, Array]:
-    """The board's parent before a camera (n, 4, 4) [m], and its steps (n, 6, 6) by the flange's.
-
-    to_camera : (4, 4), X^-1;  flange : (n, 4, 4) [m], G E
-    """
-    if in_hand:
-        steps = -adjoint(to_camera)[None].repeat(len(flange), axis=0)
-        return to_camera @ inverse(flange), steps
-    before_board = to_camera @ flange
-    return before_board, adjoint(before_board)
 
 
 def shape_slopes(points: Array) -> Array:

@@ -2,7 +2,7 @@
 
 A correlation of speeds names candidates, for an arm may repeat itself; from each, steps of Gauss
 and Newton move the clocks to where joints predict the track best; the best fit is taken, if its
-rival is clearly worse.  See :mod:`calib.recording.clock_models`.
+rival is clearly worse.  See :mod:`calib.recording.track`.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from ..common.parallel import one_blas_thread
 from ..common.rows import median_length, row_lengths, spread_rows
 from ..errors import CalibError, LogError
 from ..samples.motion import joints_at
-from .clock_models import CLOCK, Chain, TrackRows, Waves
-from .track import jumps
+from .track import CLOCK, Chain, TrackRows, Waves, jumps
 
 SURE = 1.5e-3
 """Largest standard deviation of the offset that is accepted [s]."""
@@ -91,9 +90,7 @@ class _Pair:
         joints_speed = joints_speed - joints_speed.mean()
 
         # their correlation at each lag at which most of the shorter one overlaps
-        track_ones = track_speed**0
-        joint_ones = joints_speed**0
-        overlap = correlate(joint_ones, track_ones, method="fft")
+        overlap = correlate(joints_speed**0, track_speed**0, method="fft")
         shorter = min(len(track_speed), len(joints_speed))
         is_long = overlap > int(CLOCK.overlap * shorter) - 0.5
         products = correlate(joints_speed, track_speed, method="fft")
@@ -175,8 +172,7 @@ class _Pair:
             clocks = replace(clocks, error=error, doubt=doubt)
             best = min(best, clocks, key=attrgetter("error"))
             moved = max(abs(late.value), abs(change[-1]) * np.ptp(self.t))
-            gain = abs(error - error_before)
-            if moved < 4e-5 and gain < 1e-3 * error:
+            if moved < 4e-5 and abs(error - error_before) < 1e-3 * error:
                 break
 
             # a step, shortened where the velocity is a poor guide, not far from the start
@@ -244,8 +240,7 @@ def align_clocks(
     ]
     most = CLOCK.chain_fits * spread
     some = candidates[: CLOCK.long_fits]
-    long_fits = _long_fits(pair, some, revolute, most)
-    best, *others = long_fits or short_fits
+    best, *others = _long_fits(pair, some, revolute, most) or short_fits
 
     rivals = [fit.error for fit in others if not fit.is_peak_of(best)]
     rival = min(rivals, default=np.inf)
@@ -277,9 +272,7 @@ def _long_fits(
     than `most` [px].
     """
     if pair.x.shape[1] == 2:
-        kinds = (
-            (True,) * pair.q.shape[1] if revolute is None else tuple(revolute)
-        )
+        kinds = tuple(revolute or [True] * pair.q.shape[1])
         chains = _by_error(pair.refine(start, kinds) for start in candidates)
         if chains and chains[0].error < most:
             return chains

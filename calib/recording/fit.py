@@ -79,6 +79,16 @@ class Noise:
     # (s,), prior sd of the unknowns: infinite of frames
     prior: Array
 
+    @property
+    def turn(self) -> float:
+        """Sd of a motion's turn about each axis [rad]."""
+        return float(self.error[0])
+
+    @property
+    def shift(self) -> float:
+        """Sd of a motion's shift along each axis [m]."""
+        return float(self.error[3])
+
 
 @dataclass(frozen=True, eq=False)
 class Step:
@@ -129,8 +139,7 @@ def solve(
             break
     # by the noise before the last step: priors that still shrink claim too much
     error = before.error.copy()
-    least_turn = error[3] / CORNER_FIT.reach
-    error[:3] = np.maximum(error[:3], least_turn)
+    error[:3] = max(before.turn, before.shift / CORNER_FIT.reach)
     careful = replace(fit, noise=replace(before, error=error))
     step = _step(bundle, prior, careful, predicted)
     return replace(fit, covariance=step.covariance)
@@ -148,15 +157,13 @@ def information(
     slopes = predicted.slopes * root[:, None, None]
     residuals = residuals * root[:, None]
     columns = slopes.shape[2]
-    count = bundle.motions.count
-    products = np.zeros((count, columns, columns))
-    pulls = np.zeros((count, columns))
+    products = np.zeros((bundle.motions.count, columns, columns))
+    pulls = np.zeros(products.shape[:2])
     for rows in bundle.pictures:
         motion = bundle.motion[rows[0]]
         slope = slopes[rows].reshape(-1, columns)
-        residual = residuals[rows].ravel()
         products[motion] += slope.T @ slope
-        pulls[motion] += residual @ slope
+        pulls[motion] += residuals[rows].ravel() @ slope
     return products, pulls
 
 
@@ -166,9 +173,8 @@ def _residuals(
     """Residuals (N, 2) [px] of corners, and Huber's weights (N,)."""
     residuals = bundle.pixels - predicted.pixels
     far = CORNER_FIT.huber * noise.corner[bundle.camera]
-    lengths = row_lengths(residuals)
-    ratios = far / np.maximum(lengths, 1e-12)
-    return residuals, np.minimum(1.0, ratios)
+    lengths = np.maximum(row_lengths(residuals), 1e-12)
+    return residuals, np.minimum(1.0, far / lengths)
 
 
 def _step(
@@ -223,35 +229,32 @@ def _error_noise(fit: CornerFit, variances: Array) -> tuple[Array, float]:
     noise = fit.noise
     columns = len(noise.error)
     starts = [0, 3, *range(POSE, columns)]  # of turn, shift, each focal length
-    widths = np.diff([*starts, columns])
     # an error counts by the share of its prior variance that corners took away
     shares = 1.0 - variances / noise.error**2
-    numbers = np.add.reduceat(shares.sum(axis=0), starts)
-    counts = np.maximum(numbers, 0.5)
-    squares = fit.unknowns.errors**2
-    sums = np.add.reduceat(squares.sum(axis=0), starts)
-    sizes = _next_size(noise.error[starts], sums / counts, 1.7)
+    counts = np.maximum(np.add.reduceat(shares.sum(axis=0), starts), 0.5)
+    squares = (fit.unknowns.errors**2).sum(axis=0)
+    square = np.add.reduceat(squares, starts) / counts
+    sizes = _next_size(noise.error[starts], square, 1.7)
     focus = sizes[2:]
     focus[focus < CORNER_FIT.least_focus] = 0.0
-    sizes[2:] = np.minimum(focus, CORNER_FIT.most_focus)
+    np.minimum(focus, CORNER_FIT.most_focus, out=focus)
     sizes = np.maximum(sizes, CORNER_FIT.least_error)
-    freedom = float(counts[:2].sum())
-    return np.repeat(sizes, widths), freedom
+    widths = np.diff([*starts, columns])
+    return np.repeat(sizes, widths), float(counts[:2].sum())
 
 
 def _prior_noise(prior: CornerPrior, fit: CornerFit) -> Array:
     """Prior sd (s,) of the unknowns."""
     sizes = fit.noise.prior.copy()
-    deviations = fit.unknowns.values - prior.mean
-    squares = deviations**2
+    squares = (fit.unknowns.values - prior.mean) ** 2
     variances = np.diag(fit.covariance)
     for scale in prior.scales:
-        sd = sizes[scale.indices]
-        shares = 1.0 - variances[scale.indices] / sd**2
-        count = max(shares.sum(), 0.05)
-        square = squares[scale.indices].sum() / count
+        indices = scale.indices
+        sd = sizes[indices]
+        shares = 1.0 - variances[indices] / sd**2
+        square = squares[indices].sum() / max(shares.sum(), 0.05)
         size = _next_size(sd, square, 2.0)
-        sizes[scale.indices] = np.clip(size, scale.lowest, scale.highest)
+        sizes[indices] = np.clip(size, scale.lowest, scale.highest)
     return sizes
 
 
@@ -274,12 +277,10 @@ def _corner_noise(
     cameras = len(noise.corner)
 
     # variance where corners err independently
-    lengths = (residuals**2).sum(axis=1)
-    squares = np.bincount(bundle.camera, lengths)
+    squares = np.bincount(bundle.camera, (residuals**2).sum(axis=1))
     counts = 2 * np.bincount(bundle.camera)
     parameters = (freedom + len(noise.prior)) / cameras
-    numbers = np.maximum(counts - parameters, 0.2 * counts)
-    independent = squares / numbers
+    independent = squares / np.maximum(counts - parameters, 0.2 * counts)
 
     # variance along the turns and shifts of each picture's board
     pose_squares = np.zeros(cameras)
@@ -292,20 +293,15 @@ def _corner_noise(
         pose_squares[camera] += float(residual @ slope @ move)
         directions[camera] += POSE
     numbers = np.maximum(directions - freedom - 12, 0.1 * directions)
-    correlated = pose_squares / numbers
-
-    square = np.maximum(independent, correlated)
+    square = np.maximum(independent, pose_squares / numbers)
     sizes = _next_size(noise.corner, square, 1.0)
     return np.maximum(sizes, CORNER_FIT.least_corner)
 
 
 def _next_size(sd: Array, squares: ArrayLike, rate: float) -> Array:
     """Sd (k,) that go to the roots of squares, at a rate and by a factor of at most e^rate."""
-    ratios = np.maximum(squares, 1e-300) / sd**2
-    change = 0.5 * np.log(ratios)
-    factors = np.exp(rate * np.clip(change, -1.0, 1.0))
-    sizes: Array = sd * factors
-    return sizes
+    change = 0.5 * np.log(np.maximum(squares, 1e-300) / sd**2)
+    return sd * np.exp(rate * np.clip(change, -1.0, 1.0))
 
 
 def _is_settled(before: Noise, after: Noise) -> bool:

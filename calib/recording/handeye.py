@@ -115,8 +115,7 @@ def handeye(
                     shots, joints, board, drawn, camera, degrees=bool(degrees)
                 )
             in_hand = eye_of_camera == "hand"
-            lens_of_camera = _of_camera(lens, name)
-            views.append(view_of(name, shots, in_hand, lens_of_camera))
+            views.append(view_of(name, shots, in_hand, _of_camera(lens, name)))
 
         # corners and motions -> start -> bundle -> answer
         if isinstance(motions, FlangeTable):

@@ -61,16 +61,15 @@ class JointMotions(Motions):
 
     def poses(self, arm: Array) -> Array:
         """The tip in the base (n, 4, 4) [m] at parameters (k,); the last is the log of its size."""
-        beta = self.beta(arm)
-        places, turns = self._base.pose(self.values, beta)
-        places = np.exp(arm[-1]) * places
-        return rigid(turns, places)
+        places, turns = self._base.pose(self.values, self.beta(arm))
+        return rigid(turns, np.exp(arm[-1]) * places)
 
     def slopes(self, arm: Array) -> Array:
         """Steps of the tip, (n, 6, k), by the parameters."""
         poses = self.poses(arm)
-        beta = self.beta(arm)
-        _, in_base = self._base.linearise(self.values, beta, self.active)
+        _, in_base = self._base.linearise(
+            self.values, self.beta(arm), self.active
+        )
         shift, turn = np.split(in_base, 2, axis=1)
         # the size shifts the tip and turns it nowhere
         along_base = np.zeros((len(poses), 2, 3, self.size))
@@ -109,8 +108,7 @@ class JointMotions(Motions):
             is_placement = hyper.name.startswith("placement")
             within = FINER if is_placement else hyper.within
             lowest, highest = hyper.scale * np.array(within)
-            scale = Scale(places[numbers], hyper.scale, lowest, highest)
-            scales.append(scale)
+            scales.append(Scale(places[numbers], hyper.scale, lowest, highest))
         return scales
 
     def body(

@@ -157,8 +157,8 @@ def _lens_of_file(path: Path) -> Lens:
         ) from None
     bent = _numbers(document, DISTORTION)
     focal = np.diag(matrix)[:2]
-    numbers = np.append(matrix, bent)
-    if not np.isfinite(numbers).all() or not focal.min() > 0.0:
+    is_finite = np.isfinite(np.append(matrix, bent)).all()
+    if not is_finite or not focal.min() > 0.0:
         raise LogError(
             f"{path}: focal lengths {focal.tolist()}, distortion {bent.tolist()}: expected finite "
             "numbers and focal lengths above zero"

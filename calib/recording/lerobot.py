@@ -222,8 +222,7 @@ def read_dataset(
     instants: dict[Path, list[tuple[float, int]]] = {}
     for row in resting.tolist():
         path, begin = paths[row]
-        instant = (begin + float(time[row]), row)
-        instants.setdefault(path, []).append(instant)
+        instants.setdefault(path, []).append((begin + float(time[row]), row))
     frames: list[tuple[int, Picture]] = []
     for path, rows_at in instants.items():
         frames += _frames(path, rows_at, near)
@@ -236,7 +235,11 @@ def read_dataset(
     labels = [f"episode {episode[k]} at {time[k]:.3f} s" for k in rows]
     label = str(dataset.root)
     table = JointTable(
-        label, names, first[rows], None, labels, episodes=episode[rows]
+        label,
+        names,
+        first[rows],
+        pictures=labels,
+        episodes=episode[rows].astype(float),
     )
     tables = {unit: replace(table, q=q[rows]) for unit, q in angles.items()}
     return tables, [picture for _, picture in frames], notes

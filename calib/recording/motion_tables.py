@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..common.arrays import Array, Index
+from ..common.arrays import Array
 from ..common.atomic import FilePath
 from ..common.choices import PICTURES
 from ..common.rows import finite_rows
-from ..common.wording import listing
+from ..common.wording import by_name, listing
 from ..errors import LogError
 from ..samples.header import name_and_unit
 from ..samples.tables import UNNAMED, Source, open_source
@@ -39,10 +39,12 @@ class JointTable:
     label: str
     names: tuple[str, ...]
     q: Array  # (n, joints) [rad or m]
-    time: Array | None  # times of the rows, by the joints' clock (n,) [s]
-    pictures: Sequence[str] | None  # names of the rows' pictures
+    time: Array | None = (
+        None  # times of the rows, by the joints' clock (n,) [s]
+    )
+    pictures: Sequence[str] | None = None  # names of the rows' pictures
     dropped: int = 0
-    episodes: Index | None = None  # (n,), the series of each row
+    episodes: Array | None = None  # (n,), number of the series of each row
     revolute: Sequence[bool] | None = None  # which joints turn; None: all
 
     @property
@@ -68,8 +70,8 @@ def read_joints(
     source = open_source(path)
     unnamed = [name for name in source.header if name.startswith(UNNAMED)]
     if joints is not None and len(joints) == len(unnamed):
-        new = dict(zip(unnamed, joints, strict=True))
-        source = replace(source, table=source.table.rename(new))
+        table = source.table.rename(by_name(unnamed, joints))
+        source = replace(source, table=table)
     names = tuple(joint_columns(source.header) if joints is None else joints)
     if joints is None:
         is_number = np.isfinite(source.numbers(names)[0]).any(axis=0)
@@ -83,22 +85,21 @@ def read_joints(
         )
     q, about = np.split(rows.q, [len(names)], axis=1)
     revolute = np.array([name not in prismatic for name in names])
-    most = float(np.abs(q[:, revolute]).max(initial=0.0))
     if degrees:
         q[:, revolute] = np.deg2rad(q[:, revolute])
-    elif most > _TURNS:
+    most = np.where(revolute, np.abs(q).max(axis=0), 0.0)
+    if not degrees and most.max() > _TURNS:
         raise LogError(
-            f"{source.label}: a joint goes to {most:.4g} rad, more than two turns: are these "
-            "degrees? expected rad, or `degrees=True`"
+            f"{source.label}: {names[most.argmax()]} goes to {most.max():.4g} rad, more than two "
+            "turns: are these degrees? expected rad in each column, or `degrees=True`"
         )
-    columns = dict(zip(beside, about.T, strict=True))
-    episodes = columns.get("episode")
+    columns = by_name(beside, about.T)
     return replace(
         rows,
         names=names,
         q=q,
         time=columns.get("time"),
-        episodes=None if episodes is None else episodes.astype(np.intp),
+        episodes=columns.get("episode"),
         revolute=tuple(revolute.tolist()),
     )
 
@@ -116,9 +117,8 @@ def number_rows_of(source: Source, columns: Sequence[str]) -> JointTable:
         source.label,
         tuple(columns),
         numbers[good],
-        None,
-        pictures,
-        len(numbers) - len(good),
+        pictures=pictures,
+        dropped=len(numbers) - len(good),
     )
 
 

@@ -161,15 +161,14 @@ class ExpectedRig:
         across = products[:, :size, size:]
         error_precision = np.diag(self.noise.error**-2.0)
         spread = np.linalg.inv(products[:, size:, size:] + error_precision)
-        gains = products[:, :size, :size]
-        gains = gains - across @ spread @ across.mT
+        gains = products[:, :size, :size] - across @ spread @ across.mT
 
         # in units of what is known before
         root = self._root(motions, layout)
-        values, axes = np.linalg.eigh(root.T @ gains @ root)
-        telling = values.max(axis=0) > DRAW.least
-        values = np.maximum(values[:, None, telling], 0.0)
-        directions = np.sqrt(values) * axes[:, :, telling]
+        squares, axes = np.linalg.eigh(root.T @ gains @ root)
+        telling = squares.max(axis=0) > DRAW.least
+        sizes = np.sqrt(np.maximum(squares[:, None, telling], 0.0))
+        directions = sizes * axes[:, :, telling]
         hand = layout.frames[0 if self.in_hand else 1]
         return _greedy_by_trace(directions.mT, root[hand], count)
 
@@ -257,5 +256,5 @@ def next_poses(
     chosen, covariances = expected.best(Motions(in_view), count)
     along_parent = turn_of(frame_of(rig.hand))
     shifts = along_parent @ covariances[:, 3:, 3:] @ along_parent.T
-    variances = shifts.diagonal(axis1=1, axis2=2)
-    return in_view[chosen], Z95 * np.sqrt(variances)
+    sd = np.sqrt(shifts.diagonal(axis1=1, axis2=2))
+    return in_view[chosen], Z95 * sd

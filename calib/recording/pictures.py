@@ -108,13 +108,19 @@ def read_picture(path: FilePath, *, colour: bool = False) -> Picture:
     By Pillow: OpenCV returns half of a cut JPEG without a word.
     Raises LogError if it is cut off, damaged, too large or no picture.
     """
-    from PIL import Image, ImageOps
+    return _read(Path(path), "RGB" if colour else "L")[0]
+
+
+def _read(path: Path, mode: str) -> tuple[Picture, int]:
+    """A picture, and how EXIF turns it: 1 not, 3 is upside down, 6 and 8 are on a side."""
+    from PIL import ExifTags, Image, ImageOps
 
     try:
-        with Image.open(io.BytesIO(Path(path).read_bytes())) as opened:
+        with Image.open(io.BytesIO(path.read_bytes())) as opened:
             opened.load()
+            turn = opened.getexif().get(ExifTags.Base.Orientation, 1)
             image = ImageOps.exif_transpose(opened)
-            return np.array(image.convert("RGB" if colour else "L"))
+            return np.array(image.convert(mode)), turn
     except (
         OSError,
         ValueError,
@@ -125,33 +131,29 @@ def read_picture(path: FilePath, *, colour: bool = False) -> Picture:
     ) as error:
         cut = "truncated" in str(error).lower()
         what = "is cut off" if cut else "is no picture that can be read"
-        raise LogError(f"{Path(path).name} {what}") from None
+        raise LogError(f"{path.name} {what}") from None
 
 
-def _setting(path: Path, grey: Picture) -> str:
-    """The size of a picture, and how EXIF turns it: 3 is upside down, 6 and 8 are on a side."""
-    from PIL import ExifTags, Image
-
-    height, width = grey.shape
-    with Image.open(path) as image:
-        turn = image.getexif().get(ExifTags.Base.Orientation, 1)
-    size = f"{width}x{height}"
-    return size if turn == 1 else f"{size}, turned by EXIF {turn}"
-
-
-def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[Shot]:
-    """Yield the grey pictures of one camera; warn why others are left out.
+def read_series(paths: Sequence[Path], notes: list[str]) -> Iterator[Shot]:
+    """Yield the grey pictures of one camera; notes say why others are left out, and what turns all.
 
     Raises LogError if they have several sizes, or EXIF turns some: intrinsics hold for one setting.
     """
     setting = ""
     for number, path in enumerate(paths):
         try:
-            grey = read_picture(path)
+            grey, turn = _read(path, "L")
         except LogError as error:
-            damaged.append(f"{error}; left out")
+            notes.append(f"{error}; left out")
             continue
-        now = _setting(path, grey)
+        now = f"{grey.shape[1]}x{grey.shape[0]}"
+        if turn != 1:
+            now += f", turned by EXIF {turn}"
+            if not setting:
+                notes.append(
+                    f"pictures are {now}, as OpenCV's imread does: camera and lens are those of "
+                    "the turned pictures"
+                )
         setting = setting or now
         if setting != now:
             raise LogError(
@@ -161,7 +163,7 @@ def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[Shot]:
         yield number, path.name, grey
     if not setting:
         folder = os.fspath(paths[0].parent)
-        raise LogError(f"no picture in {folder!r} can be read: {damaged[0]}")
+        raise LogError(f"no picture in {folder!r} can be read: {notes[0]}")
 
 
 class Video:

@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import takewhile
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -50,8 +49,7 @@ _BOARD = "(?i:object_wrt|optical|target2?cam|board)"
 _UNIT = r"\s*[\[(].*[\])]$|_(?:m|cm|mm|in|rad|deg|grad)$"
 _NUMBER = r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.])"
 _LIST = r"(\w*)[^\w\[\]\n]*\[([^\[\]]*)\]"
-_DOCUMENTS = (".json", ".npy", ".npz", ".yaml", ".yml")
-_KINDS = (".csv", ".txt", *_DOCUMENTS)
+_KINDS = (".csv", ".txt", ".json", ".npy", ".npz", ".yaml", ".yml")
 _ROUNDED = 0.05  # of quaternions and matrices of few digits
 
 
@@ -92,25 +90,25 @@ def read_flange_poses(path: FilePath) -> FlangeTable:
     if place.is_dir():
         place /= "*"
     if "*" in place.name:
-        files = {
-            file.stem: _document(file)
-            for file in place.parent.glob(place.name)
-            if file.suffix.lower() in _KINDS
-        }
-        return FlangeTable(label, _poses(label, files))
+        files: dict[str, Json] = {}
+        for file in place.parent.glob(place.name):
+            if file.suffix.lower() in _KINDS:
+                content = _document(file)
+                if isinstance(content, str):
+                    content = _numbers(_filled(content))
+                files[file.stem] = content
+        return _poses(label, files)
     try:
-        if place.suffix.lower() in _DOCUMENTS:
-            return FlangeTable(label, _poses(label, _document(place)))
-        text = place.read_text(encoding="utf-8-sig")
+        content = _document(place)
     except (OSError, EOFError, ValueError):  # a pipe, UTF-16, Parquet
         return _table(open_source(path))
-    with suppress(ValueError, RecursionError):
-        return FlangeTable(label, _poses(label, json.loads(text)))
-    return _text(label, text)
+    if isinstance(content, str):
+        return _text(label, content)
+    return _poses(label, content)
 
 
 def _document(path: Path) -> Json:
-    """What a file holds, of a text that is no document the numbers of each line."""
+    """The document that a file is, or its text."""
     kind = path.suffix.lower()
     if kind in (".npy", ".npz"):
         return _arrays(path)
@@ -118,7 +116,17 @@ def _document(path: Path) -> Json:
     with suppress(ValueError, RecursionError):
         is_yaml = kind in (".yaml", ".yml")
         return parse_document(text) if is_yaml else json.loads(text)
-    lines = [line for line in text.splitlines() if re.match(r"\s*[^\s#]", line)]
+    return text
+
+
+def _filled(text: str) -> list[str]:
+    """Lines of a text that are neither empty nor comments."""
+    lines = map(str.strip, text.splitlines())
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+def _numbers(lines: Sequence[str]) -> list[list[str]]:
+    """The numbers in each line."""
     return [re.findall(_NUMBER, line) for line in lines]
 
 
@@ -189,8 +197,8 @@ def _columns(names: set[str]) -> list[tuple[str, list[str]]]:
 
 def _text(label: str, text: str) -> FlangeTable:
     """The poses of a text: lists in brackets, a table, or rows of numbers, perhaps with a name."""
-    filled = [line.strip() for line in text.splitlines() if line.strip()]
-    lines = [line for line in filled if not line.startswith("#")] or [""]
+    above = re.findall(r"\A\s*(?:#.*\s+)*(#.*)", text)
+    lines = _filled(text) or [""]
     text = "\n".join(lines)
     lists: dict[str, list[list[str]]] = {}
     for name, content in re.findall(_LIST, text):
@@ -198,12 +206,11 @@ def _text(label: str, text: str) -> FlangeTable:
         if len(numbers) > 3:
             lists.setdefault(name, []).append(numbers)
     if lists:
-        return FlangeTable(label, _poses(label, lists))
+        return _poses(label, lists)
 
     # a header in a comment, as of numpy.savetxt
-    above = [*takewhile(lambda line: line.startswith("#"), filled)]
-    table = _named_columns([*above[-1:], *lines]) or _named_columns(lines)
-    rows = [re.findall(_NUMBER, line) for line in lines]
+    table = _named_columns([*above, *lines]) or _named_columns(lines)
+    rows = _numbers(lines)
     names = [re.sub(_NUMBER, "", line).strip(" ,;\t") for line in lines]
     is_named = names[0] or not text
     if table or (is_named and len(rows[0]) < 4):
@@ -217,7 +224,7 @@ def _text(label: str, text: str) -> FlangeTable:
             f"{label} has rows of several kinds, by the words {listing(words)} beside the "
             "numbers: keep those of one"
         )
-    return FlangeTable(label, _poses(label, rows), pictures)
+    return _poses(label, rows, pictures)
 
 
 def _named_columns(lines: Sequence[str]) -> str:
@@ -235,8 +242,10 @@ def _words(line: str) -> list[str]:
     return re.split(r"[\s,;]+", line.strip("# \t"))
 
 
-def _poses(label: str, document: Json) -> Array:
-    """The only poses in a document (n, 3 + k), as of :func:`_shift_first`."""
+def _poses(
+    label: str, document: Json, pictures: Sequence[str] | None = None
+) -> FlangeTable:
+    """The only poses in a document."""
     rows = list(_rows(document))
     names = _of_flange({name for name, row in rows if _is_pose(row)})
     if len(names) > 1:
@@ -248,7 +257,8 @@ def _poses(label: str, document: Json) -> Array:
         raise LogError(
             f"{label} holds no poses, or some with other numbers between them: expected {EXPECTED}"
         )
-    return _shift_first(np.array(poses, float))
+    numbers = _shift_first(np.array(poses, float))
+    return FlangeTable(label, numbers, pictures)
 
 
 def _of_flange(names: Iterable[str]) -> set[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -13,6 +13,11 @@ from .tags import tag_cells
 
 MARGIN = 8e-3
 """White around a pattern, beyond its own [m]."""
+
+# upper left corner and side [mm]
+_RECTANGLE = (
+    '<rect x="{0:.6g}" y="{1:.6g}" width="{2:.6g}" height="{2:.6g}"{3}/>'
+)
 
 
 def print_tag(number: int, size: float, dictionary: str = DICTIONARY) -> str:
@@ -39,9 +44,7 @@ def _page(
     words: str,
 ) -> str:
     """A page, below its squares a line of 100 mm, and words."""
-    body = []
-    for square in squares:
-        body += _rectangles(square, border)
+    body = [row for square in squares for row in _rectangles(square, border)]
     width, height = (1e3 * (side + 2 * border) for side in size)
     return fill_template(
         __package__,
@@ -55,20 +58,15 @@ def _page(
     )
 
 
-def _rectangles(square: BlackSquare, border: float) -> list[str]:
+def _rectangles(square: BlackSquare, border: float) -> Iterator[str]:
     """SVG of a black square and of the white cells upon it."""
     cell = square.side / len(square.white)
-    left = square.x + border
-    top = square.y + border
-    rectangles = [_rectangle(left, top, square.side)]
+    x = square.x + border
+    y = square.y + border
+    yield _RECTANGLE.format(1e3 * x, 1e3 * y, 1e3 * square.side, "")
     for row, column in np.argwhere(square.white).tolist():
-        x = left + column * cell
-        y = top + row * cell
-        rectangles.append(_rectangle(x, y, cell, ' fill="#fff"'))
-    return rectangles
-
-
-def _rectangle(x: float, y: float, side: float, fill: str = "") -> str:
-    """SVG of a square by its upper left corner and its side [m]."""
-    x, y, side = (1e3 * length for length in (x, y, side))
-    return f'<rect x="{x:.6g}" y="{y:.6g}" width="{side:.6g}" height="{side:.6g}"{fill}/>'
+        left = x + column * cell
+        top = y + row * cell
+        yield _RECTANGLE.format(
+            1e3 * left, 1e3 * top, 1e3 * cell, ' fill="#fff"'
+        )

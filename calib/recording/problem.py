@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
+from operator import attrgetter
 
 import numpy as np
 
@@ -23,7 +25,7 @@ from .fit import CornerFit, CornerPrior, Noise, Scale, solve
 from .joint_motions import JointMotions
 from .pose_files import FlangeTable
 from .readings import Choice, choose, refuse_readings
-from .start import RigStart, find_start
+from .start import RigStart, find_start, find_starts
 from .view import View
 
 
@@ -43,8 +45,9 @@ class Priors:
     turn: float = 1.0
     # misfit of the median picture, beyond which poses are not of the pictures [rad]
     misfit: float = float(np.radians(5.0))
-    # times that misfit: the poses of the rows before or behind fit better
+    # times that misfit: the poses of other rows fit better
     late: float = 0.4
+    few: int = 10  # pictures of which each two are tried exchanged
 
 
 PRIORS = Priors()
@@ -94,9 +97,10 @@ class Problem:
         self, motions: Index, start: CornerFit, *, learn: bool = True
     ) -> CornerFit:
         """The fit to the pictures of some motions."""
-        exact = start.unknowns.exact(len(motions))
-        start = replace(start, unknowns=exact)
-        return solve(self.bundle.take(motions), self.prior, start, learn=learn)
+        start = replace(start, unknowns=start.unknowns.exact(len(motions)))
+        return solve(
+            self.bundle.at_motions(motions), self.prior, start, learn=learn
+        )
 
     def predict(self, fit: CornerFit) -> Array:
         """Pixels (N, 2) of all corners where the motions alone put them."""
@@ -134,15 +138,9 @@ def problem_of_poses(table: FlangeTable, views: Sequence[View]) -> Problem:
     fullest = max(views, key=lambda view: len(view.rows))
     choice = choose(table, fullest)
     flange = choice.reading.flange.copy()
-    _refuse_one_axis(flange[fullest.rows])
     _refuse_mirrored(fullest, choice.start)
-    _refuse_late(flange[fullest.rows], fullest, choice.start)
-    if choice.start.misfit > PRIORS.misfit:
-        raise LogError(
-            "no convention explains the pictures: the rows of poses are not those of the "
-            "pictures, perhaps a row late or early, or camera or board moved (misfit "
-            f"{np.degrees(choice.start.misfit):.2g} deg)"
-        )
+    _refuse_other_rows(table, choice, fullest)
+    _refuse_one_axis(flange[fullest.rows])
 
     # poses in metres, at each row that has a picture
     flange[:, :3, 3] /= METRES[choice.convention["unit"]]
@@ -176,16 +174,48 @@ def _refuse_mirrored(view: View, start: RigStart) -> None:
         )
 
 
-def _refuse_late(flange: Array, view: View, start: RigStart) -> None:
-    """Refuse poses (n, 4, 4) if those of the row before or behind explain the pictures better."""
-    for by in (1, -1):
-        other = find_start(np.roll(flange, by, axis=0), view, start.unit)
-        if other.misfit < PRIORS.late * start.misfit:
-            raise LogError(
-                "the rows of poses are late or early: those of the row before or behind fit each "
-                f"picture {two_digits(start.misfit / other.misfit)} times better",
-                hint="check which row is of which picture",
+def _refuse_other_rows(table: FlangeTable, choice: Choice, view: View) -> None:
+    """Refuse poses of which other rows explain the pictures better, or none does."""
+    start = choice.start
+    flange = choice.reading.flange[view.rows]
+    shifted = np.stack([np.roll(flange, by, axis=0) for by in (1, -1)])
+    late = min(find_starts(shifted, view, start.unit), key=attrgetter("misfit"))
+    is_late = late.misfit < PRIORS.late * start.misfit
+    if not is_late and start.misfit <= PRIORS.misfit:
+        return
+    words = "late or early: those of the row before or behind"
+    best = late
+    # of few pictures no fit leaves some out
+    if len(flange) <= PRIORS.few:
+        pair, exchanged = _exchanged(table, view)
+        if exchanged.misfit < PRIORS.late * min(late.misfit, start.misfit):
+            best = exchanged
+            words = (
+                f"exchanged: those of {' and '.join(pair)}, each at the other,"
             )
+    if best is late and not is_late:
+        _refuse_one_axis(flange)
+        raise LogError(
+            "no convention explains the pictures: the rows of poses are not those of the "
+            "pictures, perhaps a row late or early, or camera or board moved (misfit "
+            f"{np.degrees(start.misfit):.2g} deg)"
+        )
+    raise LogError(
+        f"the rows of poses are {words} fit each picture "
+        f"{two_digits(start.misfit / best.misfit)} times better",
+        hint="check which row is of which picture",
+    )
+
+
+def _exchanged(table: FlangeTable, view: View) -> tuple[list[str], RigStart]:
+    """The two pictures whose poses, exchanged, fit best, and where that begins."""
+    starts: dict[tuple[int, int], RigStart] = {}
+    for one, other in combinations(range(len(view.rows)), 2):
+        rows = view.rows.copy()
+        rows[[one, other]] = rows[[other, one]]
+        starts[one, other] = choose(table, replace(view, rows=rows)).start
+    pair = min(starts, key=lambda numbers: starts[numbers].misfit)
+    return [view.names[k] for k in pair], starts[pair]
 
 
 def _places(views: Sequence[View]) -> tuple[list[View], Index]:
@@ -302,8 +332,7 @@ def _from_same_end(
         return start
     board = start.board @ half_turn
     plain = np.linalg.norm(start.board - other.board)
-    turned = np.linalg.norm(board - other.board)
-    if turned < plain:
+    if np.linalg.norm(board - other.board) < plain:
         return replace(start, board=board, turned=~start.turned)
     return start
 

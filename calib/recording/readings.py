@@ -22,7 +22,7 @@ from ..common.rows import row_lengths, spread_rows
 from ..common.scale import METRES
 from ..errors import LogError, OptionError
 from ..samples.findings import Finding
-from ..samples.interpretations import interpretations
+from ..samples.interpretations import ONLY_IF, interpretations
 from ..samples.settings import DIAGNOSIS
 from .pose_files import FlangeTable
 from .start import UNITS, RigStart, find_start, find_starts
@@ -120,8 +120,7 @@ def _turns(numbers: Array) -> list[tuple[str, str, Array]]:
 
     if numbers.shape[1] == 9:
         matrices = numbers.reshape(-1, 3, 3)
-        transposed = matrices.mT
-        return [("matrix", "", matrices), ("transposed", "", transposed)]
+        return [("matrix", "", matrices), ("transposed", "", matrices.mT)]
     if numbers.shape[1] == 4:
         wxyz = np.roll(numbers, -1, axis=1)
         return [("xyzw", "", matrix_of(numbers)), ("wxyz", "", matrix_of(wxyz))]
@@ -235,17 +234,17 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     poses = flanges(values).reshape(len(others), len(rows), 4, 4)
     starts = find_starts(poses[:1], other_eye, "m")  # the eye is the first
     starts += find_starts(poses[1:], thinned, "m")
-    best = usual.misfit
-    words = ""
-    hint = ""
+    least = usual.misfit
+    best = None
     for start, (_, finding) in zip(starts, others, strict=True):
-        if start.misfit < _CLEAR * best:
-            best = start.misfit
-            words = finding.words
-            hint = finding.hint
-            if finding.kind == "exchanged":
-                hint = "correct the header of the joints"
-    if words:
+        if start.misfit < _CLEAR * least:
+            least = start.misfit
+            best = finding
+    if best is not None:
+        hint = best.hint
+        if best.kind == "exchanged":
+            hint = "correct the header of the joints"
+        words = best.words.removeprefix(ONLY_IF)
         raise LogError(
             f"the pictures fit the joints only if {words}", hint=hint
         )
@@ -285,6 +284,11 @@ def _others(
         any_order=len(names) <= DIAGNOSIS.most_ordered,
     )
     yield from units
+    for k in np.flatnonzero(structure.revolute):
+        mixed = q.copy()
+        mixed[:, k] = np.deg2rad(q[:, k])
+        words = f"{names[k]} alone is in degrees"
+        yield mixed, Finding("degrees", words, "convert its column to rad")
     for by in (-1, 1):
         yield np.roll(q, by, axis=0), late
     for group in (one, two, orders):

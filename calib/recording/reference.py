@@ -111,8 +111,7 @@ class PlaneReference:
         with np.errstate(divide="ignore", invalid="ignore"):
             lengths = (self.height - camera[2]) / rays[:, 2:]
             places = camera[:2] + lengths * rays[:, :2]
-        is_ahead = lengths > 0.0
-        return np.asarray(np.where(is_ahead, places, np.nan))
+        return np.where(lengths > 0.0, places, np.nan)
 
     def noise(self, pixels: Array) -> tuple[Array, Array]:
         """Noise of positions at pixels (n, 2), along one axis of the plane.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -131,9 +131,8 @@ class HandEye:
     @property
     def distances(self) -> tuple[float, float]:
         """How far what is in the hand is from the flange, and what is at rest from the base [m]."""
-        return math.hypot(*self.hand["position"]), math.hypot(
-            *self.base["position"]
-        )
+        hand = math.hypot(*self.hand["position"])
+        return hand, math.hypot(*self.base["position"])
 
     @property
     def eye_doubt(self) -> str:
@@ -157,11 +156,12 @@ class HandEye:
 
     def document(self) -> dict[str, object]:
         """All but the log and the body, as plain values."""
-        names = [field.name for field in fields(self)]
-        document = {
-            name: getattr(self, name) for name in names if name not in UNWRITTEN
+        document = vars(self) | {
+            name: getattr(self, name).tolist() for name in ARRAYS
         }
-        return document | {name: document[name].tolist() for name in ARRAYS}
+        for name in UNWRITTEN:
+            del document[name]
+        return document
 
     def to_json(self) -> dict[str, object]:
         """What `calib handeye --json` prints."""
@@ -177,20 +177,31 @@ class HandEye:
         header = {"kind": KIND, "format": 1, KIND: self.document()}
         atomic_write(path, pack(header, {}))
 
-    def lines(self) -> list[str]:
-        """The answer for people."""
+    def places(self) -> dict[str, tuple[str, Place]]:
+        """Cameras and board by their names: each with the frame that it is in."""
         base, tip = self.frames
-        lines = [
-            _line(f"{self.hand_item} in the frame of {tip}", self.hand),
-            _line(f"{self.base_item} in the frame of {base}", self.base),
-        ]
-        for camera in self.cameras[1:]:
-            name = camera["name"]
+        places = {
+            self.hand_item: (tip, self.hand),
+            self.base_item: (base, self.base),
+        }
+        if len(self.cameras) == 1:
+            return places
+        del places["camera"]
+        for camera in self.cameras:
             eye = camera["eye"]
             parent = tip if eye == "hand" else base
-            lines.append(_line(f"{name} in the frame of {parent}", camera[eye]))
+            places[camera["name"]] = (parent, camera[eye])
+        return places
+
+    def lines(self) -> list[str]:
+        """The answer for people."""
+        lines = [
+            _line(f"{name} in the frame of {parent}", place)
+            for name, (parent, place) in self.places().items()
+        ]
+        for camera in self.cameras:
             if "from_first" in camera:
-                words = f"{name} in the first camera's frame"
+                words = f"{camera['name']} in the first camera's frame"
                 lines.append(_line(words, camera["from_first"]))
         mean, largest = map(two_digits, self.reprojection.values())
         return [
@@ -273,18 +284,10 @@ def rig_of_model(model: Model) -> HandEye | None:
 
 def transform_files(rig: HandEye, path: FilePath) -> dict[Path, str]:
     """The text of each file: transforms in JSON, and lines and matrices for people."""
-    base, tip = rig.frames
-    places = {f"{rig.hand_item}_frame": (tip, rig.hand)}
-    places[f"{rig.base_item}_frame"] = (base, rig.base)
-    if len(rig.cameras) > 1:
-        del places["camera_frame"]
-        for camera in rig.cameras:
-            eye = camera["eye"]
-            parent = tip if eye == "hand" else base
-            places[f"{camera['name']}_frame"] = (parent, camera[eye])
     transforms = []
     lines: list[str] = []
-    for child, (parent, place) in places.items():
+    for name, (parent, place) in rig.places().items():
+        child = f"{name}_frame"
         numbers = (place["position"], place["quaternion"])
         transforms.append(stamped(parent, child, *numbers))
         lines += _lines(parent, child, place)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -50,8 +50,7 @@ class Setting:
     tag_height: float = 0.0
 
     def __post_init__(self) -> None:
-        refusal = self._refusal()
-        if refusal:
+        if refusal := self._refusal():
             raise OptionError(refusal)
 
     def _refusal(self) -> str:
@@ -70,13 +69,8 @@ class Setting:
             return "`tag_height` is given without `board` or `tags_at`, above which it is measured"
         if self.tag_size is not None and self.lens is None:
             return "`tag_size` is for the tag's pose, which needs `lens`"
-        others: Collection[int] = ()
-        if marks is not None:
-            others = marks.points.keys()
-        elif (
-            board is not None
-            and board.dictionary.lower() == self.dictionary.lower()
-        ):
+        others: Collection[int] = marks.points if marks else ()
+        if board and board.dictionary.lower() == self.dictionary.lower():
             others = range(board.tags)
         if self.tag in others:
             return (
@@ -95,21 +89,18 @@ class Setting:
     @cached_property
     def finder(self) -> TagFinder:
         """Finds the tip's tag and those on the desk."""
-        wanted = {self.tag}
-        if self.tags_at is not None:
-            wanted |= self.tags_at.points.keys()
-        return TagFinder(self.dictionary, wanted)
+        marks = self.tags_at.points if self.tags_at else ()
+        return TagFinder(self.dictionary, {self.tag, *marks})
 
     def marks(self, grey: Picture, tags: Sequence[Tag]) -> Marks:
         """Return what a picture shows of the reference."""
         if self.board is not None:
             return self.board.find(grey)
-        if self.tags_at is None:
-            return {}
+        numbers = self.tags_at.points if self.tags_at else ()
         return {
             tag.number: tag.centre
             for tag in single_tags(tags)
-            if tag.number in self.tags_at.points
+            if tag.number in numbers
         }
 
 
@@ -119,9 +110,10 @@ class Sightings:
 
     setting: Setting
     what: str  # what messages call the pictures
-    numbers: Array  # pictures in which the tag is sharp (n,)
-    names: tuple[str, ...]  # and theirs
-    tags: tuple[Tag, ...]  # the tag in each of them
+    tags: Mapping[
+        int, Tag
+    ]  # the tag where it is sharp, by the picture's number
+    names: Sequence[str]  # of these pictures
     # what some pictures show of the reference, by number
     marks: dict[int, Marks]
     reasons: Counter[str]  # why pictures have no tag, and how many
@@ -131,7 +123,7 @@ class Sightings:
     @cached_property
     def pixels(self) -> Array:
         """Places of the tag's centre (n, 2) [px]."""
-        return np.array([tag.centre for tag in self.tags])
+        return np.array([tag.centre for tag in self.tags.values()])
 
     @cached_property
     def reference(self) -> tuple[PlaneReference | None, frozenset[int]]:
@@ -149,16 +141,15 @@ class Sightings:
         """A log's description of pictures, tag, lens and reference, as plain values."""
         setting = self.setting
         reference, _ = self.reference
+        frame = reference.to_json() if reference else {"kind": "pixels"}
         document: dict[str, object] = {
             "size": list(self.size),
             "tag": setting.tag,
             "dictionary": setting.dictionary,
-            "reference": {"kind": "pixels"},
+            "reference": frame,
         }
         if setting.lens is not None:
             document["lens"] = setting.lens.to_json()
-        if reference is not None:
-            document["reference"] = reference.to_json()
         return document
 
 
@@ -172,9 +163,8 @@ def find_sightings(
         tags are there should this one not be
     Raises LogError if the tag is there twice in more than a tenth, or nowhere.
     """
-    numbers: list[int] = []  # of pictures in which the tag is sharp
+    sharp: dict[int, Tag] = {}
     names: list[str] = []
-    sharp: list[Tag] = []
     marks: dict[int, Marks] = {}
     sample: list[Picture] = []
     reasons: Counter[str] = Counter()
@@ -191,13 +181,11 @@ def find_sightings(
             if setting.layout is not None:
                 marks[number] = setting.marks(grey, tags)
         tips = [tag for tag in tags if tag.number == setting.tag]
-        reason = _reason_of(tips, setting.tag)
-        if reason:
+        if reason := _reason_of(tips, setting.tag):
             reasons[reason] += 1
         else:
-            numbers.append(number)
+            sharp[number] = tips[0]
             names.append(name)
-            sharp.append(tips[0])
         if len(tips) > 1:
             twice.append(name)
     if len(twice) > _MOST_TWICE * count:
@@ -211,17 +199,7 @@ def find_sightings(
             f"{_tags_of(sample, setting.dictionary)} of {setting.dictionary}; check the id, the "
             "dictionary, that it is sharp and has a white border"
         )
-    return Sightings(
-        setting,
-        what,
-        np.array(numbers),
-        tuple(names),
-        tuple(sharp),
-        marks,
-        reasons,
-        count,
-        size,
-    )
+    return Sightings(setting, what, sharp, names, marks, reasons, count, size)
 
 
 def _reason_of(tips: Sequence[Tag], number: int) -> str:
@@ -261,9 +239,9 @@ def write_overlay(
         corners = [tag.corners[None].astype(np.float32) for tag in tags]
         numbers = np.array([tag.number for tag in tags])
         cv2.aruco.drawDetectedMarkers(canvas, corners, numbers, TAG_COLOUR)
-    marks = {} if setting.board is None else setting.marks(grey, ())
+    corners_of_board = setting.marks(grey, ()).values()
     radius = max(3, round(max(canvas.shape) / 213))
-    circles = ((PLACE_COLOUR, places), (MARK_COLOUR, marks.values()))
+    circles = ((PLACE_COLOUR, places), (MARK_COLOUR, corners_of_board))
     for colour, centres in circles:
         for centre in centres:
             middle = np.round(centre).astype(int).tolist()

@@ -121,8 +121,8 @@ def _solve(
     turned = np.zeros(motions.shape[:2], bool)
     if half_turn is not None:
         turned = _half_turned(motions, view.boards, half_turn)
-        other_ends = boards @ half_turn
-        boards = np.where(turned[:, :, None, None], other_ends, boards)
+        is_turned = turned[:, :, None, None]
+        boards = np.where(is_turned, boards @ half_turn, boards)
     points = view.board.points()
     every = max(len(points) // 8, 1)
     cameras, placed, lengths, misfits = _robust_closed_form(
@@ -168,8 +168,7 @@ def _robust_closed_form(
         beyond = min(3, misses.shape[1] - 1)
         misfits = np.median(np.sort(misses, axis=1)[:, beyond:], axis=1)
         far = misses / (3.0 * misfits[:, None] + 1e-9)
-        growth = 1.0 + far**2
-        weights = 1.0 / growth**2
+        weights = 1.0 / (1.0 + far**2) ** 2
     return cameras, placed, metres, misfits
 
 
@@ -196,11 +195,9 @@ def _closed_form(
     same = np.broadcast_to(np.eye(3), turns.shape)
     columns = [same, -turns, places[..., None]]
     root = np.sqrt(weights)[:, :, None]
-    blocks = np.concatenate(columns, axis=3)
-    blocks *= root[..., None]
+    blocks = np.concatenate(columns, axis=3) * root[..., None]
     rows = blocks.reshape(len(motions), -1, 7)
-    weighed = shift_of(motions) * root
-    targets = weighed.reshape(len(motions), -1)
+    targets = (shift_of(motions) * root).reshape(len(motions), -1)
     if metres is None:
         shifts = _least_squares(rows, targets, 1e-10)
         metres = shifts[:, 6]
@@ -237,12 +234,10 @@ def _half_turned(motions: Array, boards: Array, half_turn: Array) -> Mask:
     traces = flange_turns @ np.swapaxes(flange_turns, 1, 2)
     miss_plain = np.abs(traces - plain @ plain.T)
     miss_turned = np.abs(traces - turned @ plain.T)
-    _, vectors = np.linalg.eigh(miss_turned - miss_plain)
-    leading = vectors[:, :, -1]
+    leading = np.linalg.eigh(miss_turned - miss_plain)[1][:, :, -1]
     index = np.abs(leading).argmax(axis=1)
     largest = np.take_along_axis(leading, index[:, None], axis=1)
-    is_turned: Mask = leading * largest < 0
-    return is_turned
+    return np.asarray(leading * largest < 0)
 
 
 def _flat_turns(poses: Array) -> Array:
@@ -257,10 +252,6 @@ def _gaps(predicted: Array, boards: Array, points: Array) -> Array:
     depth = places[..., 2:]
     # a board that is predicted behind the camera is far off, in no direction
     ahead = np.maximum(expected[..., 2:], 0.05 * depth)
-    predicted_rays = expected[..., :2] / ahead
-    rays = places[..., :2] / depth
-    gaps = predicted_rays - rays
-    squares = (gaps**2).sum(axis=-1)
-    rms = np.sqrt(squares.mean(axis=-1))
-    limited: Array = np.minimum(rms, 3.0)
-    return limited
+    gaps = expected[..., :2] / ahead - places[..., :2] / depth
+    rms = np.sqrt((gaps**2).sum(axis=-1).mean(axis=-1))
+    return np.asarray(np.minimum(rms, 3.0))

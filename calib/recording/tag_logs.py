@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from itertools import compress
 
 import numpy as np
 
@@ -66,7 +66,7 @@ def log_pictures(
     """
     rows, shots, notes = read_shots(joints, source)
     sightings = find_sightings(shots, setting, "pictures")
-    q = joints.q[[rows[number] for number in sightings.numbers]]
+    q = joints.q[[rows[number] for number in sightings.tags]]
     if len(q) > 1:
         _check_motion(q, sightings, f"{len(q)} pictures")
     with one_blas_thread():
@@ -78,16 +78,17 @@ def log_pictures(
             f"to {unshifted:.2g} px; is a picture missing?"
         )
     # rows that contradict the others, as a second tag makes them, are found by who learns from them
-    elsewhere = np.isin(sightings.numbers, list(sightings.reference[1]))
-    steady = np.flatnonzero(~elsewhere)
+    _, elsewhere = sightings.reference
+    steady = [number not in elsewhere for number in sightings.tags]
+    why = (
+        "the reference is elsewhere in them: camera bumped, shaken, refocused?"
+    )
     dropped = {
         **sightings.reasons,
         "cut off or damaged": len(rows) - sightings.count,
-        "the reference is elsewhere in them: camera bumped, shaken, refocused?": int(
-            elsewhere.sum()
-        ),
+        why: steady.count(False),
     }
-    tags = [sightings.tags[k] for k in steady]
+    tags = [*compress(sightings.tags.values(), steady)]
     about: dict[str, object] = {"source": "pictures"}
     log = _log_of(sightings, tags, joints.names, q[steady], about, dropped)
     names = np.array(sightings.names)[steady]
@@ -118,7 +119,7 @@ def log_video(
     sightings, time = _video_sightings(video, setting)
     _check_motion(joint_values, sightings, video.name)
     track = np.full((len(time), 2), np.nan)
-    track[sightings.numbers] = sightings.pixels
+    track[[*sightings.tags]] = sightings.pixels
     notes = video.notes(len(time))
 
     # joints at the frames
@@ -161,8 +162,7 @@ def log_video(
         notes.append(f"{len(groups)} rests of {mean:.0f} frames")
 
     # tag, joints and time of each row
-    tag_of = dict(zip(sightings.numbers, sightings.tags, strict=True))
-    tags = [_median_tag([tag_of[k] for k in group]) for group in groups]
+    tags = [_median_tag([sightings.tags[k] for k in group]) for group in groups]
     about: dict[str, object] = {
         "source": "video",
         "time_offset": clocks.offset,
@@ -253,16 +253,6 @@ def _check_motion(q: Array, sightings: Sightings, what: str) -> None:
         )
 
 
-class Positions(NamedTuple):
-    """Where tags are."""
-
-    x: Array  # (n, 2) or (n, 3) [unit]
-    unit: str
-    scale: Array  # (n,) or (1,), size of a pixel there [unit/px]
-    shared_sd: float = 0.0  # of what all rows share [unit]
-    quaternion: Array | None = None  # (n, 4)
-
-
 def _log_of(
     sightings: Sightings,
     tags: Sequence[Tag],
@@ -275,52 +265,48 @@ def _log_of(
 
     about : how they were recorded
     """
-    positions = _positions(tags, sightings)
-    noise = np.array([tag.noise for tag in tags]) * positions.scale
-    rms = np.sqrt(np.mean(noise**2))
+    setting = sightings.setting
+    reference, _ = sightings.reference
+    pixels = np.array([tag.centre for tag in tags])
+    x = pixels
+    unit = "px"
+    scale = np.ones(1)  # size of a pixel [unit/px]
+    shared_sd = 0.0  # of what all rows share [unit]
+    quaternion = None
+    if reference is not None:
+        unit = "m"
+        x = reference.positions(pixels)
+        scale, sd = reference.noise(pixels)
+        shared_sd = float(np.sqrt(np.mean(sd**2)))
+    if setting.lens is not None and setting.tag_size is not None:
+        # by each tag alone, in the reference's frame or the camera's
+        unit = "m"
+        frames = _tag_frames(tags, setting.lens, setting.tag_size)
+        if reference is None:
+            scale = shift_of(frames)[:, 2] / setting.lens.focal.mean()
+        else:
+            frames = inverse(reference.pose.frame) @ frames
+        x = shift_of(frames)
+        quaternion = quaternion_of(turn_of(frames))
+    noise = np.array([tag.noise for tag in tags]) * scale
     dropped = {why: count for why, count in dropped.items() if count}
     source = {
         **about,
         **sightings.document(),
-        "noise": float(np.hypot(rms, positions.shared_sd)),
-        "noise_of_reference": positions.shared_sd,
+        "noise": float(np.hypot(np.sqrt(np.mean(noise**2)), shared_sd)),
+        "noise_of_reference": shared_sd,
         "dropped": dropped,
     }
     return Samples(
         q,
-        positions.x,
+        x,
         joint_names,
-        unit=positions.unit,
-        pixels=np.array([tag.centre for tag in tags]),
+        unit=unit,
+        pixels=pixels,
         source=source,
-        orientation=positions.quaternion,
+        orientation=quaternion,
         notes=left_out_notes(sightings.what, dropped),
     )
-
-
-def _positions(tags: Sequence[Tag], sightings: Sightings) -> Positions:
-    """Where tags are: by their size, in the plane of the reference, or in pixels."""
-    setting = sightings.setting
-    reference, _ = sightings.reference
-    pixels = np.array([tag.centre for tag in tags])
-    positions = Positions(pixels, "px", np.ones(1))
-    if reference is not None:
-        scale, sd = reference.noise(pixels)
-        shared_sd = float(np.sqrt(np.mean(sd**2)))
-        places = reference.positions(pixels)
-        positions = Positions(places, "m", scale, shared_sd)
-    if setting.lens is None or setting.tag_size is None:
-        return positions
-
-    # by each tag alone, in the reference's frame or the camera's
-    frames = _tag_frames(tags, setting.lens, setting.tag_size)
-    if reference is None:
-        scale = shift_of(frames)[:, 2] / setting.lens.focal.mean()
-        positions = Positions(pixels, "m", scale)
-    else:
-        frames = inverse(reference.pose.frame) @ frames
-    quaternion = quaternion_of(turn_of(frames))
-    return positions._replace(x=shift_of(frames), quaternion=quaternion)
 
 
 def _tag_frames(tags: Sequence[Tag], lens: Lens, side: float) -> Array:

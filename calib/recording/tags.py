@@ -77,9 +77,7 @@ class Tag:
         """Where the diagonals cross (2,) [px]: the middle under any perspective."""
         a, b, c, d = np.c_[self.corners - self.corners[0], np.ones(4)]
         x, y, scale = np.cross(np.cross(a, c), np.cross(b, d))
-        offset = np.array([x, y]) / scale
-        centre: Array = self.corners[0] + offset
-        return centre
+        return np.asarray(self.corners[0] + np.array([x, y]) / scale)
 
     @property
     def side(self) -> float:
@@ -299,8 +297,7 @@ def _page(board: CharucoBoard, k: int) -> Picture:
     drawn = board.generateImage(fine_size, marginSize=0, borderBits=1)
     size = (columns * k, rows * k)
     cv2 = opencv()
-    page = cv2.resize(drawn, size, interpolation=cv2.INTER_AREA)
-    return np.asarray(page)
+    return np.asarray(cv2.resize(drawn, size, interpolation=cv2.INTER_AREA))
 
 
 def _map_places(homography: Array, places: Array) -> Array:

@@ -1,17 +1,20 @@
-"""The tag's track: how well joints predict it, its jumps, and rows whose joints are a neighbour's.
+"""A sensor's track: its jumps, and how joints predict it, by smooth functions or a planar chain.
 
-Ridge regression on products of the joints' harmonics, in which the tip of any arm is linear.
+The smooth functions are a ridge regression on products of the joints' harmonics, in which the tip
+of any arm is linear.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ..common.arrays import Array, Mask
 from ..common.rows import row_lengths, spread_rows
+from ..samples.delays import Delay, estimate_delay
 
 
 @dataclass(frozen=True)
@@ -54,18 +57,15 @@ class Judge:
 
     def __init__(self, q: Array) -> None:
         self.q = q
-        ridge = SOFT * np.eye(len(q))
-        covariance = _harmonics(q, q) + ridge
+        covariance = _harmonics(q, q) + SOFT * np.eye(len(q))
         self._inverse = np.linalg.inv(covariance)
 
     def miss(self, x: Array) -> Array:
         """Held-out errors (n, d) of values (n, d), linear in them."""
-        centred = x - x.mean(axis=0)
-        weights: Array = self._inverse @ centred
+        weights: Array = self._inverse @ (x - x.mean(axis=0))
         miss = np.empty_like(weights)
-        rows = np.arange(len(x))
         count = min(TRACK.blocks, len(x))
-        for block in np.array_split(rows, count):
+        for block in np.array_split(np.arange(len(x)), count):
             inverse = self._inverse[np.ix_(block, block)]
             miss[block] = np.linalg.solve(inverse, weights[block])
         return miss
@@ -74,9 +74,7 @@ class Judge:
         """Predictions (m, d) at joints (m, joints) of the fit to values (n, d) of all rows."""
         middle = x.mean(axis=0)
         weights = self._inverse @ (x - middle)
-        covariance = _harmonics(q, self.q)
-        predicted: Array = covariance @ weights + middle
-        return predicted
+        return np.asarray(_harmonics(q, self.q) @ weights + middle)
 
 
 def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
@@ -91,10 +89,8 @@ def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
         end = min(len(q), len(q) - shift)
         rows = np.arange(first, end)
         rows = rows[spread_rows(len(rows), TRACK.searched)]
-        judge = Judge(q[rows + shift])
-        miss = judge.miss(x[rows])
-        distances = row_lengths(miss)
-        return float(distances.mean())
+        miss = Judge(q[rows + shift]).miss(x[rows])
+        return float(row_lengths(miss).mean())
 
     if len(q) < TRACK.fewest:
         return 0, np.nan, np.nan
@@ -140,7 +136,146 @@ def jumps(x: Array) -> Mask:
     away = places - median_filter(places, window, mode="nearest")
     usual = median_filter(np.abs(away), window, mode="nearest")
     sd = 1.48 * usual.max(axis=1)
-    least = 6.0 * np.maximum(sd, 1.0)
-    distances = row_lengths(away)
-    is_jump[is_visible] = distances > least
+    is_jump[is_visible] = row_lengths(away) > 6.0 * np.maximum(sd, 1.0)
     return is_jump
+
+
+@dataclass(frozen=True)
+class ClockSettings:
+    """How clocks are compared."""
+
+    # peaks of the correlation of speeds that get a short fit
+    candidates: int = 15
+    # the best of them, which get a long one
+    long_fits: int = 3
+    # rate at which speeds are compared [1/s]
+    grid: float = 50.0
+    # share of the shorter recording that must have a counterpart
+    overlap: float = 0.8
+    # rows and steps of a short fit
+    short: tuple[int, int] = (120, 4)
+    # rows and steps of a long one
+    long: tuple[int, int] = (300, 12)
+    # time to either side over which a velocity is taken [s]
+    step: float = 0.01
+    # largest step of the offset [s]: far from the solution the velocity is a poor guide
+    farthest_step: float = 0.08
+    # furthest that a candidate moves from its peak [s]
+    farthest: float = 0.15
+    # prior sd of how much the rates of clocks differ
+    rate_sd: float = 4e-3
+    # where the rows show a rate, less than this share of the error is left
+    shows_rate: float = 0.9
+    # a planar chain that leaves more of the track's spread is none
+    chain_fits: float = 0.03
+    # the best candidate's error must be less than this share of its rival's
+    clearly: float = 0.6
+    # the best candidate's error must be less than this share of the track's spread
+    fits: float = 0.25
+    # difference of the rates: beyond it the stated frame rate is not the true one
+    fastest: float = 0.012
+    # candidates further apart than this are rivals [s]
+    apart: float = 0.3
+
+
+CLOCK = ClockSettings()
+
+
+class Linear(NamedTuple):
+    """Rows of a track, linear in delay, rate of the clocks and the predictor's k parameters."""
+
+    residual: Array  # (n, m) [px or mm]
+    velocity: Array  # (n, m), of the prediction [px/s or mm/s]
+    columns: Array  # (n, m, k + 1), derivatives by the parameters and the rate
+    # (k,), of the parameters' prior
+    precision: Array = np.empty(0)
+    # (k,), how far parameters are below their prior mean
+    pull: Array = np.empty(0)
+
+    def delay(self, rate: float, rate_sd: float) -> tuple[Delay, Array] | None:
+        """How late the track is [s], and changes (k + 1,) of parameters and of the clocks' rate.
+
+        None where the rows determine no delay.
+        """
+        precision = np.append(self.precision, rate_sd**-2.0)
+        pull = np.append(self.pull, -rate)
+        return estimate_delay(*self[:3], precision, pull)
+
+
+@dataclass(frozen=True, eq=False)
+class TrackRows:
+    """Rows of a track, and the joints at their times by the present clocks."""
+
+    track: Array  # (n, m) [px or mm]
+    q: Array  # (n, joints) [rad or m]
+    ahead: Array  # joints one `CLOCK.step` later
+    behind: Array  # and one earlier
+    time: Array  # (n,) [s]
+
+    @property
+    def since(self) -> Array:
+        """Times since their mean (n, 1) [s]."""
+        since: Array = self.time - self.time.mean()
+        return since[:, None]
+
+    @property
+    def joint_speed(self) -> Array:
+        """Speed of the joints (n, joints) [rad/s or m/s]."""
+        return (self.ahead - self.behind) / (2.0 * CLOCK.step)
+
+
+class Waves:
+    """Joints predict by smooth functions: each block of rows by the fit to the others."""
+
+    def linearise(self, rows: TrackRows) -> Linear:
+        """The rows as the other blocks predict them."""
+        judge = Judge(rows.q)
+        ahead = judge.predict(rows.ahead, rows.track)
+        behind = judge.predict(rows.behind, rows.track)
+        speed = (ahead - behind) / (2.0 * CLOCK.step)
+        by_rate = judge.miss(speed * rows.since)[..., None]
+        return Linear(judge.miss(rows.track), judge.miss(speed), by_rate)
+
+    def move(self, change: Array) -> None:
+        """Nothing to move: each linearisation is a fit of its own."""
+
+
+class Chain:
+    """Joints predict as a planar chain under a tilted camera, fitted with the clocks."""
+
+    def __init__(
+        self, q: Array, track: Array, revolute: tuple[bool, ...]
+    ) -> None:
+        from ..body.planar import planar_structure
+        from ..body.rows import Rows
+        from ..body.starts import best_start
+
+        names = tuple(f"q{k}" for k in range(q.shape[1]))
+        template = planar_structure(
+            track, names, revolute, None, "homography", "px", False
+        )
+        chain = template.chain_blocks
+        begin = best_start(template, Rows(q, track), chain)
+        self._structure = begin.structure
+        self._beta = begin.beta.copy()
+        self._prior = begin.structure.prior((*chain, "lens"))
+        self._active = np.flatnonzero(self._prior.sd > 0)
+
+    def linearise(self, rows: TrackRows) -> Linear:
+        """The rows as the chain predicts them."""
+        structure = self._structure
+        beta = self._beta
+        active = self._active
+        predicted, by_beta = structure.linearise(rows.q, beta, active)
+        by_joints = structure.slope(rows.q, beta)
+        velocity = np.einsum("nmd,nd->nm", by_joints, rows.joint_speed)
+        columns = np.dstack([by_beta, velocity * rows.since])
+        precision = self._prior.sd[active] ** -2.0
+        pull = (self._prior.mean - beta)[active]
+        return Linear(
+            rows.track - predicted, velocity, columns, precision, pull
+        )
+
+    def move(self, change: Array) -> None:
+        """Move the chain's parameters."""
+        self._beta[self._active] += change

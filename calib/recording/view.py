@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ..common.arrays import Array
+import numpy as np
+
+from ..common.arrays import Array, Mask
 from ..common.choices import Eye
 from ..samples.lens import Lens
 from .board_pictures import BoardPictures
@@ -26,6 +28,16 @@ class View(BoardPictures):
     def eye(self) -> Eye:
         """Where the camera is."""
         return "hand" if self.in_hand else "base"
+
+    def turned(self, others: Mask) -> View:
+        """The view with the board of some pictures (p,) numbered from its other end."""
+        last = len(self.board.points()) - 1
+        corners = list(self.corners)
+        for k in np.flatnonzero(others):
+            corners[k] = {
+                last - number: place for number, place in corners[k].items()
+            }
+        return replace(self, corners=tuple(corners))
 
 
 def view_of(

@@ -14,7 +14,8 @@ from .findings import Finding
 Interpretation = tuple[Array, Finding]
 """Other joint values (n, dof), and what they would mean."""
 
-_ONLY_IF = "the log fits the robot only if"
+ONLY_IF = "the log fits the robot only if "
+"""Begins the words of each."""
 
 
 def interpretations(
@@ -38,7 +39,7 @@ def units(q: Array, revolute: Sequence[bool]) -> Iterator[Interpretation]:
         ("degrees", np.deg2rad, "give `degrees=True`"),
         ("radians", np.rad2deg, "leave out `degrees`"),
     ):
-        words = f"{_ONLY_IF} its joint values are {unit}"
+        words = f"{ONLY_IF}the joint values are {unit}"
         finding = Finding("degrees", words, hint, "degrees", unit == "radians")
         yield np.where(revolute, convert(q), q), finding
 
@@ -53,7 +54,7 @@ def _orders(
             holds = listing(
                 f"{column} holds {name}" for name, column in column_of.items()
             )
-            words = f"{_ONLY_IF} columns are exchanged ({holds})"
+            words = f"{ONLY_IF}columns are exchanged ({holds})"
             hint = f"give `columns={column_of}`, or correct the header"
             value = list(column_of)
             finding = Finding("exchanged", words, hint, "columns", value)
@@ -72,7 +73,7 @@ def _signs(
         changed[:, joints] *= -1.0
         reversed_names = [names[k] for k in joints]
         joined = " and ".join(reversed_names)
-        words = f"{_ONLY_IF} {joined} counts the other way"
+        words = f"{ONLY_IF}{joined} counts the other way"
         yield (
             changed,
             Finding("reversed", words, hint, "joints", reversed_names),

@@ -52,6 +52,8 @@ _LATEST = 1e11  # [s] after 1970: a clock of the year 5138 counts in ms or less
 _HEAD = 1 << 16  # [bytes], of a file, in which its header is
 # LeRobot's, of joints' columns, which are read without
 _POSITION_SUFFIX = ".pos"
+# of records, columns or lists: a header may begin with a bracket, too
+_JSON = rb"\s*(\[\s*[\[{\]]|\{\s*[\"}])"
 # a model file begins with the length of its header, in 8 bytes, and with this entry of it
 _MODEL = b'{"__metadata__":{"calib":'
 _EXPECTED = (
@@ -217,7 +219,7 @@ def _parse(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
         elif content.startswith(b"\x93NUMPY"):
             table = pl.DataFrame(np.load(io.BytesIO(content)))
             about = ""
-        elif content.lstrip()[:1] in (b"[", b"{"):
+        elif re.match(_JSON, content):
             table = _of_records(json.loads(content))
             about = ""
         else:

@@ -100,7 +100,8 @@ def test_a_wrong_reading_is_named():
     for words, q in (
         ("columns are exchanged", rig.q[:, [0, 2, 1, 3, 4, 5]]),
         ("wrist_2 counts the other way", rig.q * (1, 1, 1, 1, -1, 1)),
-        ("degrees", np.degrees(rig.q)),
+        ("the joint values are degrees", np.degrees(rig.q)),
+        ("wrist_1 alone is in degrees", rig.q * (1, 1, 1, np.degrees(1), 1, 1)),
         ("a row late", np.roll(rig.q, 1, axis=0)),
     ):
         refused(LogError, words, rig.solve, q=q)

@@ -112,8 +112,8 @@ def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(file):
     assert log.q.tolist() == [[0.1, 0.2], [0.2, 0.4]]
     assert log.x.tolist() == [[1, 2], [3, 4]]
     assert (log.unit, log.lower.tolist(), log.upper.tolist()) == ("px", [0.1, 0.2], [0.2, 0.4])
-    path = file("j1,b,cam_u,cam_v,x\n1,2,3,4,9\n2,4,6,8,9\n")
-    log = read_log(path, joints="a,b", columns={"x": "cam_u", "y": "cam_v", "a": "j1"})
+    path = file("[j1],b,cam_u,cam_v,x\n1,2,3,4,9\n2,4,6,8,9\n")
+    log = read_log(path, joints="a,b", columns={"x": "cam_u", "y": "cam_v", "a": "[j1]"})
     assert log.joint_names == ("a", "b")
     assert log.q.tolist() == [[1, 2], [2, 4]]
     assert log.x.tolist() == [[3, 4], [6, 8]]
