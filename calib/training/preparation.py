@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..body.belief import Body
 from ..body.body_fit import BodyFit
 from ..body.covariance import Z95
+from ..common.arrays import Array
 from ..common.rows import finite_rows, median_length
 from ..common.wording import quantity
 from ..errors import LogError, OptionError
@@ -52,8 +54,14 @@ def prepare(
     prepared = _with_common_play(logs_by_sensor)
     poses = {name: log.samples for name, log in prepared.items()}
     fits = fit_bodies(poses, options)
+    # rows of one sensor count in what all of them know of the arm
+    doubt = sum(
+        _doubt_by_clock(fits[name].body, samples)
+        for name, samples in poses.items()
+    )
     return [
-        _with_common_body(log, fits[name]) for name, log in prepared.items()
+        _with_common_body(log, _with_doubt(fits[name], doubt))
+        for name, log in prepared.items()
     ]
 
 
@@ -99,7 +107,6 @@ def _with_common_play(logs: Mapping[str, FittedLog]) -> dict[str, FittedLog]:
 def _with_common_body(log: FittedLog, together: BodyFit) -> FittedLog:
     """A sensor's log with the body of all sensors, and a note where that misses its rows."""
     fit = _with_noise_of_readings(together, log.readings)
-    fit = _with_clock_in_doubt(fit, log.samples)
     notes = (*log.notes, *_disagreement(log, fit))
     return replace(log, fit=fit, notes=notes)
 
@@ -126,7 +133,7 @@ def _prepare_one_sensor(
     if log.play.any():
         notes = (*notes, play_words(samples, log.play))
     fit = _with_noise_of_readings(log.fit, log.readings)
-    fit = _with_clock_in_doubt(fit, log.samples)
+    fit = _with_doubt(fit, _doubt_by_clock(fit.body, log.samples))
     return replace(log, fit=fit, notes=notes)
 
 
@@ -171,24 +178,30 @@ def _with_noise_of_readings(fit: BodyFit, samples: Samples) -> BodyFit:
     return replace(fit, body=body)
 
 
-def _with_clock_in_doubt(fit: BodyFit, samples: Samples) -> BodyFit:
-    """The fit with what the standard deviation of a corrected clock adds to that of parameters.
+def _doubt_by_clock(body: Body, samples: Samples) -> Array | float:
+    """Covariance (k, k) of a body's parameters by the standard deviation of its rows' clock.
 
     Rows that all move by v change parameters of covariance C by C J' v, J their derivatives, both
     over the noise.  Without it three models of 9 s paths, of 180 rows each, took their unchanged
     arm for drifted; with it one does.
     """
     if samples.clock_sd is None:
-        return fit
-    body = fit.body
+        return 0.0
     structure = body.structure
     _, slope = structure.predict_and_slope(samples.q, body.beta)
     _, columns = structure.linearise(samples.q, body.beta, body.active)
     moves = np.einsum("nmd,nd->nm", slope, samples.clock_sd)
     vector = np.einsum("nmk,nm->k", columns, moves / body.noise**2)
     change = body.covariance @ vector
-    doubt = np.outer(change, change)
-    return replace(fit, body=body.with_covariance(body.active, doubt))
+    return np.outer(change, change)
+
+
+def _with_doubt(fit: BodyFit, covariance: Array | float) -> BodyFit:
+    """The fit with a further covariance (k, k) of its parameters, 0 for none."""
+    if np.ndim(covariance) == 0:
+        return fit
+    body = fit.body.with_covariance(fit.body.active, np.asarray(covariance))
+    return replace(fit, body=body)
 
 
 def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
