@@ -84,6 +84,25 @@ class Model(Compilable):
         check_choice("sensor", sensor, self.sensors)
         return self.others[self.sensors.index(sensor) - 1]
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What training assumed and found, of several sensors each after the name of its own."""
+        if len(self.sensors) == 1:
+            return self.about.notes
+        notes = {name: self.by(name).about.notes for name in self.sensors}
+        shared = [
+            note
+            for note in self.about.notes
+            if all(note in of_sensor for of_sensor in notes.values())
+        ]
+        of_one = [
+            f"{name}: {note}"
+            for name, of_sensor in notes.items()
+            for note in of_sensor
+            if note not in shared
+        ]
+        return (*shared, *of_one)
+
     def with_sensor(self, adapted: Model) -> Model:
         """Return the model with one adapted sensor, whose arm all its sensors take over."""
         before = self.by(adapted.about.sensor)

@@ -150,8 +150,8 @@ def _disagreement(log: FittedLog, together: BodyFit) -> list[str]:
         percent = 100.0 * np.expm1(body.beta[scale])
         half = 100.0 * Z95 * body.sds[scale]
         notes.append(
-            f"sensor {sensor.name} reads lengths {percent:+.3f} ± {half:.2g} % longer than the "
-            "first one: one of them is scaled, and the arm's size is as the first one says"
+            f"lengths that it reads are {percent:+.3f} ± {half:.2g} % longer than the first "
+            "sensor's: one of them is scaled, and the arm's size is as the first one says"
         )
     alone = mean_error(log.fit)
     error = mean_error(together)
@@ -160,8 +160,8 @@ def _disagreement(log: FittedLog, together: BodyFit) -> list[str]:
     unit = log.readings.unit
     return [
         *notes,
-        f"sensor {log.readings.sensor} disagrees with the others about the arm: its held-out rows "
-        f"are missed by {quantity(error, unit)}, by {quantity(alone, unit)} where "
+        "it disagrees with the other sensors about the arm: its held-out rows are "
+        f"missed by {quantity(error, unit)}, by {quantity(alone, unit)} where "
         "it is fitted alone; check that its joints and positions are of the same arm",
     ]
 

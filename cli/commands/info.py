@@ -36,13 +36,13 @@ def info(model: opt.ModelFile, degrees: opt.Degrees = False) -> Outcome:
         "history": loaded.history,
         "body": None if body is None else body.to_json(),
         "rows": 0 if loaded.rows is None else len(loaded.rows),
-        "notes": [as_typed(text) for text in about.notes],
+        "notes": [as_typed(text) for text in loaded.notes],
         "backlash": play,
     }
     words = {
         "model": f"{model} ({Path(model).stat().st_size / 1e6:.2f} MB)",
         **facts(about, loaded.size_in_words, degrees=degrees),
-        **{f"note {k}": text for k, text in enumerate(about.notes, start=1)},
+        **{f"note {k}": text for k, text in enumerate(loaded.notes, start=1)},
     }
     sensors = [loaded.by(name) for name in loaded.sensors]
     if len(sensors) > 1:

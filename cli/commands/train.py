@@ -129,7 +129,7 @@ def train(
     )
     measured = logs if len(logs) > 1 else log
     model = calib.train(measured, options, progress=progress)
-    say(model.about.notes)
+    say(model.notes)
     if no_rows:
         model = replace(model, rows=None)
     if photo is not None:

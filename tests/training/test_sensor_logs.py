@@ -75,7 +75,7 @@ def test_sensors_whose_scales_disagree_are_told_and_leave_the_first_one_as_good(
     """A second tracker that read lengths .3 % longer made errors of .05 mm .4, all drifted."""
     (left, truth), (right, _) = logs
     model = calib.train([left, replace(right, x=1.003 * right.x)], size=3)
-    assert any("lengths +0.3" in note for note in model.by("right").about.notes)
+    assert any(note.startswith("right: lengths that it reads are +0.3") for note in model.notes)
     q = draw(model, 300)
     assert np.linalg.norm(model.forward(q) - truth(q), axis=1).mean() < 1e-4
     fresh, _ = seen_from("left", 40, 7, 0.0)
@@ -118,9 +118,9 @@ def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused(logs):
 def test_a_sensor_of_another_arm_is_named(logs, two):
     (left, _), (right, _) = logs
     moved = replace(right, q=right.q + np.array([0.0, 0.05, 0.0]))
-    notes = calib.train([left, moved], size=3).by("right").about.notes
-    assert any("sensor right disagrees with the others about the arm" in note for note in notes)
-    assert not any("disagrees" in note for note in two.by("right").about.notes)
+    notes = calib.train([left, moved], size=3).notes
+    assert any("right: it disagrees with the other sensors" in note for note in notes)
+    assert not any("disagrees" in note for note in two.notes)
 
 
 def test_poses_that_are_read_again_are_no_new_poses(logs):

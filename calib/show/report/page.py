@@ -171,7 +171,7 @@ def report(
         },
         sections=sections,
         facts=facts(model.about, model.size_in_words),
-        notes=model.about.notes,
+        notes=model.notes,
     )
     return verdict
 
