@@ -89,21 +89,23 @@ def leave_blocks_out(fit: Fit, *, sensor: int = 0) -> HeldOut:
 
 
 def block_scores(fit: Fit) -> Array:
-    """Mean negative log density (b,) of the first sensor's rows in each block by the others.
+    """Mean negative log density (b,) of all sensors' rows in each block by the others.
 
     Up to a constant; NaN where the others do not determine the body.
     """
-    readings = fit.readings[0]
-    blocks = list(readings.by_blocks(fit.beta, fit.active))
-    prediction = _prediction(fit, readings, blocks, FIT.blocks)
-    density = prediction.negative_log_density()
-    means = np.full(len(blocks), np.nan)
-    for k, block in enumerate(blocks):
-        of_block = density[block.rows]
-        finite = of_block[np.isfinite(of_block)]
-        if len(finite):
-            means[k] = finite.mean()
-    return means
+    count = len(fit.readings[0].edges) - 1
+    total = np.zeros(count)
+    rows = np.zeros(count)
+    for readings in fit.readings[: len(fit.structure.sensors)]:
+        blocks = list(readings.by_blocks(fit.beta, fit.active))
+        prediction = _prediction(fit, readings, blocks, FIT.blocks)
+        density = prediction.negative_log_density()
+        for k, block in enumerate(blocks):
+            of_block = density[block.rows]
+            finite = of_block[np.isfinite(of_block)]
+            total[k] += finite.sum()
+            rows[k] += len(finite)
+    return total / np.where(rows > 0, rows, np.nan)
 
 
 def _prediction(

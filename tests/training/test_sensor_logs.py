@@ -82,6 +82,14 @@ def test_sensors_whose_scales_disagree_are_told_and_leave_the_first_one_as_good(
     assert not calib.check(model, fresh).drifted
 
 
+def test_what_only_the_second_sensor_shows_of_the_arm_is_learned(logs):
+    """The rows of a coarse first one alone chose what is fitted: no elasticity, and "drifted"."""
+    (left, _), (right, _) = logs
+    rough = np.random.default_rng(5).normal(0.0, 5e-3, left.x.shape)
+    model = calib.train([replace(left, x=left.x + rough), right], size=3)
+    assert not calib.check(model, seen_from("right", 40, 7, 0.5)[0]).drifted
+
+
 def test_two_sensors_see_a_planar_arm_from_both_sides_in_units_of_their_own(run, tmp_path):
     arm, rng, rows = calib.load_arm("two_link"), np.random.default_rng(0), []
     sides = (("front", "m", np.ones(2)), ("back", "mm", np.array([1e3, -1e3])))
