@@ -84,7 +84,7 @@ def test_sensors_whose_scales_disagree_are_told_and_leave_the_first_one_as_good(
 
 def test_what_only_the_second_sensor_shows_of_the_arm_is_learned(logs):
     """The rows of a coarse first one alone chose what is fitted: no elasticity, and "drifted"."""
-    (left, _), (right, _) = logs
+    left, (right, _) = logs[0][0], seen_from("right", 80, 2, 0.5)
     rough = np.random.default_rng(5).normal(0.0, 5e-3, left.x.shape)
     model = calib.train([replace(left, x=left.x + rough), right], size=3)
     assert not calib.check(model, seen_from("right", 40, 7, 0.5)[0]).drifted
