@@ -46,7 +46,8 @@ def prepare(
     if not others and first.touch is None and options.body == "none":
         return [_without_body(first, options)]
     if not others:
-        return [_prepare_one_sensor(first, options)]
+        log = _prepare_one_sensor(first, options)
+        return [replace(log, notes=_notes_with_play(log))]
     logs_by_sensor = {
         name: _prepare_one_sensor(log, options)
         for name, log in _logs_by_sensor(logs, options).items()
@@ -95,19 +96,30 @@ def _logs_by_sensor(
 
 def _with_common_play(logs: Mapping[str, FittedLog]) -> dict[str, FittedLog]:
     """The sensors' logs with the joints' play: the arm's, whichever sensors have shown it."""
-    plays = [log.play for log in logs.values() if log.play.any()]
+    shown = [log for log in logs.values() if log.play.any()]
+    weights = [_certainty(log) for log in shown]
     prepared = {}
     for name, log in logs.items():
-        play = np.mean(plays, axis=0) if plays else log.play
+        play = log.play
+        if shown:
+            plays = [of_sensor.play for of_sensor in shown]
+            play = np.average(plays, axis=0, weights=weights)
         readings = samples_without_play(log.readings, play - log.play)
         prepared[name] = replace(log, readings=readings, play=play)
     return prepared
 
 
+def _certainty(log: FittedLog) -> float:
+    """How much a sensor's rows say: their number over the square of their relative error."""
+    extent = float(np.linalg.norm(np.ptp(log.samples.x, axis=0)))
+    error = mean_error(log.fit) + 1e-12 * extent
+    return len(log.samples) * (extent / error) ** 2
+
+
 def _with_common_body(log: FittedLog, together: BodyFit) -> FittedLog:
     """A sensor's log with the body of all sensors, and a note where that misses its rows."""
     fit = _with_noise_of_readings(together, log.readings)
-    notes = (*log.notes, *_disagreement(log, fit))
+    notes = (*_notes_with_play(log), *_disagreement(log, fit))
     return replace(log, fit=fit, notes=notes)
 
 
@@ -129,12 +141,16 @@ def _prepare_one_sensor(
     if samples.touch is not None:
         return fit_sockets(samples, samples.touch, options)
     log = fit_sound_rows(samples, options)
-    notes = log.notes
-    if log.play.any():
-        notes = (*notes, play_words(samples, log.play))
     fit = _with_noise_of_readings(log.fit, log.readings)
     fit = _with_doubt(fit, _doubt_by_clock(fit.body, log.samples))
-    return replace(log, fit=fit, notes=notes)
+    return replace(log, fit=fit)
+
+
+def _notes_with_play(log: FittedLog) -> tuple[str, ...]:
+    """The notes of a log, and one on the play of its joints."""
+    if not log.play.any():
+        return log.notes
+    return (*log.notes, play_words(log.samples, log.play))
 
 
 def _disagreement(log: FittedLog, together: BodyFit) -> list[str]:

@@ -90,6 +90,21 @@ def test_what_only_the_second_sensor_shows_of_the_arm_is_learned(logs):
     assert not calib.check(model, seen_from("right", 40, 7, 0.5)[0]).drifted
 
 
+def test_the_play_of_a_joint_is_as_its_best_sensor_shows_it():
+    """The mean of two sensors' was .46 and .26 of a degree where the truth is .26."""
+    arm, structure, beta, rng = built()
+    play, logs = np.array([0.0, 3e-3, 0.0]), []
+    for name, noise in (("coarse", 2e-3), ("fine", 5e-5)):
+        q = rng.uniform(arm.lower, arm.upper, (120, 3))
+        side = np.sign(np.diff(q, axis=0, prepend=q[:1]))
+        x = structure.predict(q - play * side, beta) + rng.normal(0.0, noise, q.shape)
+        logs.append(log_of(arm, q, x, sensor=name))
+    model = calib.train(logs, size=3)
+    assert model.approach.play == pytest.approx(play, abs=1e-4)
+    (note,) = (note for note in model.notes if "backlash" in note)
+    assert "shoulder_lift 0.34" in note
+
+
 def test_two_sensors_see_a_planar_arm_from_both_sides_in_units_of_their_own(run, tmp_path):
     arm, rng, rows = calib.load_arm("two_link"), np.random.default_rng(0), []
     sides = (("front", "m", np.ones(2)), ("back", "mm", np.array([1e3, -1e3])))
