@@ -38,6 +38,7 @@ class Fit:
 
     # what each block of rows adds to information and gradient
     grams: Array  # (b, k, k)
+    sensor_grams: list[Array]  # the same (k, k) of each sensor's rows
     moments: Array  # (b, k)
     precision: Array  # (k, k), weighted information and prior
     # (k,), of the log posterior: not quite zero where the steps ended early
@@ -258,7 +259,8 @@ class Fit:
     def _linear_step(self, beta: Array, linear: Mask) -> Array:
         """The step (k,) from parameters (d,) to the best of those that outputs are linear in."""
         indices = self.active[linear]
-        gram, moment = self._information(beta, indices)
+        grams, moment = self._information(beta, indices)
+        gram = np.sum(grams, axis=0)
         prior = self.prior_precision[np.ix_(linear, linear)]
         factor = Factor(gram + prior)
         gradient = moment - self._prior_gradient(beta)[linear]
@@ -272,7 +274,8 @@ class Fit:
 
     def _linearise(self) -> None:
         """Set the precision and the gradient."""
-        self._set_posterior(*self._information(self.beta, self.active))
+        self.sensor_grams, moment = self._information(self.beta, self.active)
+        self._set_posterior(np.sum(self.sensor_grams, axis=0), moment)
 
     def _set_posterior(self, gram: Array, moment: Array) -> None:
         """Add the prior to information (k, k) and moments (k,)."""
@@ -281,18 +284,20 @@ class Fit:
 
     def _information(
         self, beta: Array, indices: Indices
-    ) -> tuple[Array, Array]:
-        """Information (k, k) and moments (k,) of all rows about some parameters."""
+    ) -> tuple[list[Array], Array]:
+        """Information (k, k) of each sensor's rows about some parameters, and moments (k,)."""
         size = len(indices)
-        gram = np.zeros((size, size))
+        grams = []
         moment = np.zeros(size)
         for readings in self.readings:
             root_weights = readings.root_weights()
+            gram = np.zeros((size, size))
             for part in readings.in_parts(beta, indices):
                 gram_of_part, moment_of_part = part.information(root_weights)
                 gram += gram_of_part
                 moment += moment_of_part
-        return gram, moment
+            grams.append(gram)
+        return grams, moment
 
     def _linearise_blocks(self) -> None:
         """Set the information of each block of rows, the precision and the gradient."""
@@ -333,13 +338,18 @@ class Fit:
             scale = float(np.clip(scale, smallest, largest))
             self.scales[hyper.name] = scale
             self.sd[index] = scale * np.sqrt(hyper.shape)
-        numbers = sum(readings.z.size for readings in self.readings)
-        self._learn_noise(determined / numbers)
+        # a few precise rows beside many coarse ones determine most of them
+        by_sensor = np.array(
+            [(covariance * gram).sum() for gram in self.sensor_grams]
+        )
+        determined_by = determined * by_sensor / by_sensor.sum()
+        for readings, count in zip(self.readings, determined_by, strict=True):
+            readings.learn_noise(float(count) / readings.z.size)
 
-    def _learn_noise(self, share: float = 0.0) -> None:
-        """Find the noise of each sensor; parameters follow a share of all numbers."""
+    def _learn_noise(self) -> None:
+        """Find the noise of each sensor, before parameters follow any of the numbers."""
         for readings in self.readings:
-            readings.learn_noise(share)
+            readings.learn_noise(0.0)
 
     def _prior_gradient(self, beta: Array) -> Array:
         """Gradient (k,) of the prior's energy."""

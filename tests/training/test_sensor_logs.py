@@ -90,6 +90,17 @@ def test_what_only_the_second_sensor_shows_of_the_arm_is_learned(logs):
     assert not calib.check(model, seen_from("right", 40, 7, 0.5)[0]).drifted
 
 
+def test_a_few_precise_rows_beside_many_coarse_ones_do_not_hide_their_noise():
+    """Parameters that followed them were shared by all rows: .51 and .66 of the noise."""
+    noises = []
+    for seed in (10, 11):
+        left, (right, _) = seen_from("left", 15, seed, 0.0)[0], seen_from("right", 200, 20, 0.5)
+        rough = np.random.default_rng(seed).normal(0.0, 2e-3, right.x.shape)
+        model = calib.train([left, replace(right, x=right.x + rough)], size=3)
+        noises.append(model.body.noise[0] / NOISE)
+    assert 0.7 < np.mean(noises) < 1.3
+
+
 def test_the_play_of_a_joint_is_as_its_best_sensor_shows_it():
     """The mean of two sensors' was .46 and .26 of a degree where the truth is .26."""
     arm, structure, beta, rng = built()
