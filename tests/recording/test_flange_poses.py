@@ -158,7 +158,13 @@ def test_a_board_that_was_moved_among_few_pictures_is_told_from_an_arm_that_repe
         while world.count < 12:
             turn = Rotation.from_rotvec(world.rng.uniform(-0.6, 0.6, 3))
             world.show(turn, np.array([0.0, 0.0, 0.45]) + world.rng.uniform(-0.05, 0.05, 3))
-        assert world.solve().left_out == ("08.png", "09.png", "10.png", "11.png")
+        rig = world.solve()
+        assert rig.left_out == ("08.png", "09.png", "10.png", "11.png")
+        assert "agree to" not in " ".join(rig.notes)
+        few = world.solve(
+            world.flange[5:11], shots=pictures_of(world.pattern, world.corners[0][5:11])
+        )
+        assert "camera or board was moved" in " ".join(few.notes)
 
 
 def test_one_wrong_corner_is_no_wrong_picture_and_one_pose_twice_no_two():
