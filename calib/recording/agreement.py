@@ -11,6 +11,7 @@ from ..errors import LogError
 from .board_pictures import LEAST
 from .fit import CornerFit
 from .problem import Problem
+from .start import agreeing_pictures
 
 
 @dataclass(frozen=True)
@@ -63,8 +64,11 @@ def consensus(problem: Problem) -> tuple[CornerFit, Mask]:
     agreements = _agreements(problem, [number >= 0])
     if not agreements or agreements[0].is_doubtful:
         # without pictures that the closed form contradicts
-        misses = problem.bundle.misses(problem.predict(problem.start))
-        some = [misses < AGREEMENT.near * np.median(misses)]
+        misses = problem.bundle.usual_misses(problem.predict(problem.start))
+        some = [
+            misses < AGREEMENT.near * np.median(misses),
+            _agreeing_start(problem),
+        ]
         # a board that was moved once leaves one half whole
         half = problem.count // 2
         if half >= AGREEMENT.half:
@@ -84,6 +88,18 @@ def consensus(problem: Problem) -> tuple[CornerFit, Mask]:
     return best.fit, best.agreeing
 
 
+def _agreeing_start(problem: Problem) -> Mask:
+    """The motions (n,) that agree with a closed form of few pictures of the fullest camera."""
+    view = max(problem.views, key=lambda view: len(view.rows))
+    motions = problem.bundle.motions
+    flange = motions.poses(
+        problem.start.unknowns.values[problem.bundle.layout.arm]
+    )
+    agreeing = np.ones(problem.count, bool)
+    agreeing[view.rows] = agreeing_pictures(flange[view.rows], view)
+    return agreeing
+
+
 def _agreements(problem: Problem, some: list[Mask]) -> list[Agreement]:
     """The fits that there are of motions that agree with some (n,)."""
     attempts = [_agreement(problem, mask) for mask in some]
@@ -99,7 +115,7 @@ def _agreement(problem: Problem, agreeing: Mask) -> Agreement | None:
             fit = problem.solve(np.flatnonzero(agreeing), problem.start)
         except np.linalg.LinAlgError:
             return None
-        misses = problem.bundle.misses(problem.predict(fit))
+        misses = problem.bundle.usual_misses(problem.predict(fit))
         usual = max(np.median(misses[agreeing]), fit.noise.corner.max())
         before = agreeing
         agreeing = misses < AGREEMENT.far * usual

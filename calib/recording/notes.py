@@ -33,6 +33,8 @@ class NoteLimits:
     corner: float = 0.5
     posed: float = 0.2  # the same of boards that were given as poses [deg]
     repeats: tuple[float, float] = (1e-4, 3.5e-4)  # of joints [m, rad]
+    # the same of flange poses, which no controller's arm repeats to
+    poses: tuple[float, float] = (1e-3, float(np.radians(0.2)))
     # of joint origins, that no drawing is off by [m, rad]
     drawing: tuple[float, float] = (5e-3, float(np.radians(1.0)))
     near: float = 0.3  # from the flange, where something may be in the hand [m]
@@ -90,11 +92,10 @@ def notes_of(
         notes += _size(rig)
         notes += _lenses(problem, fit)
     arm = problem.arm
-    hand, base = rig.distances
     if arm is not None:
         notes += _arm(problem, arm, fit, rig)
-    elif rig.eye_is_doubtful or hand > max(base, NOTE_LIMITS.near):
-        notes.append(rig.eye_doubt)
+    else:
+        notes += _poses(rig)
     return tuple(notes)
 
 
@@ -199,6 +200,20 @@ def _lenses(problem: Problem, fit: CornerFit) -> Iterator[str]:
                 f"{focal:.1f} ({100 * off:+.2g} %): it is of another camera, or the camera "
                 "refocused or zoomed; the lens of the pictures is used"
             )
+
+
+def _poses(rig: HandEye) -> Iterator[str]:
+    """How well flange poses agree with the pictures, and whether the eye is the other one."""
+    most_shift, most_turn = NOTE_LIMITS.poses
+    is_loose = rig.repeatability["rotation"] > most_turn
+    if is_loose or rig.repeatability["position"] > most_shift:
+        yield (
+            f"poses and pictures agree to {rig.repeats} only: camera or board was moved, a few "
+            "rows are of other pictures, or the arm moved while they were taken"
+        )
+    hand, base = rig.distances
+    if rig.eye_is_doubtful or hand > max(base, NOTE_LIMITS.near):
+        yield rig.eye_doubt
 
 
 def _arm(

@@ -25,7 +25,7 @@ from .fit import CornerFit, CornerPrior, Noise, Scale, solve
 from .joint_motions import JointMotions
 from .pose_files import FlangeTable
 from .readings import Choice, choose, refuse_readings
-from .start import RigStart, find_start, find_starts
+from .start import RigStart, find_start, find_starts, gaps_between
 from .view import View
 
 
@@ -48,6 +48,11 @@ class Priors:
     # times that misfit: the poses of other rows fit better
     late: float = 0.4
     few: int = 10  # pictures of which each two are tried exchanged
+    # times the misfit of the poses as they are: of many pairs one always fits somewhat better (2.6
+    # to 3.9 times where the hand turned about one axis alone), the right one 30 to 500 times
+    exchanged: float = 0.1
+    # how far pictures at one pose are apart, as the camera sees it [rad]: one has another's row
+    apart: float = float(np.radians(1.0))
 
 
 PRIORS = Priors()
@@ -188,7 +193,7 @@ def _refuse_other_rows(table: FlangeTable, choice: Choice, view: View) -> None:
     # of few pictures no fit leaves some out
     if len(flange) <= PRIORS.few:
         pair, exchanged = _exchanged(table, view)
-        if exchanged.misfit < PRIORS.late * min(late.misfit, start.misfit):
+        if exchanged.misfit < PRIORS.exchanged * min(late.misfit, start.misfit):
             best = exchanged
             words = (
                 f"exchanged: those of {' and '.join(pair)}, each at the other,"
@@ -230,17 +235,46 @@ def _places(views: Sequence[View]) -> tuple[list[View], Index]:
 def _by_pose(views: Sequence[View], poses: Array) -> tuple[list[View], Index]:
     """The views with one row for all pictures at one pose: the arm's error there is the same.
 
+    Of pictures that show the board elsewhere, one has the row of another: those keep their own.
+
     poses : (n, k), joints or flange at the views' rows [rad or m]
     Returns the first row (m,) of each pose too.  Raises LogError where too few poses are left.
     """
     pose = pose_index(poses)
     first = np.unique(pose, return_index=True)[1]
+    elsewhere = np.zeros(len(pose), bool)
+    for view in views:
+        elsewhere[view.rows] |= _are_elsewhere(view, first[pose])
+    pose[elsewhere] = len(pose) + np.flatnonzero(elsewhere)
+    # numbered by their first rows
+    _, first, place = np.unique(pose, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    pose = np.argsort(order)[place]
+    first = first[order]
     if len(first) < LEAST:
         raise LogError(
             f"the pictures are of {len(first)} poses of the arm: expected {LEAST} or more",
             hint="add pictures with the hand turned by 30 deg about each of two other axes",
         )
     return [replace(view, rows=pose[view.rows]) for view in views], first
+
+
+def _are_elsewhere(view: View, first: Index) -> Mask:
+    """Which pictures (p,) show the board elsewhere than the first at their pose.
+
+    first : (n,), the first row at the pose of each row
+    """
+    # by row; not a number where this camera has no picture
+    boards = np.full((len(first), 4, 4), np.nan)
+    boards[view.rows] = view.boards
+    expected = boards[first[view.rows]]
+    points = view.board.points()
+    gaps = gaps_between(expected, view.boards, points)
+    half_turn = view.board.half_turn
+    if half_turn is not None:
+        other_end = gaps_between(expected @ half_turn, view.boards, points)
+        gaps = np.minimum(gaps, other_end)
+    return gaps > PRIORS.apart
 
 
 def turning(poses: Array) -> tuple[Array, Array]:
@@ -384,7 +418,10 @@ def _lens_scales(view: View, places: Index) -> Iterator[Scale]:
         if view.stated_lens is not None:
             variances = np.diag(view.stated_lens.covariance)[numbers]
             lowest = max(float(np.sqrt(variances.max())), lowest)
-            start = max(lowest, 1e-2 * highest)
+            # as far as the pictures alone are from it: from less, noise grows in its place
+            off = view.pictures_lens.parameters - view.stated_lens.parameters
+            farthest = float(np.abs(off[numbers]).max())
+            start = np.clip(farthest, max(lowest, 1e-2 * highest), highest)
         elif numbers.stop <= 4:
             start = highest
             lowest = highest

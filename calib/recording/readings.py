@@ -60,6 +60,10 @@ of 12 rendered sets the next one 1.0 to 1.9 times worse, others 18 times or more
 
 # of the misfit: another reading of the joints explains the pictures better
 _CLEAR = 0.4
+# misfit that a reading leaves at most: the right one up to 5.3 deg, of joints that are wrong in two
+# ways at once the best 11 deg and more
+_UNEXPLAINED = np.radians(8.0)
+_MOST = 4 * np.pi  # no joint turns so far [rad]
 _FAR = np.radians(1.5)  # misfit beyond which other readings are tried
 _TRIED = 10  # pictures that these are tried on
 _REACH = (0.005, 20.0)  # of the flange of any arm [m]
@@ -237,7 +241,10 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     least = usual.misfit
     best = None
     for start, (_, finding) in zip(starts, others, strict=True):
-        if start.misfit < _CLEAR * least:
+        # values of many turns are degrees, whatever else is wrong
+        is_sure = finding.kind == "degrees" and np.abs(q).max() > _MOST
+        explains = start.misfit < _UNEXPLAINED or is_sure
+        if explains and start.misfit < _CLEAR * least:
             least = start.misfit
             best = finding
     if best is not None:

@@ -24,6 +24,15 @@ MISSAID = 0.3
 ROUNDS = 4
 """Rounds in which pictures that contradict are weighed down."""
 
+TRIALS = 100
+"""Closed forms of few pictures that are tried; where a third is wrong, one in five has none."""
+
+FEW = 4
+"""Pictures of each."""
+
+AGREE = 3.0
+"""Times a usual misfit, below which a picture agrees."""
+
 UNITS = ("m", "cm", "mm", "in")
 
 USUAL = 0.6
@@ -125,9 +134,11 @@ def _solve(
         boards = np.where(is_turned, boards @ half_turn, boards)
     points = view.board.points()
     every = max(len(points) // 8, 1)
-    cameras, placed, lengths, misfits = _robust_closed_form(
-        motions, boards, points[::every], metres
+    weights = np.ones(motions.shape[:2])
+    cameras, placed, lengths, misses = _robust_closed_form(
+        motions, boards, points[::every], weights, metres
     )
+    misfits = _usual(misses)
     if half_turn is not None:
         # the first picture sets the end from which boards are numbered
         first = turned[:, :1]
@@ -148,28 +159,63 @@ def _solve(
     return starts
 
 
+def agreeing_pictures(flange: Array, view: View) -> Mask:
+    """The pictures (n,) that agree with a closed form of few.
+
+    Of many the one with the least median misfit (Rousseeuw 1984).
+
+    flange : (n, 4, 4), in the base, at each picture [m]
+    """
+    rng = np.random.default_rng(0)
+    weights = np.zeros((TRIALS, len(flange)))
+    for chosen in weights:
+        chosen[rng.choice(len(flange), FEW, replace=False)] = 1.0
+    motions = inverse(flange) if view.in_hand else flange
+    shape = (TRIALS, *motions.shape)
+    misses = _robust_closed_form(
+        np.broadcast_to(motions, shape),
+        np.broadcast_to(view.boards, shape),
+        view.board.points(),
+        weights,
+        None,
+    )[3]
+    medians = np.median(misses, axis=1)
+    best = int(medians.argmin())
+    return np.asarray(misses[best] < AGREE * medians[best])
+
+
+def _usual(misses: Array) -> Array:
+    """The misfit (m,) of a usual picture: the median of those beyond the three that fit anything.
+
+    misses : (m, n)
+    """
+    beyond = min(3, misses.shape[1] - 1)
+    return np.asarray(np.median(np.sort(misses, axis=1)[:, beyond:], axis=1))
+
+
 def _robust_closed_form(
-    motions: Array, boards: Array, points: Array, known: Array | None
+    motions: Array,
+    boards: Array,
+    points: Array,
+    weights: Array,
+    known: Array | None,
 ) -> tuple[Array, Array, Array, Array]:
     """X and Y of X B = M Y, with pictures that contradict the others weighed down.
 
     motions M, boards B : (m, n, 4, 4);  points : (k, 3), of the board [m]
+    weights : (m, n), where it begins
     Returns X and Y (m, 4, 4) [m of the boards], that metre (m,) in the motions' unit, and the
-    misfit (m,) of a usual picture [rad].
+    misfit (m, n) of each picture [rad].
     """
-    weights = np.ones(motions.shape[:2])
     for _ in range(ROUNDS):
         cameras, placed, metres = _closed_form(motions, boards, weights, known)
         shifts = shift_of(motions) / metres[:, None, None]
         in_metres = rigid(turn_of(motions), shifts)
         predicted = inverse(cameras)[:, None] @ in_metres @ placed[:, None]
-        misses = _gaps(predicted, boards, points)
-        # of a usual picture: the median of those beyond the three that fit any reading
-        beyond = min(3, misses.shape[1] - 1)
-        misfits = np.median(np.sort(misses, axis=1)[:, beyond:], axis=1)
-        far = misses / (3.0 * misfits[:, None] + 1e-9)
+        misses = gaps_between(predicted, boards, points)
+        far = misses / (3.0 * _usual(misses)[:, None] + 1e-9)
         weights = 1.0 / (1.0 + far**2) ** 2
-    return cameras, placed, metres, misfits
+    return cameras, placed, metres, misses
 
 
 def _closed_form(
@@ -245,7 +291,7 @@ def _flat_turns(poses: Array) -> Array:
     return turn_of(poses).reshape(*poses.shape[:-2], 9)
 
 
-def _gaps(predicted: Array, boards: Array, points: Array) -> Array:
+def gaps_between(predicted: Array, boards: Array, points: Array) -> Array:
     """Rms angle (m, n) [rad] between a board's points (k, 3) as predicted and as seen."""
     expected = place_points(predicted, points)
     places = place_points(boards, points)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..common.arrays import Array, Mask
 from ..common.choices import Eye
+from ..errors import LogError
 from ..samples.lens import Lens
 from .board_pictures import BoardPictures
 from .lens import refuse_size
@@ -22,6 +24,7 @@ class View(BoardPictures):
     in_hand: bool  # whether the camera is in the hand
     stated_lens: Lens | None  # by the user
     first_lens: Lens  # where the fit begins
+    pictures_lens: Lens  # by the pictures alone; the first where they tell none
     boards: Array  # (p, 4, 4), the board before the camera, by each picture alone [m]
 
     @property
@@ -37,7 +40,10 @@ class View(BoardPictures):
             corners[k] = {
                 last - number: place for number, place in corners[k].items()
             }
-        return replace(self, corners=tuple(corners))
+        boards = self.boards.copy()
+        if self.board.half_turn is not None:
+            boards[others] @= self.board.half_turn
+        return replace(self, corners=tuple(corners), boards=boards)
 
 
 def view_of(
@@ -48,11 +54,16 @@ def view_of(
     if stated is not None:
         stated = replace(stated, size=pictures.size)
     lens = stated or pictures.lens()
+    pictures_lens = lens
+    if stated is not None and not pictures.is_of_poses:
+        with suppress(LogError):
+            pictures_lens = pictures.lens()
     return View(
         **vars(pictures),
         name=name,
         in_hand=in_hand,
         stated_lens=stated,
         first_lens=lens,
+        pictures_lens=pictures_lens,
         boards=frames_of(pictures.poses(lens)),
     )
