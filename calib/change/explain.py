@@ -147,8 +147,9 @@ class Search:
         self.sd = reference.sd_if_changed()
         self.always_free = np.sort(indices_of(structure, free_groups))
         singles = single_causes(structure, cause, reference.waves)
-        if system.observations.are_touches and cause == "joints":
-            singles = causes_of_touches(structure, reference.waves)
+        if system.observations.are_touches:
+            of_arm = "offsets" if cause == "offsets" else "joints"
+            singles = causes_of_touches(structure, of_arm, reference.waves)
         allowed = np.concatenate([*singles.values()])
         self.free = np.union1d(self.always_free, allowed).astype(np.intp)
         self.cause_sets = self._cause_sets(singles)

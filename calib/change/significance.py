@@ -144,7 +144,7 @@ def groups_of_touches(
     structure: Structure, waves: Indices | None = None
 ) -> dict[str, Indices]:
     """Return the groups that are tested by touches alone: each cause, all geometry."""
-    groups = causes_of_touches(structure, waves)
+    groups = causes_of_touches(structure, "joints", waves)
     geometry = ("offset", "gain", "elastic")
     groups["geometry"] = indices_of(structure, geometry)
     return groups

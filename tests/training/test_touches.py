@@ -107,6 +107,9 @@ def test_the_bound_after_a_change_holds_where_no_socket_is():
         after = errors(adapted, q, true)
         assert after.mean() < 0.3 * before.mean()
         assert np.mean(after < adapted.model_error(q)) > 0.95
+        # no touch tells a frame, which there is no sensor to have
+        offsets = calib.adapt(model, log, free="offsets").model
+        assert np.median(offsets.model_error(q)) < 0.03
 
 
 def test_a_touch_that_is_logged_again_counts_once():
