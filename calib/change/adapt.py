@@ -132,7 +132,9 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
         return unchanged
 
     # the equations are linear and the model is not: what is written has to keep the promise
-    error = row_lengths(rows.x - predict(model, rows.log).value)[update.rows]
+    measured = rows.in_sockets_of(model).log
+    error = row_lengths(measured.x - predict(model, measured).value)
+    error = error[update.rows]
     if error.mean() >= _promise(evidence, update):
         unchanged = replace(unchanged, after=error_sizes(error))
         if error.mean() >= ADAPTING.clearly_better * update.before.mean():

@@ -180,7 +180,7 @@ def adaptation_with(
     held_out_q, held_out_residual : (k, dof), (k, m) [unit], of rows that it did not learn from
     frame : of the sensor that was moved, in that of the old model
     """
-    rows = improved.verdict.rows
+    rows = improved.verdict.rows.in_sockets_of(model)
     old = rows.model
     learned = MeasuredRows.of(rows.log.q, rows.x)
     if len(held_out_residual) == len(learned):  # of all rows that are kept
@@ -213,7 +213,7 @@ def _facts(
     facts = rows.model.about.by_readings(
         samples=improved.samples,
         unit=verdict.unit,
-        errors=_errors(model, rows, held_out_residual),
+        errors=_errors(model, rows.in_sockets_of(model), held_out_residual),
         notes=tuple(note for note in improved.notes if note != of_old_bound),
         tested=len(distance),
         left_out=improved.left_out,

@@ -246,6 +246,22 @@ def single_causes(
     return causes
 
 
+def causes_of_touches(
+    structure: Structure, cause: str, waves: Indices | None = None
+) -> dict[str, Indices]:
+    """Return the parameters of each cause that touches alone may show.
+
+    They show no sensor, no first joint's offset, and not where its origin is.
+
+    cause : {"joints", "offsets"}, that only these may have changed
+    """
+    causes = single_causes(structure, cause, waves)
+    first = structure.joint_names[0]
+    for name in (f"offset:{first}", f"placement:{first}", "sensor"):
+        causes.pop(name, None)
+    return causes
+
+
 def frame_twin(body: Body) -> Indices:
     """The first joint's offset (k,) where a free frame does the same: a belief frees one."""
     first = indices_of(body.structure, ("offset",))[:1]

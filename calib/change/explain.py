@@ -28,6 +28,7 @@ from ..common.arrays import Array
 from .causes import (
     FRAME,
     SETS,
+    causes_of_touches,
     frame_twin,
     indices_of,
     single_causes,
@@ -146,6 +147,9 @@ class Search:
         self.sd = reference.sd_if_changed()
         self.always_free = np.sort(indices_of(structure, free_groups))
         singles = single_causes(structure, cause, reference.waves)
+        if system.observations.are_touches:
+            of_arm = "offsets" if cause == "offsets" else "joints"
+            singles = causes_of_touches(structure, of_arm, reference.waves)
         allowed = np.concatenate([*singles.values()])
         self.free = np.union1d(self.always_free, allowed).astype(np.intp)
         self.cause_sets = self._cause_sets(singles)
@@ -332,7 +336,7 @@ class Search:
             correlation_time=self.correlation_time,
             deviation=deviation,
             noise=place.noise,
-            residual=place.residual,
+            residual=self.system.observations.about_sockets(place.residual),
         )
 
 

@@ -275,7 +275,10 @@ class Posterior:
         Without a block A_b, y_b the solution needs no fit::
 
             (u, w) = (A'A + I - A_b'A_b)^-1 (A'y - A_b'y_b),    residual = y_b - A_b (u, 0)
+
+        Of w the places of sockets count.
         """
+        known = self.size + self.system.sockets.shape[2]
         place = self.place
         y = place.rest + place.columns @ place.normals
         vector = place.columns.T @ y
@@ -287,7 +290,6 @@ class Posterior:
             y_block = y[rows]
             others = Factor(place.precision - a_block.T @ a_block)
             normals = others.solve(vector - a_block.T @ y_block)
-            u = normals[: self.size]
-            rest = y_block - a_block[:, : self.size] @ u
+            rest = y_block - a_block[:, :known] @ normals[:known]
             residual[block] = rest.reshape(-1, outputs)
         return residual * self.scale * self.reference.sizes

@@ -24,6 +24,7 @@ from ..samples.findings import refuse_mistakes
 from ..samples.interpretations import interpretations
 from ..samples.motion import RowArrays
 from ..samples.samples import Samples
+from ..samples.sockets import Touches
 from ..training.preparation import sound_log
 from ..training.residuals import learned_rows
 from ..training.socket_places import as_positions
@@ -88,6 +89,15 @@ class LogRows(RowArrays):
 
     def __len__(self) -> int:
         return len(self.q)
+
+    def in_sockets_of(self, model: Model) -> LogRows:
+        """The rows with the sockets that they touched where another model has them."""
+        touch = self.log.touch
+        if touch is None:
+            return self
+        places = touch.means(model.predictor.value(self.u))
+        positions = touch.positions(self.x, places)
+        return replace(self, log=replace(self.log, x=positions))
 
     @property
     def body(self) -> Body:
@@ -336,15 +346,32 @@ class Observations(RowArrays):
     clock_sd: Array
     # [unit], standard deviation that all rows share, such as that of a board that was found again
     shared: float = 0.0
+    # the sockets that rows touched: nobody knows where these are
+    touch: Touches | None = None
 
     def some(self, most: int) -> Observations:
         """Return at most `count` rows, evenly spread."""
         return self.take(spread_rows(len(self.q), most))
 
+    @property
+    def are_touches(self) -> bool:
+        """Whether no sensor measured any of them."""
+        return self.touch is not None and bool(self.touch.is_touch.all())
+
+    def about_sockets(self, residual: Array) -> Array:
+        """Residuals (n, m) about their mean in each socket."""
+        if self.touch is None:
+            return residual
+        means = self.touch.means(residual)
+        places = self.touch.positions(np.zeros_like(residual), means)
+        return residual - places
+
 
 def sound_rows(reference: Reference, observations: Observations) -> Mask:
     """Return which rows (n,) are near a robust fit of all that may have changed."""
     q = observations.q
+    if observations.touch is not None:  # those in no socket are left out
+        return np.ones(len(q), dtype=bool)
     z = observations.z
     structure = reference.structure
     body = reference.body
@@ -375,7 +402,12 @@ def observations_of(rows: LogRows, reference: Reference) -> Observations:
     # that of the model's own log and of this one
     shared = math.sqrt(2.0) * rows.shared
     return Observations(
-        rows.q, rows.x - added, rows.side, rows.clock_sd, shared
+        rows.q,
+        rows.x - added,
+        rows.side,
+        rows.clock_sd,
+        shared,
+        rows.log.touch,
     )
 
 

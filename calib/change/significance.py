@@ -20,7 +20,13 @@ from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
 from ..body.structure import Structure
 from ..common.arrays import Array, Mask
-from .causes import CREEP_WAVES, FRAME, indices_of, single_causes
+from .causes import (
+    CREEP_WAVES,
+    FRAME,
+    causes_of_touches,
+    indices_of,
+    single_causes,
+)
 from .noise import (
     FALSE_ALARM,
     NoiseFit,
@@ -124,12 +130,22 @@ def groups_of(
     waves : parameters of joints' waves that a log shows
     """
     frame = indices_of(structure, FRAME)
-    groups = {}
+    groups: dict[str, Indices] = {}
     for name, indices in single_causes(structure, waves=waves).items():
         groups[name] = indices
         if not np.isin(frame, indices).all():
             groups[f"{name} and sensor"] = np.concatenate([indices, frame])
     geometry = ("offset", "length", "gain", "elastic", *FRAME)
+    groups["geometry"] = indices_of(structure, geometry)
+    return groups
+
+
+def groups_of_touches(
+    structure: Structure, waves: Indices | None = None
+) -> dict[str, Indices]:
+    """Return the groups that are tested by touches alone: each cause, all geometry."""
+    groups = causes_of_touches(structure, "joints", waves)
+    geometry = ("offset", "gain", "elastic")
     groups["geometry"] = indices_of(structure, geometry)
     return groups
 
@@ -232,7 +248,10 @@ def group_tests(noise: NoiseFit, probes: Array) -> GroupTests:
     """
     system = noise.system
     reference = system.reference
-    groups = groups_of(reference.structure, reference.waves)
+    all_groups = groups_of
+    if system.observations.are_touches:
+        all_groups = groups_of_touches
+    groups = all_groups(reference.structure, reference.waves)
     nuisance = Nuisance(system, CREEP_WAVES, CREEP_SHARE)
     tests = FTests(
         statistics=nuisance.statistics(system.y, system.x),

@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 
 import numpy as np
 
 from ..body.belief import Body
 from ..body.information import lengths_of, matern
 from ..body.parameters import Indices
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.rows import spread_rows
 from .causes import AS_SIMULATED, sd_of_creep
 from .frame import Reference
@@ -129,7 +129,9 @@ class System:
         return self.whiten(-self.slope * self.observations.side[:, None])
 
     def log_columns(self, sd: Array) -> Array:
-        """Columns (N, r) of a log's own deviations: a smooth residual, a frame, a late clock.
+        """Columns (N, r) of a log's own deviations, those of `sockets` first.
+
+        The others are a smooth residual, a frame and a late clock.
 
         sd : (m,), standard deviation of the smooth residual [unit]
         """
@@ -139,7 +141,21 @@ class System:
         places = self.predicted[:, : self.reference.structure.blocks[0]]
         shared = frame_columns(self.reference, self.observations, places)
         late = self.slope @ self.observations.clock_sd[:, :, None]
-        return self.whiten(np.concatenate([smooth, shared, late], axis=2))
+        columns = [self.sockets, smooth, shared, late]
+        return self.whiten(np.concatenate(columns, axis=2))
+
+    @cached_property
+    def sockets(self) -> Array:
+        """The readings (n, m, 3 p) by where p sockets are, which may be anywhere."""
+        touch = self.observations.touch
+        n, outputs = self.observations.z.shape
+        if touch is None:
+            return np.zeros((n, outputs, 0))
+        number = touch.number[:, None]
+        is_in: Mask = number == np.unique(number[touch.is_touch])
+        anywhere = self.reference.structure.extents[0] * np.eye(outputs)
+        columns: Array = np.einsum("np,ij->nipj", is_in, anywhere)
+        return columns.reshape(n, outputs, -1)
 
 
 def system_of(reference: Reference, observations: Observations) -> System:

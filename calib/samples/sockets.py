@@ -110,17 +110,20 @@ class Touches(RowArrays):
         """Positions (n, m): places (p, m) of the touched sockets, `x` of rows of a sensor."""
         return np.where(self.is_touch[:, None], places[self.number], x)
 
-    def strays(self, tip: Array, places: Array | None = None) -> Mask:
+    def strays(
+        self, tip: Array, places: Array | None = None, least: float = 0.0
+    ) -> Mask:
         """Rows (n,) whose tips (n, 3) are far from their socket: the tip was not in it.
 
         places : (p, 3), of the sockets; their tips' medians by default
+        least : distance that is usual at least [m]
         """
         if places is None:
             places = self.means(tip, median=True)
         distance = row_lengths(tip - self.positions(tip, places))
-        usual = 0.0
+        usual = least
         if self.is_touch.any():
-            usual = float(np.median(distance[self.is_touch]))
+            usual = max(usual, float(np.median(distance[self.is_touch])))
         return np.asarray(distance > STRAY * usual)
 
     def numbers_and_facts(self) -> tuple[Index, tuple[Known, ...], Index]:

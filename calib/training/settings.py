@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 
 @dataclass(frozen=True)
 class Learning:
@@ -110,13 +108,6 @@ class Touching:
     clearly: float = 3.0  # sds by which two sizes of an arm have to differ
     # relative; no drawing is further from its arm's size
     most_doubt: float = 0.05
-    # [m or rad], sd of what no touch determines, and of what is exact
-    gauge: float = 1e-6
-    nats: float = 5.0  # of evidence for a change
-    # what may have changed since, by how much: a servo put on anew, a bent tip, origins [rad or m]
-    offset: float = float(np.radians(2.0))
-    tool: float = 5e-3
-    placement: float = 2e-3
 
 
 DISAGREEMENT = 5.0

@@ -15,8 +15,9 @@ from ..body.covariance import Z95
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.touch import DRAWN_SIZE, fit_touches, with_size
 from ..common.arrays import Array, Mask
-from ..common.rows import median_length, row_lengths
+from ..common.rows import finite_rows, median_length, row_lengths
 from ..errors import LogError
+from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
 from ..samples.sockets import Touches
 from ..samples.tables import rows_in_words
@@ -32,6 +33,8 @@ _SIZE = (
     "touches alone do not tell how large the arm is: its size stays as drawn; state the distance "
     "of two points, as in `distance='A,B=50mm'`"
 )
+_DRAWING = "drawing"
+_SENSOR = "sensor"
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +49,11 @@ class SocketFit:
 
 @dataclass(frozen=True)
 class SizeCheck:
-    """The arm's size by stated distances, compared with that of its drawing."""
+    """The arm's size by stated distances, compared with that of its drawing, or of a sensor."""
 
-    ratio: float  # size by the distances, over that of the drawing
+    ratio: float  # size by the distances, over the other one
     sd: float  # of the ratio
+    other: str  # whose that is
 
     @property
     def difference(self) -> float:
@@ -72,13 +76,16 @@ class SizeCheck:
         stated = float(first.value or 0.0)
         size = 1e3 * stated / self.ratio
         widened = "bounds contain both"
-        if not self.is_plausible:
+        if self.other == _SENSOR:
+            widened = "the distance is left out"
+        elif not self.is_plausible:
             widened = "no drawing is so far off, so the distance is left out"
         points = " and ".join(map(touch.name, first.points))
         return (
             f"the size of the arm: {points} are said to be {1e3 * stated:.4g} mm apart, by the "
-            f"drawing's size they are {size:.4g} +- {Z95 * size * self.sd:.2g} mm: one of the two "
-            f"is wrong by {100 * self.difference:.2g} %; the drawing's is taken, and {widened}"
+            f"{self.other}'s size they are {size:.4g} +- {Z95 * size * self.sd:.2g} mm: one of the "
+            f"two is wrong by {100 * self.difference:.2g} %; the {self.other}'s is taken, and "
+            f"{widened}"
         )
 
 
@@ -96,17 +103,26 @@ def fit_sockets(
         raise LogError(
             "touches need the robot in space that made them: give its URDF"
         )
+    count = len(samples)
+    samples = at_poses(samples)
+    touch = samples.touch or touch
     _refuse_alike(samples, touch)
     no_sensor = bool(touch.is_touch.all())
     structure = structure_of(arm, "base" if no_sensor else "rigid")
     structure = replace(structure, zeros_alone=options.free == "offsets")
     sockets = _fit_sound_touches(samples, touch, structure, options.seed)
     notes: list[str] = []
-    if no_sensor:
-        sockets, words = _of_right_size(
-            sockets, samples, touch, structure, options.seed
+    repeated = count - len(samples)
+    if repeated:
+        notes.append(
+            f"{repeated} touches in a posture that is there before count once"
         )
-        notes = [_BASE, *words]
+    if no_sensor:
+        notes.append(_BASE)
+    sockets, size_notes = _of_right_size(
+        sockets, samples, touch, structure, options.seed
+    )
+    notes += size_notes
     if sockets.scatter > LEARNING.no_arm * arm.chain.reach:
         raise LogError(
             f"no arm explains the touches: the tips scatter by {1e3 * sockets.scatter:.3g} mm "
@@ -137,23 +153,26 @@ def _of_right_size(
     structure: SpatialStructure,
     seed: int,
 ) -> tuple[SocketFit, list[str]]:
-    """The fit that has the arm's size right, where no sensor measured, and notes.
+    """The fit that has the arm's size right, and notes.
 
-    The size is that of stated distances; the drawing's where none are stated, or where they and the
-    drawing differ.
+    The size is that of stated distances; that of a sensor, or else of the drawing, where none are
+    stated, or where they and the other differ.
     """
-    if not touch.distances:
+    no_sensor = bool(touch.is_touch.all())
+    if not touch.distances and no_sensor:
         return _with_size_sd(sockets, DRAWN_SIZE), [_SIZE]
+    if not touch.distances:
+        return sockets, []
     planes = tuple(fact for fact in touch.facts if fact.value is None)
-    drawn = _fit_sound_touches(
+    without = _fit_sound_touches(
         samples, replace(touch, facts=planes), structure, seed
     )
-    size = _size_by_distances(touch, drawn)
+    size = _size_by_distances(samples, touch, without)
     if size is None or not size.differs:
         return sockets, []
-    if size.is_plausible:
-        drawn = _with_size_sd(drawn, size.difference / Z95)
-    return drawn, [size.words(touch)]
+    if no_sensor and size.is_plausible:
+        without = _with_size_sd(without, size.difference / Z95)
+    return without, [size.words(touch)]
 
 
 def _with_size_sd(sockets: SocketFit, sd: float) -> SocketFit:
@@ -181,7 +200,11 @@ def _fit_sound_touches(
             seed=seed,
         )
         tip = fit.body.predict(samples.q)
-        sound = ~touch.strays(tip, places)
+        # a fit that follows most rows closely shows by rows that it has not seen what is usual
+        held_out = fit.held_out[touch.is_touch[used]]
+        held_out = held_out[finite_rows(held_out)]
+        least = median_length(held_out) if len(held_out) else 0.0
+        sound = ~touch.strays(tip, places, least=least)
         # the rows of the fit are those that are returned: what strays from the last one stays
         too_many = sound.mean() < 1 - TOUCHING.most
         if (sound == used).all() or too_many or attempt == TOUCHING.attempts:
@@ -192,25 +215,34 @@ def _fit_sound_touches(
     return SocketFit(fit, places, used, scatter)
 
 
-def _size_by_distances(touch: Touches, drawn: SocketFit) -> SizeCheck | None:
-    """Return the size by stated distances of an arm that was fitted with its drawing's.
+def _size_by_distances(
+    samples: Samples, touch: Touches, sockets: SocketFit
+) -> SizeCheck | None:
+    """Return the size by stated distances of an arm that was fitted without them.
 
     Returns None where no distance is between sockets that were touched.
     """
     points = np.array([fact.points for fact in touch.distances])
     stated = np.array([fact.value for fact in touch.distances], dtype=float)
     tolerance = np.array([fact.tolerance for fact in touch.distances])
-    first, second = drawn.places[points.T]
+    first, second = sockets.places[points.T]
     fitted = row_lengths(first - second)
-    sd = np.hypot(tolerance, drawn.scatter)
+    sd = np.hypot(tolerance, sockets.scatter)
     weight = np.nan_to_num(fitted / sd) ** 2
     total = weight.sum()
     if not total:
         return None
     ratios = stated / fitted
     ratio = np.nansum(weight * ratios) / total
-    sd_of_ratio = np.hypot(total**-0.5, DRAWN_SIZE)
-    return SizeCheck(float(ratio), float(sd_of_ratio))
+    other = _DRAWING
+    sd_of_other = DRAWN_SIZE
+    measured = samples.x[~touch.is_touch]
+    if len(measured):
+        other = _SENSOR
+        spread = np.sqrt(((measured - measured.mean(axis=0)) ** 2).sum())
+        sd_of_other = sockets.fit.body.noise[0] / spread
+    sd_of_ratio = np.hypot(total**-0.5, sd_of_other)
+    return SizeCheck(float(ratio), float(sd_of_ratio), other)
 
 
 def _refuse_alike(samples: Samples, touch: Touches) -> None:

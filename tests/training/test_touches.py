@@ -11,6 +11,7 @@ from touching import World, touching
 
 import calib
 from calib import LogError, OptionError
+from calib.arm.rotations import similarity
 from calib.samples.sockets import Touches
 
 
@@ -18,6 +19,14 @@ def samples(world, q, number):
     """Touches as a log holds them."""
     touch = Touches(number, tuple(("", "ABCD"[k]) for k in range(number.max() + 1)))
     return log_of(world.arm, q, np.zeros((len(q), 3)), touch=touch)
+
+
+def errors(model, q, true):
+    """Distances (n,) of a model's tips from true ones, wherever the base stands."""
+    tips = model.forward(q)
+    turn, _, _ = similarity(true, tips)
+    turned = true @ turn.T
+    return np.linalg.norm(tips - turned - (tips - turned).mean(axis=0), axis=1)
 
 
 def rows(world, q, **more):
@@ -80,6 +89,55 @@ def test_an_arm_that_changed_is_found_and_mended_by_touches(tmp_path):
             assert after["mean"] < 0.2e-3 < 0.8e-3 < before["mean"]
 
 
+def test_the_bound_after_a_change_holds_where_no_socket_is():
+    """Where sockets are is as open after a change as before: the bound says so."""
+    world = World(0, each=15)
+    model = calib.train(samples(world, world.q, world.number), size=5)
+    rng = np.random.default_rng(1)
+    points = world.points.mean(axis=0) + 0.15 * rng.uniform(-1, 1, (2, 3))
+    q = rng.uniform(*world.limits, (300, 6))
+    groups = world.truth.groups
+    for index, change in ((groups["offset"][2], 6e-3), (groups["tool"][0], 2e-3)):
+        beta = world.beta.copy()
+        beta[index] += change
+        log = samples(world, *touching(world, beta, points, 15, 0.1e-3, rng))
+        adapted = calib.adapt(model, log).model
+        true = world.truth.predict(q, beta)
+        before = errors(model, q, true)
+        after = errors(adapted, q, true)
+        assert after.mean() < 0.3 * before.mean()
+        assert np.mean(after < adapted.model_error(q)) > 0.95
+        # no touch tells a frame, which there is no sensor to have
+        offsets = calib.adapt(model, log, free="offsets").model
+        assert np.median(offsets.model_error(q)) < 0.03
+
+
+def test_a_touch_that_is_logged_again_counts_once():
+    """An arm that rests in a socket while a logger writes shows nothing new."""
+    world = World(2, each=15)
+    log = samples(world, world.q, world.number)
+    thrice = log.take(np.repeat(np.arange(len(log)), 3))
+    once, repeated = calib.train(log, size=3), calib.train(thrice, size=3)
+    np.testing.assert_allclose(repeated.forward(world.q), once.forward(world.q), atol=1e-12)
+    np.testing.assert_allclose(repeated.model_error(world.q), once.model_error(world.q), rtol=1e-6)
+    assert "120 touches" in " ".join(repeated.about.notes)
+
+
+def test_most_touches_are_not_left_out():
+    """Touches of an arm with play, and a third under wrong names, are no strays of a few good."""
+    world = World(2, each=15)
+    model = calib.train(samples(world, world.q, world.number), size=3)
+    wrong = world.number.copy()
+    wrong[::3] = (wrong[::3] + 1) % 4
+    found = calib.evaluate(model, samples(world, world.q, wrong))
+    assert found.left_out == 0
+    assert found.touch["scatter"]["mean"] > 0.05
+    side = np.sign(np.diff(world.q[:, 1], prepend=0.0))
+    with_play = world.q.copy()
+    with_play[:, 1] += 3e-3 * side
+    assert calib.train(samples(world, with_play, world.number), size=3).about.left_out == 0
+
+
 def test_positions_of_a_sensor_stand_beside_touches(tmp_path, run):
     """Rows without a point are a sensor's: the model speaks in its frame, and knows its size."""
     world = World(3, each=15)
@@ -103,6 +161,12 @@ def test_positions_of_a_sensor_stand_beside_touches(tmp_path, run):
     off = np.linalg.norm(model.forward(fresh) - readings, axis=1)
     assert np.mean(off < model.expected_error(fresh)) > 0.9
     assert calib.evaluate(model, log).touch["scatter"]["mean"] < 0.5e-3
+    apart = 1.01e3 * np.linalg.norm(world.points[0] - world.points[1])
+    stated = replace(log, touch=log.touch.stated([f"A,B={apart}mm"]))
+    beside = calib.train(stated, size=3)
+    assert "by the sensor's size they are" in " ".join(beside.about.notes)
+    off = np.linalg.norm(beside.forward(fresh) - true, axis=1)
+    assert np.mean(off < beside.model_error(fresh)) > 0.9
 
 
 def test_points_of_a_plane_are_stated_on_the_command_line(tmp_path, run):
