@@ -24,14 +24,17 @@ MISSAID = 0.3
 ROUNDS = 4
 """Rounds in which pictures that contradict are weighed down."""
 
-TRIALS = 100
-"""Closed forms of few pictures that are tried; where a third is wrong, one in five has none."""
 
-FEW = 4
-"""Pictures of each."""
+@dataclass(frozen=True)
+class Trials:
+    """Closed forms of few pictures, of which the best tells pictures that agree."""
 
-AGREE = 3.0
-"""Times a usual misfit, below which a picture agrees."""
+    count: int = 100  # where a third of the pictures is wrong, one in five trials has none
+    pictures: int = 4  # of each
+    agree: float = 3.0  # times a usual misfit, below which a picture agrees
+
+
+TRIALS = Trials()
 
 UNITS = ("m", "cm", "mm", "in")
 
@@ -167,11 +170,11 @@ def agreeing_pictures(flange: Array, view: View) -> Mask:
     flange : (n, 4, 4), in the base, at each picture [m]
     """
     rng = np.random.default_rng(0)
-    weights = np.zeros((TRIALS, len(flange)))
+    weights = np.zeros((TRIALS.count, len(flange)))
     for chosen in weights:
-        chosen[rng.choice(len(flange), FEW, replace=False)] = 1.0
+        chosen[rng.choice(len(flange), TRIALS.pictures, replace=False)] = 1.0
     motions = inverse(flange) if view.in_hand else flange
-    shape = (TRIALS, *motions.shape)
+    shape = (TRIALS.count, *motions.shape)
     misses = _robust_closed_form(
         np.broadcast_to(motions, shape),
         np.broadcast_to(view.boards, shape),
@@ -181,7 +184,7 @@ def agreeing_pictures(flange: Array, view: View) -> Mask:
     )[3]
     medians = np.median(misses, axis=1)
     best = int(medians.argmin())
-    return np.asarray(misses[best] < AGREE * medians[best])
+    return np.asarray(misses[best] < TRIALS.agree * medians[best])
 
 
 def _usual(misses: Array) -> Array:
