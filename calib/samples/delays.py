@@ -39,9 +39,10 @@ class Delay:
 
     @property
     def doubt(self) -> float:
-        """Standard deviation of the clocks where it is not corrected [unit], 0 beyond a limit."""
+        """Standard deviation of clocks that are not corrected [unit], 0 out of the limits."""
         doubt = float(np.hypot(self.value, self.sd))
-        return doubt if doubt < self._limits.most else 0.0
+        limits = self._limits
+        return doubt if limits.least < doubt < limits.most else 0.0
 
     @property
     def _limits(self) -> ClearDelay:

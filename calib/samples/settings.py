@@ -92,6 +92,7 @@ class ClearDelay:
     share: float  # if it explains this share of the squared residuals
     # [s or rows], an sd, or a doubt, beyond which rows show no delay
     most: float
+    least: float = 0.0  # [s or rows], a doubt below which there is none
 
 
 @dataclass(frozen=True)
@@ -105,8 +106,10 @@ class DelaySettings:
     # rather than .131; to a sensor that was mirrored rows were 472 +- 110 ms late
     timed: ClearDelay = ClearDelay(deviations=3.0, share=0.03, most=0.05)
     # rows without times are mostly poses at rest: a real series stays below .02, of 50 windows of
-    # 60 rows one reaches 3 and .13
-    in_rows: ClearDelay = ClearDelay(deviations=5.0, share=0.1, most=1.0)
+    # 60 rows one reaches 3 and .13; their delays are below .004 rows in 50 windows of 30 to 150
+    in_rows: ClearDelay = ClearDelay(
+        deviations=5.0, share=0.1, most=1.0, least=0.005
+    )
     blocks: int = 20  # of neighbouring rows that vary on their own
     student: float = 4.0  # degrees of freedom of the noise
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from models import log_of
+from scipy.signal import lfilter
 
 import calib
 from calib.recording.clocks import SURE, ClockError, align_clocks, joints_at
@@ -177,6 +178,17 @@ def test_offsets_far_from_the_drawing_leave_the_delay_of_a_fresh_log_as_sure_as_
         notes = calib.check(model, log.take(slice(start, start + 150))).notes
         _, value, half = delay_of(notes)
         assert abs(value - 40.0) < 2.0 * half
+
+
+@pytest.mark.parametrize("has_times", [True, False])
+def test_a_clock_in_doubt_widens_no_bound_of_readings_that_drift(has_times):
+    """What it does to the numbers was overstated as far as such rows are correlated: 6.5 times."""
+    log, truth = moving("three_link", 0.0, n=3000, rate=50.0, seed=2)
+    drift = lfilter([1.0], [1.0, -0.99], log.x - truth(log.q), axis=0)
+    log = replace(log, x=truth(log.q) + 2e-4 * drift / drift.std())
+    model = calib.train(log if has_times else replace(log, time=None), size=4)
+    radius = 2.448 * 2e-4  # holds 95 % of the readings
+    assert np.median(model.expected_error(log.q)) < 1.5 * radius
 
 
 def test_without_a_column_of_time_the_delay_is_one_of_rows():
