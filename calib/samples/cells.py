@@ -190,6 +190,12 @@ def rows_in_sight(cells: Cells) -> Cells:
             "holds its last value"
         )
         cells = cells.without(repeated_readings(cells.q, cells.x), words)
+    if cells.is_measured.all():
+        words = (
+            "repeat the joints of the row before although the positions moved on, as where joints "
+            "are read less often"
+        )
+        cells = cells.without(repeated_joints(cells.q, cells.x), words)
     if cells.orientation.shape[1] != len(QUATERNION):
         return cells
     length = row_lengths(cells.orientation)
@@ -205,13 +211,34 @@ def repeated_readings(q: Array, x: Array) -> Mask:
 
     A sensor of coarse steps, as of whole pixels, reads the same at two places and holds nothing.
     """
-    is_repeated = np.zeros(len(q), dtype=bool)
     step = row_lengths(np.diff(x, axis=0))
-    same = step == 0.0
-    if same.all():
-        return is_repeated
+    is_new = np.concatenate([[True], step > 0.0])
+    if not is_new[1:].any():
+        return np.zeros_like(is_new)
     digits = np.concatenate([np.diff(np.unique(axis)) for axis in x.T])
-    if np.median(step[~same]) > READING.fine * digits.min():
-        moved = row_lengths(np.diff(q, axis=0))
-        is_repeated[1:] = same & (moved > READING.moved * moved[~same].mean())
-    return is_repeated
+    if np.median(step[is_new[1:]]) <= READING.fine * digits.min():
+        return np.zeros_like(is_new)
+    moved = row_lengths(np.diff(q, axis=0))
+    usual = moved[is_new[1:]].mean()
+    # from the row in which the sensor read this first
+    first = np.flatnonzero(is_new)[np.cumsum(is_new) - 1]
+    away = row_lengths(q - q[first])
+    return np.asarray(~is_new & (away > READING.moved * usual))
+
+
+def repeated_joints(q: Array, x: Array) -> Mask:
+    """Return rows (n,) that repeat the joints of the row before, where positions then move on.
+
+    Positions at rest scatter about one place; a step in motion is a third of three.
+    """
+    is_same = np.zeros(len(q), dtype=bool)
+    rows = np.flatnonzero(repeated_readings(x, q)[2:-1]) + 2
+    if len(rows) < READING.fewest_followers:
+        return is_same
+    step = x[rows] - x[rows - 1]
+    around = x[rows + 1] - x[rows - 2]
+    size = np.maximum(row_lengths(around), 1e-300)
+    share = (step * around).sum(axis=1) / size**2
+    if np.median(share) > READING.follows:
+        is_same[1:] = (q[1:] == q[:-1]).all(axis=1)
+    return is_same

@@ -24,6 +24,10 @@ class LogReading:
     # of 12 missed by 1 mm and showed backlash, .014 without them
     fine: float = 20.0
     moved: float = 0.25
+    # share of three steps that the middle one is in motion, a third, rather than at rest, none;
+    # joints read at every third position of a path: bounds of 20 to 150 mm of .1 to .5
+    follows: float = 1 / 6
+    fewest_followers: int = 20  # such steps, the median of fewer is chance
     # [m], an extent beyond which positions are most likely in another unit: arms reach 3 m, a log
     # of one in mm extends over hundreds
     largest_arm: float = 20.0

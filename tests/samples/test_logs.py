@@ -186,6 +186,28 @@ def test_a_sensor_that_holds_its_last_value_is_told_and_one_of_whole_pixels_is_n
     assert read_log(tmp_path / "rest.csv", arm).left_out == 0
 
 
+@pytest.mark.parametrize(
+    ("case", "left_out"),
+    [("every third", 200), ("sensor stuck", 209), ("at rest", 0), ("coarse encoders", 0)],
+)
+def test_joints_that_are_read_less_often_than_positions_are_told(arm, tmp_path, case, left_out):
+    """Bounds were 20 to 150 mm of .1 to .5 mm, and all was still calibrated."""
+    time = np.arange(300) / 30
+    q = np.column_stack([0.8 + 0.7 * np.sin(time), 1.2 + np.cos(1.7 * time)])
+    x = arm.forward(q) + np.random.default_rng(0).normal(0, 1e-4, (300, 2))
+    q = np.round(q / 0.05) * 0.05 if case == "coarse encoders" else q[np.arange(300) // 3 * 3]
+    if case == "at rest":
+        # positions that scatter as far as they move
+        x = arm.forward(q) + np.random.default_rng(0).normal(0, 2e-2, (300, 2))
+    if case == "sensor stuck":
+        x[99:130] = x[99]
+    write_log(Samples(q, x, arm.joint_names), tmp_path / "log.csv")
+    log = read_log(tmp_path / "log.csv", arm)
+    assert log.left_out == left_out
+    told = "repeat the joints of the row before although the positions moved on" in str(log.notes)
+    assert told == (left_out > 0)
+
+
 def test_the_arms_order_holds_and_its_joints_are_the_log(arm, file):
     path = file("elbow,shoulder,x,y\n0.5,0.1,1,2\n0.6,0.2,3,4\n")
     assert read_log(path, arm).q.tolist() == [[0.1, 0.5], [0.2, 0.6]]
