@@ -19,6 +19,7 @@ from ..samples.motion import (
     gaps_between,
     joint_speed,
     joints_at,
+    read_anew,
 )
 from ..samples.samples import Samples
 from .clocks import SURE, ClockError, align_clocks
@@ -202,7 +203,9 @@ def _joint_states(
             f"joints: {listing(sorted(recorded))}"
         )
     times = np.array(sorted(rows))
-    return names, times, np.array([rows[time] for time in times.tolist()])
+    values = np.array([rows[time] for time in times.tolist()])
+    anew = read_anew(times, values)
+    return names, times[anew], values[anew]
 
 
 def _offset(

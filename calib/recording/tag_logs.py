@@ -23,6 +23,7 @@ from ..samples.motion import (
     gaps_between,
     joint_speed,
     joints_at,
+    read_anew,
 )
 from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
@@ -209,7 +210,9 @@ def _motion_of(joints: JointTable) -> tuple[Array, Array]:
         raise LogError(
             f"{joints.label} has {len(first)} times: expected a column 'time' [s]"
         )
-    return time, joints.q[first]
+    q = joints.q[first]
+    anew = read_anew(time, q)
+    return time[anew], q[anew]
 
 
 def _video_sightings(video: Video, setting: Setting) -> tuple[Sightings, Array]:

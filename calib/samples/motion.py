@@ -10,7 +10,7 @@ import numpy as np
 from ..common.arrays import Array, Index, Mask
 from ..common.rows import group_means
 from ..errors import OptionError
-from .settings import ONE_POSE
+from .settings import ONE_POSE, READING
 
 MAX_GAP = 0.1
 """Joints further apart than this are not interpolated between [s]."""
@@ -74,6 +74,27 @@ def directions(q: Array) -> Array:
 def joints_at(when: Array, time: Array, q: Array) -> Array:
     """Interpolate joints q (m, joints), recorded at times (m,), to times `when` (n,) [s]."""
     return np.stack([np.interp(when, time, column) for column in q.T], axis=1)
+
+
+def read_anew(time: Array, q: Array) -> Index:
+    """Rows (k,) of recorded joints q (m, joints) at times (m,) [s] that a motion goes through.
+
+    A driver that publishes more often than it reads makes stairs of a motion: the first row of each
+    counts.  All rows count of a rest, which is longer, and where there are no stairs.
+    """
+    is_new = np.ones(len(q), dtype=bool)
+    is_new[1:] = (np.diff(q, axis=0) != 0.0).any(axis=1)
+    starts = np.flatnonzero(is_new)
+    lengths = np.diff(starts, append=len(q))
+    usual = float(np.median(lengths))
+    hold = usual * float(np.median(np.diff(time)))
+    digits = np.concatenate([np.diff(np.unique(column)) for column in q.T])
+    step = np.abs(np.diff(q[starts], axis=0)).max(axis=1, initial=0.0)
+    is_coarse = np.median(step) <= READING.fine * digits.min(initial=np.inf)
+    if usual < 2.0 or hold > READING.longest_hold or is_coarse:
+        return np.arange(len(q))
+    is_rest = np.repeat(lengths > READING.rest * usual, lengths)
+    return np.flatnonzero(is_new | is_rest)
 
 
 def joint_speed(when: Array, time: Array, q: Array) -> Array:

@@ -28,6 +28,9 @@ class LogReading:
     # joints read at every third position of a path: bounds of 20 to 150 mm of .1 to .5
     follows: float = 1 / 6
     fewest_followers: int = 20  # such steps, the median of fewer is chance
+    # [s], equal joints for longer are a pose, as is a run of so many times the usual one
+    longest_hold: float = 0.25
+    rest: float = 3.0
     # [m], an extent beyond which positions are most likely in another unit: arms reach 3 m, a log
     # of one in mm extends over hundreds
     largest_arm: float = 20.0

@@ -34,7 +34,15 @@ def turn_at(t):
 
 
 def write(
-    path, kind="ros2", tip="PointStamped", n=300, latency=0.0, turning=False, lost=(), stamped=True
+    path,
+    kind="ros2",
+    tip="PointStamped",
+    n=300,
+    latency=0.0,
+    turning=False,
+    lost=(),
+    stamped=True,
+    published=1,
 ):
     store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
     types = {name.rpartition("/")[2]: made for name, made in store.types.items()}
@@ -70,7 +78,8 @@ def write(
         stamped.header.frame_id = parent
         return stamped
 
-    states = zip(joint_t, q_at(joint_t), strict=True)
+    read = np.arange(n) // published * published
+    states = zip(joint_t, q_at(joint_t[read]), strict=True)
     joints = ("/joint_states", "sensor_msgs/msg/JointState")
     messages = [(t, *joints, joint_state(t, q)) for t, q in states]
     kinds, topic = ("tf2_msgs", "/tf") if tip == "TFMessage" else ("geometry_msgs", "/tracker")
@@ -115,6 +124,13 @@ def test_joints_are_interpolated_to_the_positions(tmp_path, bag):
     assert (np.diff(found.time) > 0).all()
     assert np.abs(found.x - x_at(0.013 + found.time)).max() < 1e-9
     assert np.abs(found.q - q_at(0.013 + found.time)).max() < 2e-4  # linear between 20 ms
+
+
+def test_joints_published_more_often_than_they_are_read_are_no_stairs(tmp_path):
+    """They were up to two messages old: 15 mrad."""
+    found = read_bag(write(tmp_path / "a", published=3), time_offset=0.0)
+    assert len(found.q) == 297
+    assert np.abs(found.q[:, ::-1] - q_at(0.013 + found.time)).max() < 5e-4
 
 
 @pytest.mark.parametrize("kind", ["mcap", "ros2"])
