@@ -5,7 +5,7 @@ They know an arm only by the groups of its structure's parameters: one table ser
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from operator import attrgetter
 from typing import Any, NamedTuple
@@ -247,14 +247,14 @@ def single_causes(
 
 
 def causes_of_touches(
-    structure: Structure, cause: str, waves: Indices | None = None
+    structure: Structure, cause: str | None = None, waves: Indices | None = None
 ) -> dict[str, Indices]:
-    """Return the parameters of each cause that touches alone may show.
+    """Return the parameters of each cause that touches alone may show, as of `single_causes`.
 
     They show no sensor, no first joint's offset, and not where its origin is.
-
-    cause : {"joints", "offsets"}, that only these may have changed
     """
+    if cause != "offsets":
+        cause = "joints"
     causes = single_causes(structure, cause, waves)
     first = structure.joint_names[0]
     for name in (f"offset:{first}", f"placement:{first}", "sensor"):
@@ -288,10 +288,9 @@ def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
     return np.concatenate(parts)
 
 
-def sd_if_changed(body: Body, without: Collection[str] = ()) -> Array:
-    """Standard deviation (d,) by which parameters may have changed, but for some groups."""
-    groups = [group for group in body.structure.groups if group not in without]
-    return _sd_of_groups(body, groups, attrgetter("freed"))
+def sd_if_changed(body: Body) -> Array:
+    """Standard deviation (d,) by which parameters may have changed."""
+    return _sd_of_groups(body, body.structure.groups, attrgetter("freed"))
 
 
 def sd_of_creep(body: Body, wave_size: float = CREEP_WAVES) -> Array:

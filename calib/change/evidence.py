@@ -25,7 +25,7 @@ from ..common.rows import median_length, spread_rows
 from ..common.wording import quantity
 from ..model.alignment import Alignment
 from ..samples.diagnosis import rows_behind
-from .causes import CREEP_WAVES, Cause, indices_of, is_sensors
+from .causes import Cause, indices_of, is_sensors
 from .explain import MARGIN, explain
 from .explanation import Explanation
 from .frame import Reference
@@ -290,8 +290,8 @@ def evidence_of_unnamed(system: System, correlation_time: float) -> float:
     missed = np.sqrt((system.y**2).mean()) * system.reference.sizes
     evidences = []
     for times in EVIDENCE.unnamed:
-        nuisance = Nuisance(system, CREEP_WAVES, residual_sd=times * missed)
-        statistics = nuisance.statistics(system.y, system.x[:, :0])
+        nuisance = Nuisance(system, residual_sd=times * missed)
+        statistics = nuisance.statistics(system.y)
         _, likelihood = statistics.noises()
         evidences.append(float(likelihood.max()) / correlation_time)
     return max(evidences)

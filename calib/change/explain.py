@@ -28,10 +28,8 @@ from ..common.arrays import Array
 from .causes import (
     FRAME,
     SETS,
-    causes_of_touches,
     frame_twin,
     indices_of,
-    single_causes,
 )
 from .explanation import Explanation, Place, climb
 from .system import System
@@ -146,12 +144,9 @@ class Search:
         self.correlation_time = correlation_time
         self.sd = reference.sd_if_changed()
         self.always_free = np.sort(indices_of(structure, free_groups))
-        singles = single_causes(structure, cause, reference.waves)
-        if system.observations.are_touches:
-            of_arm = "offsets" if cause == "offsets" else "joints"
-            singles = causes_of_touches(structure, of_arm, reference.waves)
-        allowed = np.concatenate([*singles.values()])
-        self.free = np.union1d(self.always_free, allowed).astype(np.intp)
+        singles = system.single_causes(cause)
+        indices = [self.always_free, *singles.values()]
+        self.free = np.unique(np.concatenate(indices))
         self.cause_sets = self._cause_sets(singles)
         self.single_names = [
             name for name in singles if name in self.cause_sets
@@ -163,11 +158,9 @@ class Search:
         """Parameters of each cause, and of sets that belong together, that may be free."""
         reference = self.system.reference
         sets = dict(singles)
-        allowed = np.concatenate([*singles.values()])
         for groups in SETS:
             indices = indices_of(reference.structure, groups)
-            is_allowed = np.isin(indices, allowed)
-            sets["+".join(groups)] = indices[is_allowed]
+            sets["+".join(groups)] = np.intersect1d(indices, self.free)
         frame = indices_of(reference.structure, FRAME)
         free_sets = {}
         for name, indices in sets.items():

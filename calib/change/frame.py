@@ -6,7 +6,7 @@ more than anything else; so the frame comes first, and small changes after it.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -98,14 +98,12 @@ class Reference:
         """Whether the frame was fitted to the log."""
         return len(self.void) > 0
 
-    def sd_if_changed(self, without: Collection[str] = ()) -> Array:
+    def sd_if_changed(self) -> Array:
         """Standard deviation (d,) by which parameters and waves may have changed.
 
         Of a frame that was fitted to the log a narrow prior would count rows twice.
-
-        without : groups that have not
         """
-        sd = sd_if_changed(self.body, without)
+        sd = sd_if_changed(self.body)
         frame = indices_of(self.structure, FRAME)
         sd[np.intersect1d(frame, self.void)] *= ANYWHERE
         sd[self.waves] = GROUPS["curve"].freed

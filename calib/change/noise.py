@@ -26,7 +26,7 @@ from ..body.curves import HARMONICS
 from ..body.parameters import Indices
 from ..body.settings import PRIOR
 from ..common.arrays import Array, Mask
-from .causes import CREEP_WAVES, frame_twin, indices_of
+from .causes import frame_twin, indices_of
 from .frame import Reference
 from .system import CREEP_SHARE, SYSTEM, NoisyJoint, Nuisance, System
 
@@ -90,9 +90,9 @@ def noise_of(system: System) -> NoiseFit:
     """The most likely noise of a system."""
     reference = system.reference
     nuisance = Nuisance(
-        system, CREEP_WAVES, CREEP_SHARE, sd_of_changes(reference)
+        system, creep_share=CREEP_SHARE, change_sd=sd_of_changes(reference)
     )
-    statistics = nuisance.statistics(system.y, system.x[:, :0])
+    statistics = nuisance.statistics(system.y)
     usual = usual_noise(reference)
     size = statistics.most_likely_noise(usual)
     sizes = np.array([size, usual])
@@ -167,8 +167,10 @@ def _noisiest_joint(
 
 def sd_of_changes(reference: Reference) -> Array:
     """Standard deviation (d,) by which the parameters may have changed, all together."""
+    sd = reference.sd_if_changed()
     # what bends the joints, and couplings, would leave few rows no freedom
-    sd = reference.sd_if_changed(without=("elastic", "payload", "coupling"))
+    bending = ("elastic", "payload", "coupling")
+    sd[indices_of(reference.structure, bending)] = 0.0
     # the frame turns about the first joint's axis as its offset does: it is free once
     sd[frame_twin(reference.body)] = 0.0
     return sd

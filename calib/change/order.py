@@ -26,7 +26,6 @@ from ..body.approach import Approach
 from ..body.covariance import autocorrelation_time
 from ..common.arrays import Array, Index
 from ..common.rows import solve_least_squares, spread_rows
-from .causes import CREEP_WAVES, single_causes
 from .frame import Reference
 from .noise import (
     FALSE_ALARM,
@@ -257,11 +256,10 @@ def _likelier_nuisance(system: System, y: Array) -> tuple[Nuisance, Statistics]:
     for residual_sd in (None, missed):
         nuisance = Nuisance(
             system,
-            CREEP_WAVES,
             change_sd=sd_of_changes(reference),
             residual_sd=residual_sd,
         )
-        statistics = nuisance.statistics(y, system.x[:, :0])
+        statistics = nuisance.statistics(y)
         _, likelihood = statistics.noises()
         fits.append((likelihood.max(), nuisance, statistics))
     _, nuisance, statistics = max(fits, key=itemgetter(0))
@@ -273,8 +271,7 @@ def _courses(
 ) -> Iterator[_Course]:
     """Each cause along each course, fitted to residuals (N,)."""
     system = nuisance.system
-    reference = system.reference
-    causes = single_causes(reference.structure, waves=reference.waves)
+    causes = system.single_causes()
     free = np.unique(np.concatenate([*causes.values()]))
     n, outputs = system.observations.z.shape
     total = float(y @ nuisance.rest(y, noise).ravel()) / noise
