@@ -111,7 +111,9 @@ def judge(
         rows = rows_of(model, measured)
         if model.body is None:
             return verdict_on_maps(rows)
-        verdict = _verdict_on_body(rows, cause or rows.cause, learn, report)
+        if log.touch is not None:  # no sensor saw them
+            cause = cause or "joints"
+        verdict = _verdict_on_body(rows, cause, learn, report)
         evidence = verdict.evidence
         if evidence is None or evidence.step is None:
             return verdict
@@ -188,7 +190,8 @@ def _verdict_on_body(
     )
     evidence = replace(evidence, explanations=explanations)
     # touches have no order of their own
-    if rows.cause is None and (evidence.fired or tests.noisier):
+    has_order = logged.log.touch is None
+    if has_order and (evidence.fired or tests.noisier):
         best = evidence.best
         step = find_step(
             replace(best.reference, beta=best.beta),
