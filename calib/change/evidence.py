@@ -79,12 +79,11 @@ class ToolTurn:
 
     def of(self, body: Body) -> Body:
         """A belief with the tool turned."""
-        tool = body.structure.groups["tool.rotation"]
-        delta = np.zeros(body.structure.size)
-        delta[tool] = self.turn
+        structure = body.structure
+        tool = structure.groups["tool.rotation"]
         root = body.root.copy()
         root[np.isin(body.active, tool)] = 0.0
-        beta = body.structure.retract(body.beta, delta)
+        beta = structure.after_step(body.beta, tool, self.turn)
         turned = replace(body, beta=beta, root=root)
         return turned.with_covariance(tool, self.covariance / body.kappa**2)
 

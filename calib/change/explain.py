@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import chain, product
 from typing import NamedTuple
 
@@ -266,27 +266,43 @@ class Search:
         ]
 
     def explanation_of(self, candidate: Candidate) -> Explanation:
-        """Fit a set by damped Gauss-Newton steps, its noise by likelihood."""
-        best = climb(
-            lambda normals: self._place(candidate, normals),
+        """Fit a set by damped Gauss-Newton steps, its evidence by Laplace."""
+        place = climb(
+            partial(self._place, candidate),
             candidate.normals,
             most=SEARCH.steps,
             enough=SEARCH.enough,
         )
-        return self._explanation(candidate, best)
+        free = candidate.indices
+        sd = np.zeros(len(place.beta))
+        sd[free] = self.sd[free]
+        precision = Factor(place.precision)
+        deviation = sd.copy()
+        deviation[free] *= np.sqrt(np.diag(precision.inverse()))
+        half_determinant = 0.5 * precision.log_determinant()
+        cost = self.cost * len(candidate.causes)
+        return Explanation(
+            causes=candidate.causes,
+            wave_size=candidate.wave_size,
+            reference=self.system.reference,
+            indices=free,
+            beta=place.beta,
+            sd=sd,
+            evidence=place.fit - half_determinant - cost,
+            correlation_time=self.correlation_time,
+            deviation=deviation,
+            noise=place.noise,
+            residual=self.system.observations.about_sockets(place.residual),
+        )
 
     def _place(self, candidate: Candidate, normals: Array) -> PlaceOfSet | None:
         """Compare the rows with changes (p,) of a set's parameters, None without a prediction.
 
         The posterior is log p(y | d) / correlation time - normals' normals / 2, d = sd * normals.
         """
-        reference = self.system.reference
         free = candidate.indices
         sd = self.sd[free]
-        step = np.zeros(reference.structure.size)
-        step[free] = sd * normals
-        beta = reference.structure.retract(reference.beta, step)
-        residual, columns = self.system.residual(beta, free)
+        beta, residual, columns = self.system.after_step(free, sd * normals)
         if not np.isfinite(residual).all():
             return None
         y = self.system.whiten(residual)
@@ -304,32 +320,6 @@ class Search:
             precision=matrix / self.correlation_time + np.eye(len(normals)),
             residual=residual,
             noise=noise,
-        )
-
-    def _explanation(
-        self, candidate: Candidate, place: PlaceOfSet
-    ) -> Explanation:
-        """A set at the place of its best fit, with its evidence by Laplace."""
-        free = candidate.indices
-        sd = np.zeros(len(place.beta))
-        sd[free] = self.sd[free]
-        precision = Factor(place.precision)
-        deviation = np.zeros(len(place.beta))
-        deviation[free] = sd[free] * np.sqrt(np.diag(precision.inverse()))
-        half_determinant = 0.5 * precision.log_determinant()
-        cost = self.cost * len(candidate.causes)
-        return Explanation(
-            causes=candidate.causes,
-            wave_size=candidate.wave_size,
-            reference=self.system.reference,
-            indices=free,
-            beta=place.beta,
-            sd=sd,
-            evidence=place.fit - half_determinant - cost,
-            correlation_time=self.correlation_time,
-            deviation=deviation,
-            noise=place.noise,
-            residual=self.system.observations.about_sockets(place.residual),
         )
 
 

@@ -218,13 +218,9 @@ class Posterior:
 
         log p(u, w | z) = -(|rest|^2 + |u|^2 + |w|^2) / 2
         """
-        structure = self.reference.structure
         u = normals[: self.size]
         w = normals[self.size :]
-        step = np.zeros(structure.size)
-        step[self.active] = self.r @ u
-        beta = structure.retract(self.reference.beta, step)
-        residual, moves = self.system.residual(beta, self.active)
+        beta, residual, moves = self.system.after_step(self.active, self.r @ u)
         if not np.isfinite(residual).all():
             return None
         columns = np.concatenate([moves @ self.r, self.w_columns], axis=1)

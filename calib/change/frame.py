@@ -356,10 +356,9 @@ def _camera_anew(
 def _frame_start(sense: _Sense, turn: Array) -> Array:
     """Parameters (d,) with the frame turned; its shift is linear, and fitted."""
     structure = sense.structure
-    step = np.zeros(structure.size)
     rotation = structure.groups["view.rotation"]
-    step[rotation] = structure.turn_parameters(turn)
-    return structure.retract(sense.beta, step)
+    step = structure.turn_parameters(turn)
+    return structure.after_step(sense.beta, rotation, step)
 
 
 def _frame_fit(

@@ -130,6 +130,14 @@ class System:
             residual = structure.residual(self.observations.z, predicted)
         return residual, self.whiten(columns)
 
+    def after_step(
+        self, free: Indices, step: Array
+    ) -> tuple[Array, Array, Array]:
+        """Parameters (d,) after a step (k,) of some, with their `residual`."""
+        reference = self.reference
+        beta = reference.structure.after_step(reference.beta, free, step)
+        return beta, *self.residual(beta, free)
+
     def single_causes(self, cause: str | None = None) -> dict[str, Indices]:
         """Parameters of each cause that these observations may show alone.
 
