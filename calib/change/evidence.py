@@ -279,7 +279,7 @@ class Evidence:
         )
 
 
-def evidence_of_unnamed(system: System, correlation_time: float) -> float:
+def evidence_of_unnamed(system: System) -> float:
     """Evidence of a smooth change that no cause names, of its most likely size [nats].
 
     A sensor that was put elsewhere is no such change.
@@ -292,12 +292,12 @@ def evidence_of_unnamed(system: System, correlation_time: float) -> float:
         nuisance = Nuisance(system, residual_sd=times * missed)
         statistics = nuisance.statistics(system.y)
         _, likelihood = statistics.noises()
-        evidences.append(float(likelihood.max()) / correlation_time)
-    return max(evidences)
+        evidences.append(float(likelihood.max()))
+    return max(evidences) / system.observations.correlation_time
 
 
 def with_orientations(
-    evidence: Evidence, systems: Sequence[System], correlation_time: float
+    evidence: Evidence, systems: Sequence[System]
 ) -> Evidence:
     """Evidence whose best explanation orientations do not contradict, as far as there is one.
 
@@ -313,13 +313,7 @@ def with_orientations(
     cause = evidence.cause
     if cause not in (None, "joints") or TOOL in evidence.best.groups:
         return evidence
-    explanations = explain(
-        systems,
-        cause,
-        correlation_time=correlation_time,
-        calm=False,
-        certain_groups=(TOOL,),
-    )
+    explanations = explain(systems, cause, calm=False, certain_groups=(TOOL,))
     return replace(evidence, explanations=explanations)
 
 

@@ -4,9 +4,9 @@ The evidence of a set whose causes free parameters of standard deviations sd is 
 
     log p(y | causes) = log p(y | d) + log p(d) - 1/2 log |A| - cost,    A = I + sd X' C^-1 X sd
 
-at the best d / sd.  The likelihood is raised to the power 1 / correlation time: rows that resemble
-their neighbours count for less than their number.  Each cause pays the logarithm of how many there
-are.
+at the best d / sd.  The likelihood is raised to the power 1 / correlation time of the observations:
+rows that resemble their neighbours count for less than their number.  Each cause pays the logarithm
+of how many there are.
 
 `Search.candidates` adds causes one by one in the linear system, `Search.explanation_of` fits the
 best sets to convergence, and where that leads far the system is linearised again there.
@@ -124,7 +124,6 @@ class Search:
     """Sets of causes of a log against a reference.
 
     free_groups : those free in every set: a frame that was fitted to the log, a turned tool
-    correlation_time : of the rows; likelihoods are raised to the power 1 / of it
     sd : (d,), by which the parameters may have changed
     beta : (d,), parameters at which the system is linear
     always_free : parameters of `free_groups`
@@ -136,12 +135,11 @@ class Search:
         system: System,
         cause: str | None,
         free_groups: Sequence[str],
-        correlation_time: float,
     ) -> None:
         reference = system.reference
         structure = reference.structure
         self.system = system
-        self.correlation_time = correlation_time
+        self.correlation_time = system.observations.correlation_time
         self.sd = reference.sd_if_changed()
         self.always_free = np.sort(indices_of(structure, free_groups))
         singles = system.single_causes(cause)
@@ -289,7 +287,6 @@ class Search:
             beta=place.beta,
             sd=sd,
             evidence=place.fit - half_determinant - cost,
-            correlation_time=self.correlation_time,
             deviation=deviation,
             noise=place.noise,
             residual=self.system.observations.about_sockets(place.residual),
@@ -327,7 +324,6 @@ def explain(
     systems: Sequence[System],
     cause: str | None,
     *,
-    correlation_time: float,
     calm: bool,
     certain_groups: Sequence[str] = (),
 ) -> tuple[Explanation, ...]:
@@ -335,7 +331,6 @@ def explain(
 
     systems : the log against the old belief, and in the frame that fits the log best where
         that is far
-    correlation_time : of the rows
     calm : whether no test fired: the causes are not searched then
     certain_groups : those that changed for sure: orientations show that the tool has moved
     """
@@ -344,6 +339,6 @@ def explain(
         free_groups = certain_groups
         if system.reference.is_fitted:
             free_groups = (*FRAME, *certain_groups)
-        search = Search(system, cause, free_groups, correlation_time)
+        search = Search(system, cause, free_groups)
         explanations += search.fits(calm=calm)
     return tuple(sorted(explanations, key=_order))

@@ -98,7 +98,7 @@ class Explanation:
     beta: Array  # (d,), parameters of the greatest evidence
     sd: Array  # (d,), standard deviations by which they were free to change
     evidence: float  # logarithm of the tempered evidence [nats]
-    correlation_time: float  # of the rows
+
     # (d,), posterior standard deviations of those that are free, zero elsewhere
     deviation: Array
     noise: float  # noise of the log, in `Reference.sizes`
@@ -194,7 +194,8 @@ class Posterior:
         self.explanation = explanation
         self.reference = reference
         self.system = System(reference, observations)
-        self.scale = math.sqrt(explanation.correlation_time) * explanation.noise
+        time = observations.correlation_time
+        self.scale = math.sqrt(time) * explanation.noise
         self.active, self.r = prior_columns(
             reference,
             # what was simulated stands for an arm that is built

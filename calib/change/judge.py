@@ -176,18 +176,14 @@ def _verdict_on_body(
 
     report(0.4, "causes", math.nan)
     # 4. p(y | causes): which sets of causes explain the rows?
-    systems = _systems(prior, reference, observations)
     correlation_time = max(rows.body.kappa**2, 1.0, noise.correlation_time)
-    unnamed = evidence_of_unnamed(systems[-1], correlation_time)
+    observations = replace(observations, correlation_time=correlation_time)
+    systems = _systems(prior, reference, observations)
+    unnamed = evidence_of_unnamed(systems[-1])
     evidence = Evidence(
         rows, cause, prior, reference, observations, tests, bound, unnamed
     )
-    explanations = explain(
-        systems,
-        cause,
-        correlation_time=correlation_time,
-        calm=not evidence.fired,
-    )
+    explanations = explain(systems, cause, calm=not evidence.fired)
     evidence = replace(evidence, explanations=explanations)
     # touches have no order of their own
     has_order = logged.log.touch is None
@@ -202,7 +198,7 @@ def _verdict_on_body(
         if step is not None:
             row = int(logged.log.rows[step.row])
             evidence = replace(evidence, step=step._replace(row=row))
-    evidence = with_orientations(evidence, systems, correlation_time)
+    evidence = with_orientations(evidence, systems)
 
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
     better = None

@@ -121,7 +121,7 @@ def noise_with_joint(noise: NoiseFit) -> NoiseFit:
     slope = system.slope / system.reference.sizes[:, None]
     squares = (slope**2).sum(axis=1)
     typical = np.sqrt(np.maximum(squares.mean(axis=0), 1e-300))
-    joint, step = _noisiest_joint(noise.residual, slope, squares, typical)
+    joint, step = _noisiest_joint(noise.residual, slope, typical)
 
     @cache
     def fit_at(step: int) -> NoiseFit:
@@ -141,16 +141,16 @@ def noise_with_joint(noise: NoiseFit) -> NoiseFit:
 
 
 def _noisiest_joint(
-    residual: Array, slope: Array, squares: Array, typical: Array
+    residual: Array, slope: Array, typical: Array
 ) -> tuple[int, int]:
     """The joint j, and which of `JOINT_NOISES`, that makes residuals r (n, m) most likely.
 
     A row has the covariance I + ratio^2 g g' (g the slope), and so the likelihood
     -2 log p = log(1 + ratio^2 g'g) + r'r - ratio^2 (g'r)^2 / (1 + ratio^2 g'g).
 
-    slope, squares, typical : (n, m, dof), (n, dof), (dof,), g of each joint, g'g and its root
-        mean, in the sensor's noise
+    slope, typical : (n, m, dof), (dof,), g of each joint and root mean g'g, in the sensor's noise
     """
+    squares = (slope**2).sum(axis=1)
     square = (residual**2).sum(axis=1)[:, None]
     along = np.einsum("nmd,nm->nd", slope, residual) ** 2
     gains = []

@@ -57,13 +57,14 @@ class Play:
     """A joint that has more play than the model knows."""
 
     joint: int
-    half: Array  # (dof,), half of its play, the other joints' zero [rad or m]
+    half: float  # half of its play [rad or m]
     deviation: float  # standard deviation of that
     score: float  # above 1 it is no chance, nor an error of what the model knows of it
 
     def taken_up(self, observations: Observations) -> Observations:
         """The observations at the joints' true values under this play."""
-        q = observations.q - self.half * observations.side
+        q = observations.q.copy()
+        q[:, self.joint] -= self.half * observations.side[:, self.joint]
         return replace(observations, q=q)
 
 
@@ -99,13 +100,11 @@ def find_play(noise: NoiseFit, approach: Approach | None) -> Play | None:
     score = score_of(chance)
     if score <= 1.0:
         return None
-    play = np.zeros_like(half)
-    play[joint] = half[joint]
     learned = 0.0 if approach is None else approach.play[joint]
     is_error = half[joint] <= PLAY.play_share * learned
     return Play(
         joint=joint,
-        half=play,
+        half=float(half[joint]),
         deviation=math.sqrt(noise.correlation_time / float(squares[joint])),
         score=0.0 if is_error else score,
     )

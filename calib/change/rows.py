@@ -335,6 +335,8 @@ class Observations(RowArrays):
     shared: float = 0.0
     # the sockets that rows touched: nobody knows where these are
     touch: Touches | None = None
+    # [rows]; likelihoods are raised to the power 1 / of it: rows that err together count once
+    correlation_time: float = 1.0
 
     def some(self, most: int) -> Observations:
         """Return at most `count` rows, evenly spread."""

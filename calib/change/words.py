@@ -98,7 +98,7 @@ def _joint(evidence: Evidence, joint: int) -> tuple[str, str]:
 def _play(evidence: Evidence, play: Play) -> Cause:
     """A joint that has more play than the model knows, by all of it."""
     name, unit = _joint(evidence, play.joint)
-    whole = 2.0 * float(play.half[play.joint])
+    whole = 2.0 * play.half
     half = 2.0 * Z95 * play.deviation
     words = (
         f"{name} has {quantity(whole, unit, half)} of play that the model does not know: "
