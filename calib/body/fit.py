@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array, Mask
-from .covariance import autocorrelation_time
-from .normal import Factor
+from .covariance import Factor, autocorrelation_time
 from .parameters import Hyper, Indices, Prior
 from .rows import Readings, Rows
 from .settings import FIT, SIMULATED_FLOOR, STUDENT

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..body.normal import Factor
+from ..body.covariance import Factor
 from ..body.parameters import Indices
 from ..common.arrays import Array
 from .causes import (

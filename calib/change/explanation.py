@@ -19,8 +19,7 @@ from typing import TypeVar
 import numpy as np
 
 from ..body.belief import Body
-from ..body.covariance import root_of
-from ..body.normal import Factor
+from ..body.covariance import Factor, root_of
 from ..body.parameters import Indices
 from ..body.settings import NATS
 from ..common.arrays import Array
