@@ -30,7 +30,7 @@ from .explain import MARGIN, explain
 from .explanation import Explanation
 from .frame import Reference
 from .noise import FALSE_ALARM
-from .order import Step
+from .order import Play, Step
 from .rows import LogRows, Observations
 from .significance import FEW_WRONG, BoundTest, GroupTests
 from .system import Nuisance, System
@@ -157,6 +157,7 @@ class Evidence:
     tests: GroupTests
     bound: BoundTest
     unnamed: float  # evidence of a smooth change that no cause names [nats]
+    play: Play | None = None  # of a joint, which the observations are freed of
     explanations: tuple[Explanation, ...] = ()  # the best first
     # of a change within the log, its row as the file counts
     step: Step | None = None

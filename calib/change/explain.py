@@ -8,8 +8,8 @@ at the best d / sd.  The likelihood is raised to the power 1 / correlation time 
 rows that resemble their neighbours count for less than their number.  Each cause pays the logarithm
 of how many there are.
 
-`Search.candidates` adds causes one by one in the linear system, `Search.explanation_of` fits the
-best sets to convergence, and where that leads far the system is linearised again there.
+`Search.best_candidates` adds causes one by one in the linear system, `Search.explanation_of` fits
+the best sets to convergence, and where that leads far the system is linearised again there.
 """
 
 from __future__ import annotations

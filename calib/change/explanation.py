@@ -186,10 +186,10 @@ class Posterior:
         self,
         explanation: Explanation,
         observations: Observations,
-        own_residual: float,
+        residual_scale: float,
     ) -> None:
         reference = explanation.reference
-        self.residual = own_residual * reference.residual_sd
+        self.residual = residual_scale * reference.residual_sd
         self.explanation = explanation
         self.reference = reference
         self.system = System(reference, observations)
@@ -274,7 +274,7 @@ class Posterior:
 
         Of w the places of sockets count.
         """
-        known = self.size + self.system.sockets.shape[2]
+        count = self.size + self.system.sockets.shape[2]
         place = self.place
         y = place.rest + place.columns @ place.normals
         vector = place.columns.T @ y
@@ -286,6 +286,6 @@ class Posterior:
             y_block = y[rows]
             others = Factor(place.precision - a_block.T @ a_block)
             normals = others.solve(vector - a_block.T @ y_block)
-            rest = y_block - a_block[:, :known] @ normals[:known]
+            rest = y_block - a_block[:, :count] @ normals[:count]
             residual[block] = rest.reshape(-1, outputs)
         return residual * self.scale * self.reference.sizes

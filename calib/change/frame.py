@@ -36,7 +36,7 @@ from .causes import (
 )
 
 # Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm
-LEAST_OWN = 1e-7
+LEAST_RESIDUAL = 1e-7
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class Reference:
     @property
     def residual_sd(self) -> Array:
         """Standard deviation (m,) [unit] of a log's own residual."""
-        least = LEAST_OWN * np.asarray(self.structure.extents)
+        least = LEAST_RESIDUAL * np.asarray(self.structure.extents)
         return np.maximum(self.body.tau, least)
 
 
@@ -273,9 +273,9 @@ class _Placement(NamedTuple):
         predicted = sense.structure.predict(q, sense.beta)
         p = predicted[:, : z.shape[1]]
         sound = np.ones(len(p), dtype=bool)
-        known = None if sense.unit_is_open else 1.0
+        scale = None if sense.unit_is_open else 1.0
         for _ in range(3):
-            turn, shift, ratio = similarity(p[sound], z[sound], scale=known)
+            turn, shift, ratio = similarity(p[sound], z[sound], scale=scale)
             residual = z - (shift + ratio * p @ turn.T)
             distance = row_lengths(residual)
             typical = float(np.median(distance))

@@ -283,9 +283,9 @@ class WaveFits(NamedTuple):
     def rivals(self) -> Mask:
         """Which waves (w,) do much of what the best does, and explain the rows as well."""
         cross = self.matrix[:, :, self.best]
-        own = self.covariances[self.best]
+        of_best = self.covariances[self.best]
         alike = np.einsum(
-            "wij,wik,wkl,lj->w", cross, self.covariances, cross, own
+            "wij,wik,wkl,lj->w", cross, self.covariances, cross, of_best
         )
         rivals: Mask = alike / 2.0 > WAVES.alike
         rivals &= self.nats > self.nats[self.best] - WAVES.nats

@@ -163,7 +163,7 @@ class LogRows(RowArrays):
         u = np.random.default_rng(0).random(shape)
         return np.asarray(about.lower + u * (about.upper - about.lower))
 
-    def sound(self, sound: Mask) -> LogRows:
+    def without_strays(self, sound: Mask) -> LogRows:
         """Return the rows that do not contradict all others, and a note on those that do."""
         strays = int(np.count_nonzero(~sound))
         if not strays:

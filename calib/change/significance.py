@@ -217,8 +217,8 @@ def moves_of(structure: Structure, beta: Array, probes: Array) -> Array:
         moves = columns[:, : structure.blocks[0]]
         square = (moves**2).sum(axis=1)
     # a lens may fold over where no rows are
-    seen = np.isfinite(square).all(axis=1)
-    rms: Array = np.sqrt(square[seen].sum(axis=0) / max(seen.sum(), 1))
+    finite = square[np.isfinite(square).all(axis=1)]
+    rms: Array = np.sqrt(finite.sum(axis=0) / max(len(finite), 1))
     return rms
 
 
