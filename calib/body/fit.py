@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array, Mask
-from .covariance import autocorrelation_time
-from .normal import Factor
+from .covariance import Factor, autocorrelation_time
 from .parameters import Hyper, Indices, Prior
 from .rows import Readings, Rows
 from .settings import FIT, SIMULATED_FLOOR, STUDENT
@@ -251,10 +250,8 @@ class Fit:
 
     def _after_step(self, beta: Array, delta: Array) -> Array:
         """Parameters (d,) after a step (k,) of those that are fitted."""
-        step = np.zeros(len(beta))
-        step[self.active] = delta
         with np.errstate(all="ignore"):
-            return self.structure.retract(beta, step)
+            return self.structure.after_step(beta, self.active, delta)
 
     def _linear_step(self, beta: Array, linear: Mask) -> Array:
         """The step (k,) from parameters (d,) to the best of those that outputs are linear in."""

@@ -14,9 +14,8 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.rows import row_lengths
-from .covariance import radius_95
+from .covariance import Factor, radius_95
 from .fit import Fit
-from .normal import Factor
 from .rows import Readings, RowBlock, edges_of
 from .settings import FIT
 

@@ -40,10 +40,9 @@ def _pose_slope(
     """How a pose moves with some parameters, (6, k) [m, rad], along and about its frame's axes."""
     position, axes = pose_of(structure, beta)
     slope = np.empty((6, len(indices)))
-    for k, index in enumerate(indices):
-        step = np.zeros(len(beta))
-        step[index] = _STEP
-        ahead, turned = pose_of(structure, structure.retract(beta, step))
+    for k, index in enumerate(indices.tolist()):
+        stepped = structure.after_step(beta, index, _STEP)
+        ahead, turned = pose_of(structure, stepped)
         slope[:3, k] = ahead - position
         slope[3:, k] = logarithm(turned @ axes.T)
     return slope / _STEP

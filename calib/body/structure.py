@@ -197,6 +197,14 @@ class Structure(Layout):
         """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""
         return beta + delta
 
+    def after_step(
+        self, beta: Array, indices: Indices | int, step: Array | float
+    ) -> Array:
+        """`beta` (d,) moved by a step (k,) of some parameters."""
+        delta = np.zeros(self.size)
+        delta[indices] = step
+        return self.retract(beta, delta)
+
     # Derivatives.
 
     def linearise(
@@ -277,17 +285,16 @@ class Structure(Layout):
         indices = self.groups[block]
         row_facts = q[:, self.dof :]
 
-        def outputs_after(step: Array) -> Array:
-            moved = self.retract(beta, step)[indices]
+        def outputs_after(index: int, step: float) -> Array:
+            moved = self.after_step(beta, index, step)[indices]
             stepped = {**blocks, block: moved}
             return self.measurement.look(stepped, motion, row_facts).values
 
         slopes: list[Array] = []
-        for index in indices:
-            step = np.zeros(self.size)
-            step[index] = _STEP
-            ahead = outputs_after(step)
-            slopes.append(self.residual(ahead, outputs_after(-step)).T)
+        for index in indices.tolist():
+            ahead = outputs_after(index, _STEP)
+            behind = outputs_after(index, -_STEP)
+            slopes.append(self.residual(ahead, behind).T)
         return np.array(slopes) / (2 * _STEP)
 
     def by_blocks(self, beta: Array) -> dict[str, Array]:

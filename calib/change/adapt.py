@@ -30,7 +30,7 @@ from .adaptation import (
 )
 from .causes import FRAME, GROUPS
 from .evidence import Evidence, frame_between
-from .frame import LEAST_OWN
+from .frame import LEAST_RESIDUAL
 from .judge import guarded_algebra, judge
 from .update import Update
 from .verdict import Verdict
@@ -182,14 +182,14 @@ def _groups_kept(
         if name == "lens" and structure.outputs >= 3:
             continue  # a tracker has none
         exists = len(structure.groups.get(name, ())) > 0
-        if group.kept and exists and name not in changed:
-            names.append(group.kept)
+        if group.name and exists and name not in changed:
+            names.append(group.name)
     return tuple(names)
 
 
 def _promise(evidence: Evidence, update: Update) -> float:
     """Mean distance of the rows up to which a model is what the equations promised [unit]."""
-    rounding = LEAST_OWN * float(evidence.reference.structure.extents[0])
+    rounding = LEAST_RESIDUAL * float(evidence.reference.structure.extents[0])
     return ADAPTING.consistent * float(update.after.mean()) + rounding
 
 

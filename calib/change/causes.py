@@ -5,7 +5,7 @@ They know an arm only by the groups of its structure's parameters: one table ser
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from operator import attrgetter
 from typing import Any, NamedTuple
@@ -76,7 +76,7 @@ class Group(NamedTuple):
     creep: float = 0.0  # between two logs of an arm that has not
     built: float = 0.0  # of an arm as it was built, from its drawing
     # of what an adaptation leaves unchanged; "" without a note
-    kept: str = ""
+    name: str = ""
     changed: str = "{name} changed by {size}"
     whole: bool = False  # whether all of its parameters are one cause
 
@@ -84,11 +84,11 @@ class Group(NamedTuple):
 _DEGREE = float(np.radians(1.0))
 GROUPS = {
     # [rad], about the frame that fits the log best; of the extents
-    "view.rotation": Group(freed=0.05, kept="the sensor's frame"),
+    "view.rotation": Group(freed=0.05, name="the sensor's frame"),
     "view.shift": Group(freed=0.05),
     "view.scale": Group(
         freed=0.3,
-        kept="the sensor's scale",
+        name="the sensor's scale",
         changed="the sensor's scale changed by {size}",
         whole=True,
     ),
@@ -100,13 +100,13 @@ GROUPS = {
     # over the chain's length
     "view.tilt": Group(
         freed=0.3,
-        kept="the camera's tilt",
+        name="the camera's tilt",
         changed="the camera is tilted",
         whole=True,
     ),
     "lens": Group(
         freed=0.2,
-        kept="the lens",
+        name="the lens",
         changed="the sensor's frame is bent, as by a lens",
         whole=True,
     ),
@@ -115,35 +115,35 @@ GROUPS = {
         freed=0.15,
         creep=1e-4,
         built=1e-3,
-        kept="the links' lengths",
+        name="the links' lengths",
         changed="the link of {joint} is {share} ({length}) {longer}",
     ),
     "offset": Group(
         freed=5 * _DEGREE,
         creep=0.02 * _DEGREE,
         built=0.1 * _DEGREE,
-        kept="the joints' offsets",
+        name="the joints' offsets",
         changed="{joint} is off by {size}",
     ),
     "gain": Group(
         freed=0.03,
         creep=1e-4,
         built=1e-3,
-        kept="the joints' gains",
+        name="the joints' gains",
         changed="{joint} moves {size} further than its encoder reads",
     ),
     "coupling": Group(
         freed=0.03,
         creep=1e-4,
         built=1e-3,
-        kept="the joints' coupling",
+        name="the joints' coupling",
         changed="{joint} moves with the joint before it, by {size} more",
     ),
     "elastic": Group(
         freed=0.02,
         creep=2e-5,
         built=1e-4,
-        kept="elasticity",
+        name="elasticity",
         changed="{joint} bends under load, by up to {most} deg",
         whole=True,
     ),
@@ -151,7 +151,7 @@ GROUPS = {
         freed=0.02,
         creep=2e-5,
         built=1e-4,
-        kept="the payload",
+        name="the payload",
         changed="a payload bends {joint}, by up to {most} deg",
         whole=True,
     ),
@@ -160,7 +160,7 @@ GROUPS = {
         freed=5.0,
         creep=0.1,
         built=1.0,
-        kept="the joints' placements",
+        name="the joints' placements",
         changed="{joint} sits elsewhere, {name} by {size}",
     ),
     # [rad], of the two parameters of a wave
@@ -168,7 +168,7 @@ GROUPS = {
         freed=0.02,
         changed="{joint} errs by a wave of {size}, {order} a turn: a gear, or its encoder's disc",
     ),
-    "tool": Group(freed=0.1, creep=1e-4, built=1e-3, kept="the tool"),  # [m]
+    "tool": Group(freed=0.1, creep=1e-4, built=1e-3, name="the tool"),  # [m]
     "tool.rotation": Group(
         freed=0.3, creep=0.02 * _DEGREE, built=0.1 * _DEGREE
     ),
@@ -247,14 +247,14 @@ def single_causes(
 
 
 def causes_of_touches(
-    structure: Structure, cause: str, waves: Indices | None = None
+    structure: Structure, cause: str | None = None, waves: Indices | None = None
 ) -> dict[str, Indices]:
-    """Return the parameters of each cause that touches alone may show.
+    """Return the parameters of each cause that touches alone may show, as of `single_causes`.
 
     They show no sensor, no first joint's offset, and not where its origin is.
-
-    cause : {"joints", "offsets"}, that only these may have changed
     """
+    if cause != "offsets":
+        cause = "joints"
     causes = single_causes(structure, cause, waves)
     first = structure.joint_names[0]
     for name in (f"offset:{first}", f"placement:{first}", "sensor"):
@@ -288,10 +288,9 @@ def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
     return np.concatenate(parts)
 
 
-def sd_if_changed(body: Body, without: Collection[str] = ()) -> Array:
-    """Standard deviation (d,) by which parameters may have changed, but for some groups."""
-    groups = [group for group in body.structure.groups if group not in without]
-    return _sd_of_groups(body, groups, attrgetter("freed"))
+def sd_if_changed(body: Body) -> Array:
+    """Standard deviation (d,) by which parameters may have changed."""
+    return _sd_of_groups(body, body.structure.groups, attrgetter("freed"))
 
 
 def sd_of_creep(body: Body, wave_size: float = CREEP_WAVES) -> Array:
@@ -341,10 +340,11 @@ def with_chain_in_doubt(body: Body) -> Body:
     fitted = np.intersect1d(chain, second.active)
     if np.isin(fitted, body.active).all():
         return body
-    known = ~np.isin(second.active, indices_of(body.structure, ("curve",)))
-    active = second.active[known]
+    curves = indices_of(body.structure, ("curve",))
+    is_chain = ~np.isin(second.active, curves)
+    active = second.active[is_chain]
     apart = (second.beta - body.beta)[active]
-    root = np.column_stack([second.root[known], apart])
+    root = np.column_stack([second.root[is_chain], apart])
     return replace(body, active=active, root=root)
 
 

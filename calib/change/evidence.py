@@ -25,12 +25,12 @@ from ..common.rows import median_length, spread_rows
 from ..common.wording import quantity
 from ..model.alignment import Alignment
 from ..samples.diagnosis import rows_behind
-from .causes import CREEP_WAVES, Cause, indices_of, is_sensors
+from .causes import Cause, indices_of, is_sensors
 from .explain import MARGIN, explain
 from .explanation import Explanation
 from .frame import Reference
 from .noise import FALSE_ALARM
-from .order import Step
+from .order import Play, Step
 from .rows import LogRows, Observations
 from .significance import FEW_WRONG, BoundTest, GroupTests
 from .system import Nuisance, System
@@ -79,12 +79,11 @@ class ToolTurn:
 
     def of(self, body: Body) -> Body:
         """A belief with the tool turned."""
-        tool = body.structure.groups["tool.rotation"]
-        delta = np.zeros(body.structure.size)
-        delta[tool] = self.turn
+        structure = body.structure
+        tool = structure.groups["tool.rotation"]
         root = body.root.copy()
         root[np.isin(body.active, tool)] = 0.0
-        beta = body.structure.retract(body.beta, delta)
+        beta = structure.after_step(body.beta, tool, self.turn)
         turned = replace(body, beta=beta, root=root)
         return turned.with_covariance(tool, self.covariance / body.kappa**2)
 
@@ -158,6 +157,7 @@ class Evidence:
     tests: GroupTests
     bound: BoundTest
     unnamed: float  # evidence of a smooth change that no cause names [nats]
+    play: Play | None = None  # of a joint, which the observations are freed of
     explanations: tuple[Explanation, ...] = ()  # the best first
     # of a change within the log, its row as the file counts
     step: Step | None = None
@@ -280,7 +280,7 @@ class Evidence:
         )
 
 
-def evidence_of_unnamed(system: System, correlation_time: float) -> float:
+def evidence_of_unnamed(system: System) -> float:
     """Evidence of a smooth change that no cause names, of its most likely size [nats].
 
     A sensor that was put elsewhere is no such change.
@@ -290,15 +290,15 @@ def evidence_of_unnamed(system: System, correlation_time: float) -> float:
     missed = np.sqrt((system.y**2).mean()) * system.reference.sizes
     evidences = []
     for times in EVIDENCE.unnamed:
-        nuisance = Nuisance(system, CREEP_WAVES, residual_sd=times * missed)
-        statistics = nuisance.statistics(system.y, system.x[:, :0])
+        nuisance = Nuisance(system, residual_sd=times * missed)
+        statistics = nuisance.statistics(system.y)
         _, likelihood = statistics.noises()
-        evidences.append(float(likelihood.max()) / correlation_time)
-    return max(evidences)
+        evidences.append(float(likelihood.max()))
+    return max(evidences) / system.observations.correlation_time
 
 
 def with_orientations(
-    evidence: Evidence, systems: Sequence[System], correlation_time: float
+    evidence: Evidence, systems: Sequence[System]
 ) -> Evidence:
     """Evidence whose best explanation orientations do not contradict, as far as there is one.
 
@@ -314,13 +314,7 @@ def with_orientations(
     cause = evidence.cause
     if cause not in (None, "joints") or TOOL in evidence.best.groups:
         return evidence
-    explanations = explain(
-        systems,
-        cause,
-        correlation_time=correlation_time,
-        calm=False,
-        certain_groups=(TOOL,),
-    )
+    explanations = explain(systems, cause, calm=False, certain_groups=(TOOL,))
     return replace(evidence, explanations=explanations)
 
 

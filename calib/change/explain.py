@@ -4,34 +4,32 @@ The evidence of a set whose causes free parameters of standard deviations sd is 
 
     log p(y | causes) = log p(y | d) + log p(d) - 1/2 log |A| - cost,    A = I + sd X' C^-1 X sd
 
-at the best d / sd.  The likelihood is raised to the power 1 / correlation time: rows that resemble
-their neighbours count for less than their number.  Each cause pays the logarithm of how many there
-are.
+at the best d / sd.  The likelihood is raised to the power 1 / correlation time of the observations:
+rows that resemble their neighbours count for less than their number.  Each cause pays the logarithm
+of how many there are.
 
-`Search.candidates` adds causes one by one in the linear system, `Search.explanation_of` fits the
-best sets to convergence, and where that leads far the system is linearised again there.
+`Search.best_candidates` adds causes one by one in the linear system, `Search.explanation_of` fits
+the best sets to convergence, and where that leads far the system is linearised again there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
 
-from ..body.normal import Factor
+from ..body.covariance import Factor
 from ..body.parameters import Indices
 from ..common.arrays import Array
 from .causes import (
     FRAME,
     SETS,
-    causes_of_touches,
     frame_twin,
     indices_of,
-    single_causes,
 )
 from .explanation import Explanation, Place, climb
 from .system import System
@@ -126,7 +124,6 @@ class Search:
     """Sets of causes of a log against a reference.
 
     free_groups : those free in every set: a frame that was fitted to the log, a turned tool
-    correlation_time : of the rows; likelihoods are raised to the power 1 / of it
     sd : (d,), by which the parameters may have changed
     beta : (d,), parameters at which the system is linear
     always_free : parameters of `free_groups`
@@ -138,20 +135,16 @@ class Search:
         system: System,
         cause: str | None,
         free_groups: Sequence[str],
-        correlation_time: float,
     ) -> None:
         reference = system.reference
         structure = reference.structure
         self.system = system
-        self.correlation_time = correlation_time
+        self.correlation_time = system.observations.correlation_time
         self.sd = reference.sd_if_changed()
         self.always_free = np.sort(indices_of(structure, free_groups))
-        singles = single_causes(structure, cause, reference.waves)
-        if system.observations.are_touches:
-            of_arm = "offsets" if cause == "offsets" else "joints"
-            singles = causes_of_touches(structure, of_arm, reference.waves)
-        allowed = np.concatenate([*singles.values()])
-        self.free = np.union1d(self.always_free, allowed).astype(np.intp)
+        singles = system.single_causes(cause)
+        indices = [self.always_free, *singles.values()]
+        self.free = np.unique(np.concatenate(indices))
         self.cause_sets = self._cause_sets(singles)
         self.single_names = [
             name for name in singles if name in self.cause_sets
@@ -163,11 +156,9 @@ class Search:
         """Parameters of each cause, and of sets that belong together, that may be free."""
         reference = self.system.reference
         sets = dict(singles)
-        allowed = np.concatenate([*singles.values()])
         for groups in SETS:
             indices = indices_of(reference.structure, groups)
-            is_allowed = np.isin(indices, allowed)
-            sets["+".join(groups)] = indices[is_allowed]
+            sets["+".join(groups)] = np.intersect1d(indices, self.free)
         frame = indices_of(reference.structure, FRAME)
         free_sets = {}
         for name, indices in sets.items():
@@ -273,27 +264,42 @@ class Search:
         ]
 
     def explanation_of(self, candidate: Candidate) -> Explanation:
-        """Fit a set by damped Gauss-Newton steps, its noise by likelihood."""
-        best = climb(
-            lambda normals: self._place(candidate, normals),
+        """Fit a set by damped Gauss-Newton steps, its evidence by Laplace."""
+        place = climb(
+            partial(self._place, candidate),
             candidate.normals,
             most=SEARCH.steps,
             enough=SEARCH.enough,
         )
-        return self._explanation(candidate, best)
+        free = candidate.indices
+        sd = np.zeros(len(place.beta))
+        sd[free] = self.sd[free]
+        precision = Factor(place.precision)
+        deviation = sd.copy()
+        deviation[free] *= np.sqrt(np.diag(precision.inverse()))
+        half_determinant = 0.5 * precision.log_determinant()
+        cost = self.cost * len(candidate.causes)
+        return Explanation(
+            causes=candidate.causes,
+            wave_size=candidate.wave_size,
+            reference=self.system.reference,
+            indices=free,
+            beta=place.beta,
+            sd=sd,
+            evidence=place.fit - half_determinant - cost,
+            deviation=deviation,
+            noise=place.noise,
+            residual=self.system.observations.about_sockets(place.residual),
+        )
 
     def _place(self, candidate: Candidate, normals: Array) -> PlaceOfSet | None:
         """Compare the rows with changes (p,) of a set's parameters, None without a prediction.
 
         The posterior is log p(y | d) / correlation time - normals' normals / 2, d = sd * normals.
         """
-        reference = self.system.reference
         free = candidate.indices
         sd = self.sd[free]
-        step = np.zeros(reference.structure.size)
-        step[free] = sd * normals
-        beta = reference.structure.retract(reference.beta, step)
-        residual, columns = self.system.residual(beta, free)
+        beta, residual, columns = self.system.after_step(free, sd * normals)
         if not np.isfinite(residual).all():
             return None
         y = self.system.whiten(residual)
@@ -313,38 +319,11 @@ class Search:
             noise=noise,
         )
 
-    def _explanation(
-        self, candidate: Candidate, place: PlaceOfSet
-    ) -> Explanation:
-        """A set at the place of its best fit, with its evidence by Laplace."""
-        free = candidate.indices
-        sd = np.zeros(len(place.beta))
-        sd[free] = self.sd[free]
-        precision = Factor(place.precision)
-        deviation = np.zeros(len(place.beta))
-        deviation[free] = sd[free] * np.sqrt(np.diag(precision.inverse()))
-        half_determinant = 0.5 * precision.log_determinant()
-        cost = self.cost * len(candidate.causes)
-        return Explanation(
-            causes=candidate.causes,
-            wave_size=candidate.wave_size,
-            reference=self.system.reference,
-            indices=free,
-            beta=place.beta,
-            sd=sd,
-            evidence=place.fit - half_determinant - cost,
-            correlation_time=self.correlation_time,
-            deviation=deviation,
-            noise=place.noise,
-            residual=self.system.observations.about_sockets(place.residual),
-        )
-
 
 def explain(
     systems: Sequence[System],
     cause: str | None,
     *,
-    correlation_time: float,
     calm: bool,
     certain_groups: Sequence[str] = (),
 ) -> tuple[Explanation, ...]:
@@ -352,7 +331,6 @@ def explain(
 
     systems : the log against the old belief, and in the frame that fits the log best where
         that is far
-    correlation_time : of the rows
     calm : whether no test fired: the causes are not searched then
     certain_groups : those that changed for sure: orientations show that the tool has moved
     """
@@ -361,6 +339,6 @@ def explain(
         free_groups = certain_groups
         if system.reference.is_fitted:
             free_groups = (*FRAME, *certain_groups)
-        search = Search(system, cause, free_groups, correlation_time)
+        search = Search(system, cause, free_groups)
         explanations += search.fits(calm=calm)
     return tuple(sorted(explanations, key=_order))

@@ -19,8 +19,7 @@ from typing import TypeVar
 import numpy as np
 
 from ..body.belief import Body
-from ..body.covariance import root_of
-from ..body.normal import Factor
+from ..body.covariance import Factor, root_of
 from ..body.parameters import Indices
 from ..body.settings import NATS
 from ..common.arrays import Array
@@ -98,7 +97,7 @@ class Explanation:
     beta: Array  # (d,), parameters of the greatest evidence
     sd: Array  # (d,), standard deviations by which they were free to change
     evidence: float  # logarithm of the tempered evidence [nats]
-    correlation_time: float  # of the rows
+
     # (d,), posterior standard deviations of those that are free, zero elsewhere
     deviation: Array
     noise: float  # noise of the log, in `Reference.sizes`
@@ -187,14 +186,15 @@ class Posterior:
         self,
         explanation: Explanation,
         observations: Observations,
-        own_residual: float,
+        residual_scale: float,
     ) -> None:
         reference = explanation.reference
-        self.residual = own_residual * reference.residual_sd
+        self.residual = residual_scale * reference.residual_sd
         self.explanation = explanation
         self.reference = reference
         self.system = System(reference, observations)
-        self.scale = math.sqrt(explanation.correlation_time) * explanation.noise
+        time = observations.correlation_time
+        self.scale = math.sqrt(time) * explanation.noise
         self.active, self.r = prior_columns(
             reference,
             # what was simulated stands for an arm that is built
@@ -218,13 +218,9 @@ class Posterior:
 
         log p(u, w | z) = -(|rest|^2 + |u|^2 + |w|^2) / 2
         """
-        structure = self.reference.structure
         u = normals[: self.size]
         w = normals[self.size :]
-        step = np.zeros(structure.size)
-        step[self.active] = self.r @ u
-        beta = structure.retract(self.reference.beta, step)
-        residual, moves = self.system.residual(beta, self.active)
+        beta, residual, moves = self.system.after_step(self.active, self.r @ u)
         if not np.isfinite(residual).all():
             return None
         columns = np.concatenate([moves @ self.r, self.w_columns], axis=1)
@@ -278,7 +274,7 @@ class Posterior:
 
         Of w the places of sockets count.
         """
-        known = self.size + self.system.sockets.shape[2]
+        count = self.size + self.system.sockets.shape[2]
         place = self.place
         y = place.rest + place.columns @ place.normals
         vector = place.columns.T @ y
@@ -290,6 +286,6 @@ class Posterior:
             y_block = y[rows]
             others = Factor(place.precision - a_block.T @ a_block)
             normals = others.solve(vector - a_block.T @ y_block)
-            rest = y_block - a_block[:, :known] @ normals[:known]
+            rest = y_block - a_block[:, :count] @ normals[:count]
             residual[block] = rest.reshape(-1, outputs)
         return residual * self.scale * self.reference.sizes

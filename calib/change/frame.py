@@ -6,7 +6,7 @@ more than anything else; so the frame comes first, and small changes after it.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -36,7 +36,7 @@ from .causes import (
 )
 
 # Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm
-LEAST_OWN = 1e-7
+LEAST_RESIDUAL = 1e-7
 
 
 @dataclass(frozen=True)
@@ -98,14 +98,12 @@ class Reference:
         """Whether the frame was fitted to the log."""
         return len(self.void) > 0
 
-    def sd_if_changed(self, without: Collection[str] = ()) -> Array:
+    def sd_if_changed(self) -> Array:
         """Standard deviation (d,) by which parameters and waves may have changed.
 
         Of a frame that was fitted to the log a narrow prior would count rows twice.
-
-        without : groups that have not
         """
-        sd = sd_if_changed(self.body, without)
+        sd = sd_if_changed(self.body)
         frame = indices_of(self.structure, FRAME)
         sd[np.intersect1d(frame, self.void)] *= ANYWHERE
         sd[self.waves] = GROUPS["curve"].freed
@@ -125,7 +123,7 @@ class Reference:
     @property
     def residual_sd(self) -> Array:
         """Standard deviation (m,) [unit] of a log's own residual."""
-        least = LEAST_OWN * np.asarray(self.structure.extents)
+        least = LEAST_RESIDUAL * np.asarray(self.structure.extents)
         return np.maximum(self.body.tau, least)
 
 
@@ -275,9 +273,9 @@ class _Placement(NamedTuple):
         predicted = sense.structure.predict(q, sense.beta)
         p = predicted[:, : z.shape[1]]
         sound = np.ones(len(p), dtype=bool)
-        known = None if sense.unit_is_open else 1.0
+        scale = None if sense.unit_is_open else 1.0
         for _ in range(3):
-            turn, shift, ratio = similarity(p[sound], z[sound], scale=known)
+            turn, shift, ratio = similarity(p[sound], z[sound], scale=scale)
             residual = z - (shift + ratio * p @ turn.T)
             distance = row_lengths(residual)
             typical = float(np.median(distance))
@@ -358,10 +356,9 @@ def _camera_anew(
 def _frame_start(sense: _Sense, turn: Array) -> Array:
     """Parameters (d,) with the frame turned; its shift is linear, and fitted."""
     structure = sense.structure
-    step = np.zeros(structure.size)
     rotation = structure.groups["view.rotation"]
-    step[rotation] = structure.turn_parameters(turn)
-    return structure.retract(sense.beta, step)
+    step = structure.turn_parameters(turn)
+    return structure.after_step(sense.beta, rotation, step)
 
 
 def _frame_fit(

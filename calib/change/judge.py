@@ -37,7 +37,7 @@ from .evidence import Evidence, evidence_of_unnamed, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
 from .noise import noise_of, with_waves
-from .order import Play, Step, find_play, find_step
+from .order import Step, find_play, find_step
 from .rows import (
     LogRows,
     Observations,
@@ -111,7 +111,9 @@ def judge(
         rows = rows_of(model, measured)
         if model.body is None:
             return verdict_on_maps(rows)
-        verdict = _verdict_on_body(rows, cause or rows.cause, learn, report)
+        if log.touch is not None:  # no sensor saw them
+            cause = cause or "joints"
+        verdict = _verdict_on_body(rows, cause, learn, report)
         evidence = verdict.evidence
         if evidence is None or evidence.step is None:
             return verdict
@@ -124,22 +126,22 @@ def _verdict_on_body(
 ) -> Verdict:
     """The verdict on a model with a body."""
     # 1. y: the rows against the belief that a changed arm starts from, in the frame of the log
-    known = with_chain_in_doubt(logged.body)
-    prior = as_built(known)
+    belief = with_chain_in_doubt(logged.body)
+    prior = as_built(belief)
     if cause == "offsets":
-        prior = as_drawn(known)
+        prior = as_drawn(belief)
     positions = logged.x - logged.map_offset
     reference = reference_of(prior, logged.q, positions, logged.unit)
     logged_observations = observations_of(logged, reference)
     sound = sound_rows(reference, logged_observations)
-    rows = logged.sound(sound)
+    rows = logged.without_strays(sound)
     observations = logged_observations.take(sound)
 
     report(0.2, "tests", math.nan)
     # 2. s: the noise where everything may have changed, less a joint's play, which is taken up,
     # and joints' waves, which may be causes
-    belief = Reference(known, known.beta)
-    frame = reference if reference.is_fitted else belief
+    old_frame = Reference(belief, belief.beta)
+    frame = reference if reference.is_fitted else old_frame
     noise = noise_of(system_of(frame, observations))
     play = find_play(noise, rows.model.approach)
     if play is not None:
@@ -150,14 +152,14 @@ def _verdict_on_body(
     reference = replace(
         reference,
         waves=noise.system.reference.waves,
-        simulated=known if known.simulated else None,
+        simulated=belief if belief.simulated else None,
     )
 
     # 3. p: the chance of such rows where nothing changed, by groups of parameters and by the bound
     noise_beside_belief = noise
     if reference.is_fitted and not reference.has_discrete_cause:
         noise_beside_belief = with_waves(
-            noise_of(system_of(belief, observations))
+            noise_of(system_of(old_frame, observations))
         )
     tests = group_tests(noise_beside_belief, rows.probes)
     # an arm that was simulated is no other one within the tolerances of its making
@@ -174,21 +176,18 @@ def _verdict_on_body(
 
     report(0.4, "causes", math.nan)
     # 4. p(y | causes): which sets of causes explain the rows?
-    systems = _systems(prior, reference, observations)
     correlation_time = max(rows.body.kappa**2, 1.0, noise.correlation_time)
-    unnamed = evidence_of_unnamed(systems[-1], correlation_time)
+    observations = replace(observations, correlation_time=correlation_time)
+    systems = _systems(prior, reference, observations)
+    unnamed = evidence_of_unnamed(systems[-1])
     evidence = Evidence(
-        rows, cause, prior, reference, observations, tests, bound, unnamed
+        rows, cause, prior, reference, observations, tests, bound, unnamed, play
     )
-    explanations = explain(
-        systems,
-        cause,
-        correlation_time=correlation_time,
-        calm=not evidence.fired,
-    )
+    explanations = explain(systems, cause, calm=not evidence.fired)
     evidence = replace(evidence, explanations=explanations)
     # touches have no order of their own
-    if rows.cause is None and (evidence.fired or tests.noisier):
+    has_order = logged.log.touch is None
+    if has_order and (evidence.fired or tests.noisier):
         best = evidence.best
         step = find_step(
             replace(best.reference, beta=best.beta),
@@ -199,7 +198,7 @@ def _verdict_on_body(
         if step is not None:
             row = int(logged.log.rows[step.row])
             evidence = replace(evidence, step=step._replace(row=row))
-    evidence = with_orientations(evidence, systems, correlation_time)
+    evidence = with_orientations(evidence, systems)
 
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
     better = None
@@ -207,7 +206,7 @@ def _verdict_on_body(
         better = update(evidence, learn=learn)
 
     # 6. the verdict in words
-    return _verdict_of(evidence, play, better)
+    return _verdict_of(evidence, better)
 
 
 def _systems(
@@ -226,14 +225,12 @@ def _systems(
     return systems
 
 
-def _verdict_of(
-    evidence: Evidence, play: Play | None, better: Update | None
-) -> Verdict:
+def _verdict_of(evidence: Evidence, better: Update | None) -> Verdict:
     """The verdict that follows from evidence, in words."""
-    causes, notes = causes_of(evidence, play)
+    causes, notes = causes_of(evidence)
     score = max(evidence.score, evidence.tool.score)
-    if play is not None and evidence.is_explained:
-        score = max(score, play.score)
+    if evidence.play is not None and evidence.is_explained:
+        score = max(score, evidence.play.score)
     unsure = score <= 1.0 and evidence.tests.too_few
     return Verdict(
         changed=None if unsure else score > 1.0,

@@ -26,7 +26,7 @@ from ..body.curves import HARMONICS
 from ..body.parameters import Indices
 from ..body.settings import PRIOR
 from ..common.arrays import Array, Mask
-from .causes import CREEP_WAVES, frame_twin, indices_of
+from .causes import frame_twin, indices_of
 from .frame import Reference
 from .system import CREEP_SHARE, SYSTEM, NoisyJoint, Nuisance, System
 
@@ -90,9 +90,9 @@ def noise_of(system: System) -> NoiseFit:
     """The most likely noise of a system."""
     reference = system.reference
     nuisance = Nuisance(
-        system, CREEP_WAVES, CREEP_SHARE, sd_of_changes(reference)
+        system, creep_share=CREEP_SHARE, change_sd=sd_of_changes(reference)
     )
-    statistics = nuisance.statistics(system.y, system.x[:, :0])
+    statistics = nuisance.statistics(system.y)
     usual = usual_noise(reference)
     size = statistics.most_likely_noise(usual)
     sizes = np.array([size, usual])
@@ -121,7 +121,7 @@ def noise_with_joint(noise: NoiseFit) -> NoiseFit:
     slope = system.slope / system.reference.sizes[:, None]
     squares = (slope**2).sum(axis=1)
     typical = np.sqrt(np.maximum(squares.mean(axis=0), 1e-300))
-    joint, step = _noisiest_joint(noise.residual, slope, squares, typical)
+    joint, step = _noisiest_joint(noise.residual, slope, typical)
 
     @cache
     def fit_at(step: int) -> NoiseFit:
@@ -141,16 +141,16 @@ def noise_with_joint(noise: NoiseFit) -> NoiseFit:
 
 
 def _noisiest_joint(
-    residual: Array, slope: Array, squares: Array, typical: Array
+    residual: Array, slope: Array, typical: Array
 ) -> tuple[int, int]:
     """The joint j, and which of `JOINT_NOISES`, that makes residuals r (n, m) most likely.
 
     A row has the covariance I + ratio^2 g g' (g the slope), and so the likelihood
     -2 log p = log(1 + ratio^2 g'g) + r'r - ratio^2 (g'r)^2 / (1 + ratio^2 g'g).
 
-    slope, squares, typical : (n, m, dof), (n, dof), (dof,), g of each joint, g'g and its root
-        mean, in the sensor's noise
+    slope, typical : (n, m, dof), (dof,), g of each joint and root mean g'g, in the sensor's noise
     """
+    squares = (slope**2).sum(axis=1)
     square = (residual**2).sum(axis=1)[:, None]
     along = np.einsum("nmd,nm->nd", slope, residual) ** 2
     gains = []
@@ -167,8 +167,10 @@ def _noisiest_joint(
 
 def sd_of_changes(reference: Reference) -> Array:
     """Standard deviation (d,) by which the parameters may have changed, all together."""
+    sd = reference.sd_if_changed()
     # what bends the joints, and couplings, would leave few rows no freedom
-    sd = reference.sd_if_changed(without=("elastic", "payload", "coupling"))
+    bending = ("elastic", "payload", "coupling")
+    sd[indices_of(reference.structure, bending)] = 0.0
     # the frame turns about the first joint's axis as its offset does: it is free once
     sd[frame_twin(reference.body)] = 0.0
     return sd
@@ -281,9 +283,9 @@ class WaveFits(NamedTuple):
     def rivals(self) -> Mask:
         """Which waves (w,) do much of what the best does, and explain the rows as well."""
         cross = self.matrix[:, :, self.best]
-        own = self.covariances[self.best]
+        of_best = self.covariances[self.best]
         alike = np.einsum(
-            "wij,wik,wkl,lj->w", cross, self.covariances, cross, own
+            "wij,wik,wkl,lj->w", cross, self.covariances, cross, of_best
         )
         rivals: Mask = alike / 2.0 > WAVES.alike
         rivals &= self.nats > self.nats[self.best] - WAVES.nats

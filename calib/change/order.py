@@ -26,7 +26,6 @@ from ..body.approach import Approach
 from ..body.covariance import autocorrelation_time
 from ..common.arrays import Array, Index
 from ..common.rows import solve_least_squares, spread_rows
-from .causes import CREEP_WAVES, single_causes
 from .frame import Reference
 from .noise import (
     FALSE_ALARM,
@@ -58,13 +57,14 @@ class Play:
     """A joint that has more play than the model knows."""
 
     joint: int
-    half: Array  # (dof,), half of its play, the other joints' zero [rad or m]
+    half: float  # half of its play [rad or m]
     deviation: float  # standard deviation of that
     score: float  # above 1 it is no chance, nor an error of what the model knows of it
 
     def taken_up(self, observations: Observations) -> Observations:
         """The observations at the joints' true values under this play."""
-        q = observations.q - self.half * observations.side
+        q = observations.q.copy()
+        q[:, self.joint] -= self.half * observations.side[:, self.joint]
         return replace(observations, q=q)
 
 
@@ -100,13 +100,11 @@ def find_play(noise: NoiseFit, approach: Approach | None) -> Play | None:
     score = score_of(chance)
     if score <= 1.0:
         return None
-    play = np.zeros_like(half)
-    play[joint] = half[joint]
     learned = 0.0 if approach is None else approach.play[joint]
     is_error = half[joint] <= PLAY.play_share * learned
     return Play(
         joint=joint,
-        half=play,
+        half=float(half[joint]),
         deviation=math.sqrt(noise.correlation_time / float(squares[joint])),
         score=0.0 if is_error else score,
     )
@@ -257,11 +255,10 @@ def _likelier_nuisance(system: System, y: Array) -> tuple[Nuisance, Statistics]:
     for residual_sd in (None, missed):
         nuisance = Nuisance(
             system,
-            CREEP_WAVES,
             change_sd=sd_of_changes(reference),
             residual_sd=residual_sd,
         )
-        statistics = nuisance.statistics(y, system.x[:, :0])
+        statistics = nuisance.statistics(y)
         _, likelihood = statistics.noises()
         fits.append((likelihood.max(), nuisance, statistics))
     _, nuisance, statistics = max(fits, key=itemgetter(0))
@@ -273,8 +270,7 @@ def _courses(
 ) -> Iterator[_Course]:
     """Each cause along each course, fitted to residuals (N,)."""
     system = nuisance.system
-    reference = system.reference
-    causes = single_causes(reference.structure, waves=reference.waves)
+    causes = system.single_causes()
     free = np.unique(np.concatenate([*causes.values()]))
     n, outputs = system.observations.z.shape
     total = float(y @ nuisance.rest(y, noise).ravel()) / noise

@@ -84,8 +84,6 @@ class LogRows(RowArrays):
     wrong: int  # rows that contradict the others and were left out
     lost: int  # these, and rows outside of what the model has learned
     notes: tuple[str, ...]
-    # {"joints"} or None, what is known about the change
-    cause: str | None = None
 
     def __len__(self) -> int:
         return len(self.q)
@@ -165,7 +163,7 @@ class LogRows(RowArrays):
         u = np.random.default_rng(0).random(shape)
         return np.asarray(about.lower + u * (about.upper - about.lower))
 
-    def sound(self, sound: Mask) -> LogRows:
+    def without_strays(self, sound: Mask) -> LogRows:
         """Return the rows that do not contradict all others, and a note on those that do."""
         strays = int(np.count_nonzero(~sound))
         if not strays:
@@ -190,7 +188,7 @@ def rows_of(model: Model, log: Samples) -> LogRows:
             "the model has no baseline of its distortions: train it again"
         )
     log, learned_notes = _without_learned(model, log)
-    positions, notes, cause = _positions_of(model, log)
+    positions, notes = as_positions(model, log)
     notes += learned_notes
     _refuse_degrees(model, positions)
     sound, sound_notes = sound_log(model, positions)
@@ -212,7 +210,6 @@ def rows_of(model: Model, log: Samples) -> LogRows:
         wrong=sound.left_out - positions.left_out,
         lost=rows_in_file - repeated - int(answered.sum()),
         notes=(),
-        cause=cause,
     ).take(answered)
     notes += sound_notes
     if repeated:
@@ -223,16 +220,6 @@ def rows_of(model: Model, log: Samples) -> LogRows:
             f"{outside} rows outside of what the model has learned are left out"
         )
     return replace(rows, notes=(*notes, *_misreadings(rows)))
-
-
-def _positions_of(
-    model: Model, log: Samples
-) -> tuple[Samples, list[str], str | None]:
-    """The log, notes, and what is known of a change; touches are positions that no sensor saw."""
-    if log.touch is None:
-        return log, [], None
-    positions, notes = as_positions(model, log, log.touch)
-    return positions, notes, "joints"
 
 
 def _without_learned(model: Model, log: Samples) -> tuple[Samples, list[str]]:
@@ -348,6 +335,8 @@ class Observations(RowArrays):
     shared: float = 0.0
     # the sockets that rows touched: nobody knows where these are
     touch: Touches | None = None
+    # [rows]; likelihoods are raised to the power 1 / of it: rows that err together count once
+    correlation_time: float = 1.0
 
     def some(self, most: int) -> Observations:
         """Return at most `count` rows, evenly spread."""
@@ -375,13 +364,12 @@ def sound_rows(reference: Reference, observations: Observations) -> Mask:
     z = observations.z
     structure = reference.structure
     body = reference.body
-    start = reference.beta
     size = reference.sizes
-    sd = sd_if_changed(body)
-    prior = Prior(start, np.hypot(sd, sd_of_creep(body)))
+    sd = np.hypot(sd_if_changed(body), sd_of_creep(body))
+    prior = Prior(reference.beta, sd)
     rows = spread_rows(len(q), ROWS.robust_rows)
     measured = [Rows(q[rows], z[rows], floor=size)]
-    fit = Fit(structure, measured, start, prior, nu=STUDENT)
+    fit = Fit(structure, measured, prior.mean, prior, nu=STUDENT)
     fit.maximise(steps=ROWS.robust_steps)
     predicted = structure.predict(q, fit.beta)
     residual = structure.residual(z, predicted) / size

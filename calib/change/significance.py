@@ -12,6 +12,7 @@ changed, or where one encoder is noisy: as it is estimated, a group has the chan
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,13 +21,7 @@ from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
 from ..body.structure import Structure
 from ..common.arrays import Array, Mask
-from .causes import (
-    CREEP_WAVES,
-    FRAME,
-    causes_of_touches,
-    indices_of,
-    single_causes,
-)
+from .causes import indices_of
 from .noise import (
     FALSE_ALARM,
     NoiseFit,
@@ -123,30 +118,17 @@ class GroupTests:
 
 
 def groups_of(
-    structure: Structure, waves: Indices | None = None
+    structure: Structure, causes: Mapping[str, Indices]
 ) -> dict[str, Indices]:
-    """Return the groups that are tested: each cause alone and with the sensor, all geometry.
-
-    waves : parameters of joints' waves that a log shows
-    """
-    frame = indices_of(structure, FRAME)
+    """Return the groups that are tested: each cause alone and with the sensor, all geometry."""
+    frame = causes.get("sensor", np.zeros(0, np.intp))
     groups: dict[str, Indices] = {}
-    for name, indices in single_causes(structure, waves=waves).items():
+    for name, indices in causes.items():
         groups[name] = indices
         if not np.isin(frame, indices).all():
             groups[f"{name} and sensor"] = np.concatenate([indices, frame])
-    geometry = ("offset", "length", "gain", "elastic", *FRAME)
-    groups["geometry"] = indices_of(structure, geometry)
-    return groups
-
-
-def groups_of_touches(
-    structure: Structure, waves: Indices | None = None
-) -> dict[str, Indices]:
-    """Return the groups that are tested by touches alone: each cause, all geometry."""
-    groups = causes_of_touches(structure, "joints", waves)
-    geometry = ("offset", "gain", "elastic")
-    groups["geometry"] = indices_of(structure, geometry)
+    geometry = indices_of(structure, ("offset", "length", "gain", "elastic"))
+    groups["geometry"] = np.concatenate([geometry, frame])
     return groups
 
 
@@ -235,8 +217,8 @@ def moves_of(structure: Structure, beta: Array, probes: Array) -> Array:
         moves = columns[:, : structure.blocks[0]]
         square = (moves**2).sum(axis=1)
     # a lens may fold over where no rows are
-    seen = np.isfinite(square).all(axis=1)
-    rms: Array = np.sqrt(square[seen].sum(axis=0) / max(seen.sum(), 1))
+    finite = square[np.isfinite(square).all(axis=1)]
+    rms: Array = np.sqrt(finite.sum(axis=0) / max(len(finite), 1))
     return rms
 
 
@@ -248,11 +230,8 @@ def group_tests(noise: NoiseFit, probes: Array) -> GroupTests:
     """
     system = noise.system
     reference = system.reference
-    all_groups = groups_of
-    if system.observations.are_touches:
-        all_groups = groups_of_touches
-    groups = all_groups(reference.structure, reference.waves)
-    nuisance = Nuisance(system, CREEP_WAVES, CREEP_SHARE)
+    groups = groups_of(reference.structure, system.single_causes())
+    nuisance = Nuisance(system, creep_share=CREEP_SHARE)
     tests = FTests(
         statistics=nuisance.statistics(system.y, system.x),
         noise=noise.size,

@@ -21,7 +21,13 @@ from ..body.information import lengths_of, matern
 from ..body.parameters import Indices
 from ..common.arrays import Array, Mask
 from ..common.rows import spread_rows
-from .causes import AS_SIMULATED, sd_of_creep
+from .causes import (
+    AS_SIMULATED,
+    CREEP_WAVES,
+    causes_of_touches,
+    sd_of_creep,
+    single_causes,
+)
 from .frame import Reference
 from .rows import Observations
 
@@ -124,6 +130,24 @@ class System:
             residual = structure.residual(self.observations.z, predicted)
         return residual, self.whiten(columns)
 
+    def after_step(
+        self, free: Indices, step: Array
+    ) -> tuple[Array, Array, Array]:
+        """Parameters (d,) after a step (k,) of some, with their `residual`."""
+        reference = self.reference
+        beta = reference.structure.after_step(reference.beta, free, step)
+        return beta, *self.residual(beta, free)
+
+    def single_causes(self, cause: str | None = None) -> dict[str, Indices]:
+        """Parameters of each cause that these observations may show alone.
+
+        cause : as of `causes.single_causes`
+        """
+        causes_of = single_causes
+        if self.observations.are_touches:
+            causes_of = causes_of_touches
+        return causes_of(self.reference.structure, cause, self.reference.waves)
+
     def play_columns(self) -> Array:
         """Columns (N, dof) of half the play of each joint, in noises."""
         return self.whiten(-self.slope * self.observations.side[:, None])
@@ -138,11 +162,20 @@ class System:
         q = self.observations.q
         nodes = q[spread_rows(len(q), SYSTEM.nodes)]
         smooth = smooth_columns(self.reference.body, sd, q, nodes)
-        places = self.predicted[:, : self.reference.structure.blocks[0]]
-        shared = frame_columns(self.reference, self.observations, places)
         late = self.slope @ self.observations.clock_sd[:, :, None]
-        columns = [self.sockets, smooth, shared, late]
+        columns = [self.sockets, smooth, self._frame_columns(), late]
         return self.whiten(np.concatenate(columns, axis=2))
+
+    def _frame_columns(self) -> Array:
+        """The readings (n, m, r) by a frame that all rows share: shifted, turned and bent."""
+        n, outputs = self.observations.z.shape
+        shared = self.observations.shared
+        if not shared:
+            return np.zeros((n, outputs, 0))
+        structure = self.reference.structure
+        places = self.predicted[:, : structure.blocks[0]]
+        features = np.hstack([np.ones((n, 1)), places / structure.extents[0]])
+        return shared * along_axes(features, np.eye(outputs))
 
     @cached_property
     def sockets(self) -> Array:
@@ -154,8 +187,7 @@ class System:
         number = touch.number[:, None]
         is_in: Mask = number == np.unique(number[touch.is_touch])
         anywhere = self.reference.structure.extents[0] * np.eye(outputs)
-        columns: Array = np.einsum("np,ij->nipj", is_in, anywhere)
-        return columns.reshape(n, outputs, -1)
+        return along_axes(is_in, anywhere)
 
 
 def system_of(reference: Reference, observations: Observations) -> System:
@@ -245,7 +277,7 @@ class Statistics:
 class Nuisance:
     """K = U diag(v) U' of a system: `axes` U (N, r) and `variances` v (r,), in noises.
 
-    wave_size : of `Reference.wave_sizes`
+    wave_size : of `Reference.wave_sizes`, by default those that may creep
     creep_share : times the usual creep of the parameters
     change_sd : (d,), standard deviation by which parameters may have changed
     residual_sd : (m,), that of the log's own smooth residual, the belief's if not given [unit]
@@ -254,7 +286,7 @@ class Nuisance:
     def __init__(
         self,
         system: System,
-        wave_size: float,
+        wave_size: float = CREEP_WAVES,
         creep_share: float = 1.0,
         change_sd: Array | None = None,
         residual_sd: Array | None = None,
@@ -271,9 +303,9 @@ class Nuisance:
         self.system = system
         self.axes, self.variances = principal_axes(columns)
 
-    def statistics(self, y: Array, x: Array) -> Statistics:
-        """Statistics of residuals (N,) and columns (N, k)."""
-        columns = np.column_stack([x, y])
+    def statistics(self, y: Array, x: Array | None = None) -> Statistics:
+        """Statistics of residuals (N,) and columns (N, k), of none by default."""
+        columns = y[:, None] if x is None else np.column_stack([x, y])
         return Statistics(
             count=len(y),
             gram=columns.T @ columns,
@@ -320,20 +352,24 @@ def smooth_columns(body: Body, sd: Array, q: Array, nodes: Array) -> Array:
     alike[np.diag_indices(len(alike))] += 1e-6
     root = np.linalg.cholesky(alike)
     features = np.linalg.solve(root, matern(nodes, q, lengths))
-    columns: Array = np.einsum("kn,ij->nikj", features, np.diag(sd))
-    return columns.reshape(len(q), len(sd), -1)
+    return along_axes(features.T, np.diag(sd))
+
+
+def along_axes(features: Array | Mask, axes: Array) -> Array:
+    """Columns (n, m, k m) of features (n, k), each of which moves outputs along axes (m, m)."""
+    columns = np.kron(features, axes)
+    return np.asarray(columns.reshape(len(features), len(axes), -1), float)
 
 
 def prior_columns(
     reference: Reference,
-    wave_size: float,
+    wave_size: float = CREEP_WAVES,
     creep_share: float = 1.0,
     change_sd: Array | None = None,
 ) -> tuple[Indices, Array]:
     """What is unknown of the arm's parameters: which (k,), by standard normals (k, r).
 
-    wave_size : of `Reference.wave_sizes`
-    creep_share, change_sd : as of `Nuisance`
+    wave_size, creep_share, change_sd : as of `Nuisance`
     """
     body = reference.body
     if wave_size == AS_SIMULATED and reference.simulated is not None:
@@ -350,19 +386,3 @@ def prior_columns(
     belief = replace(body, root=root)
     belief = belief.with_covariance(changed, np.diag(sd[changed] ** 2))
     return belief.active, belief.root
-
-
-def frame_columns(
-    reference: Reference, observations: Observations, places: Array
-) -> Array:
-    """Outputs (n, m, r) by what all rows share: a frame that is shifted, turned and bent.
-
-    places : (n, p), positions [unit]
-    """
-    n, outputs = observations.z.shape
-    if not observations.shared:
-        return np.zeros((n, outputs, 0))
-    extent = reference.structure.extents[0]
-    features = np.hstack([np.ones((n, 1)), places / extent])
-    columns: Array = np.einsum("nk,ij->nikj", features, np.eye(outputs))
-    return observations.shared * columns.reshape(n, outputs, -1)

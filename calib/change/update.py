@@ -39,7 +39,7 @@ class UpdateSettings:
     rows_of_training: int = 2000
     # size of a log's own residual, times the usual one: with that alone 40 rows of
     # another mounting made errors elsewhere 1.25 times as large
-    own_residual: float = 4.0
+    residual_scale: float = 4.0
     # score from which a change is beyond doubt: then a belief moves as the usual size says, with
     # which windows of 30 and more rows of series C left errors half as large; its bound does not
     clearly: float = 2.0
@@ -126,7 +126,7 @@ def _update_by_posterior(
     usual = Posterior(explanation, observations, 1.0)
     likeliest = usual
     if not evidence.is_attributed:
-        larger = Posterior(explanation, observations, UPDATING.own_residual)
+        larger = Posterior(explanation, observations, UPDATING.residual_scale)
         likeliest = max(usual, larger, key=attrgetter("evidence"))
     # how unsure the belief is the evidence says, how far it moves beside a clear change does not
     is_clear = evidence.is_attributed or evidence.score > UPDATING.clearly
@@ -277,8 +277,8 @@ def _uncontradicted(
     usual_error = body.bound(q)[:, None, None] / RADIUS_95
     moves = slope[:, positions] @ differences.T / usual_error
     contradiction = np.einsum("nmi,nmj->ij", moves, moves) / len(q)
-    left = np.linalg.inv(np.eye(len(differences)) + contradiction)
-    covariance: Array = differences.T @ left @ differences
+    remaining = np.linalg.inv(np.eye(len(differences)) + contradiction)
+    covariance: Array = differences.T @ remaining @ differences
     return covariance
 
 
@@ -300,6 +300,6 @@ def _is_surer(evidence: Evidence, body: Body) -> bool:
     variances = []
     for belief in (body, old):
         spread = belief.spread(evidence.rows.probes)
-        own = float(np.einsum("nii->n", spread).mean())
-        variances.append(own * old.kappa**2 + unexplained)
+        variance = float(np.einsum("nii->n", spread).mean())
+        variances.append(variance * old.kappa**2 + unexplained)
     return variances[0] < UPDATING.refined**2 * variances[1]

@@ -265,7 +265,7 @@ def verdict_on_maps(rows: LogRows) -> Verdict:
     usual = float(np.median(rows.distance))
     most = max(OUTLIER * usual, float(limit.max()))
     sound = np.asarray(rows.distance <= most)
-    rows = rows.sound(sound)
+    rows = rows.without_strays(sound)
     tests = GroupTests((), noise, noise)
     limit = limit[sound]
     bound = bound_test(rows, limit, limit, rows.shared**2, tests)

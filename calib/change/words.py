@@ -7,7 +7,7 @@ the first joint's axis and that joint's offset; a sensor that shows all larger a
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Set
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from operator import itemgetter
 
@@ -51,9 +51,7 @@ WORDS = WordSettings()
 _WHICH = "are the same to this log: give `cause='joints'` or `cause='sensor'` if you know which"
 
 
-def causes_of(
-    evidence: Evidence, play: Play | None
-) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
+def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     """Return the causes of a log, the largest first, and notes on what it cannot distinguish.
 
     Where nothing changed, more noise, a play and a turned tool are the only causes there may be.
@@ -65,6 +63,7 @@ def causes_of(
         return (Cause("unknown", "", evidence.why_not()),), ()
     causes: list[Cause] = []
     notes: list[str] = []
+    play = evidence.play
     if play is not None and play.score > 1.0:
         causes.append(_play(evidence, play))
     if drifted:
@@ -73,8 +72,7 @@ def causes_of(
             changes.append(Cause("unknown", "", _doubt_of(evidence)))
         causes += changes
         if evidence.cause is None:
-            by_name = {change.cause: change for change in changes}
-            twins, notes = _twins(evidence, by_name)
+            twins, notes = _twins(evidence, changes)
             causes += twins
         if evidence.is_attributed:
             notes += _rivals(evidence, {cause.cause for cause in causes})
@@ -98,7 +96,7 @@ def _joint(evidence: Evidence, joint: int) -> tuple[str, str]:
 def _play(evidence: Evidence, play: Play) -> Cause:
     """A joint that has more play than the model knows, by all of it."""
     name, unit = _joint(evidence, play.joint)
-    whole = 2.0 * float(play.half[play.joint])
+    whole = 2.0 * play.half
     half = 2.0 * Z95 * play.deviation
     words = (
         f"{name} has {quantity(whole, unit, half)} of play that the model does not know: "
@@ -345,13 +343,14 @@ def _rivals(evidence: Evidence, named: Set[str]) -> list[str]:
 
 
 def _twins(
-    evidence: Evidence, causes: Mapping[str, Cause]
+    evidence: Evidence, changes: Sequence[Cause]
 ) -> tuple[list[Cause], list[str]]:
-    """Causes that would look the same as those by these names, and notes.
+    """Causes that would look the same as some changes, and notes.
 
     A turn of the sensor is an offset of the first joint; where a sensor shows all larger, all
     links may be longer.
     """
+    causes = {change.cause: change for change in changes}
     about = evidence.rows.model.about
     first, *_ = about.joint_names
     twins: list[Cause] = []

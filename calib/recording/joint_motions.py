@@ -81,9 +81,8 @@ class JointMotions(Motions):
 
     def beta(self, arm: Array) -> Array:
         """The structure's parameters (d,)."""
-        step = np.zeros(self.structure.size)
-        step[self.active] = arm[:-1]
-        return self.structure.retract(self.structure.neutral(), step)
+        drawn = self.structure.neutral()
+        return self.structure.after_step(drawn, self.active, arm[:-1])
 
     def largest_move(self, arm: Array) -> tuple[str, float, float]:
         """The joint whose origin differs most from the drawing's, by how much [m, rad]."""

@@ -81,9 +81,7 @@ def _delay(
         if estimate is None:
             return None
         delay, change = estimate
-        step = np.zeros(len(beta))
-        step[active] = change
-        beta = structure.retract(beta, step)
+        beta = structure.after_step(beta, active, change)
         share = share or delay.share
         late += delay.value
         # while the other parameters still move, its deviation is too large

@@ -56,10 +56,11 @@ def prepare(
     poses = {name: log.samples for name, log in prepared.items()}
     fits = fit_bodies(poses, options)
     # rows of one sensor count in what all of them know of the arm
-    doubt = sum(
+    doubts = [
         _doubt_by_clock(fits[name].body, samples)
         for name, samples in poses.items()
-    )
+    ]
+    doubt = np.sum(doubts, axis=0)
     return [
         _with_common_body(log, _with_doubt(fits[name], doubt))
         for name, log in prepared.items()
@@ -194,7 +195,7 @@ def _with_noise_of_readings(fit: BodyFit, samples: Samples) -> BodyFit:
     return replace(fit, body=body)
 
 
-def _doubt_by_clock(body: Body, samples: Samples) -> Array | float:
+def _doubt_by_clock(body: Body, samples: Samples) -> Array:
     """Covariance (k, k) of a body's parameters by the standard deviation of its rows' clock.
 
     Rows that all move by v change parameters of covariance C along C J' v, J their derivatives,
@@ -203,7 +204,7 @@ def _doubt_by_clock(body: Body, samples: Samples) -> Array | float:
     their unchanged arm for drifted; with it one does.
     """
     if samples.clock_sd is None:
-        return 0.0
+        return np.zeros_like(body.covariance)
     structure = body.structure
     _, slope = structure.predict_and_slope(samples.q, body.beta)
     _, columns = structure.linearise(samples.q, body.beta, body.active)
@@ -217,11 +218,11 @@ def _doubt_by_clock(body: Body, samples: Samples) -> Array | float:
     return np.outer(change, change)
 
 
-def _with_doubt(fit: BodyFit, covariance: Array | float) -> BodyFit:
-    """The fit with a further covariance (k, k) of its parameters, 0 for none."""
-    if np.ndim(covariance) == 0:
+def _with_doubt(fit: BodyFit, covariance: Array) -> BodyFit:
+    """The fit with a further covariance (k, k) of its parameters."""
+    if not covariance.any():
         return fit
-    body = fit.body.with_covariance(fit.body.active, np.asarray(covariance))
+    body = fit.body.with_covariance(fit.body.active, covariance)
     return replace(fit, body=body)
 
 

@@ -55,30 +55,28 @@ def in_sockets(
     }
 
 
-def as_positions(
-    model: Model, log: Samples, touch: Touches
-) -> tuple[Samples, list[str]]:
-    """A log of touches with its sockets where a model has them, and notes.
+def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
+    """A log whose touches have their sockets where a model has them, and notes.
 
     Each posture counts once.  Rows in turn are of each socket, so that a part of them is of all.
     Raises LogError if the model is not of an arm in space.
     """
+    if log.touch is None:
+        return log, []
     body = model.body
     structure = None if body is None else body.structure
     if not isinstance(structure, SpatialStructure) or structure.outputs != 3:
         raise LogError(
             "the log holds touches: expected a model of an arm in space with a body"
         )
-    log = at_poses(log)
-    touch = log.touch or touch
-    count = len(log)
-    log, _ = in_sockets(model, log, touch)
+    postures = at_poses(log)
+    touches, _ = in_sockets(model, postures, postures.touch or log.touch)
     notes = []
-    strays = count - len(log)
+    strays = len(postures) - len(touches)
     if strays:
         notes.append(f"{strays} touches in no socket of theirs are left out")
-    touched = log.touch or touch
-    return log.take(_in_turn(touched.number)), notes
+    touch = touches.touch or log.touch
+    return touches.take(_in_turn(touch.number)), notes
 
 
 def _in_turn(number: Index) -> Index:

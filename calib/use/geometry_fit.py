@@ -14,10 +14,9 @@ import numpy as np
 from ..arm.arm import PlanarArm, SpatialArm
 from ..arm.rotations import similarity
 from ..body.belief import Body, knows_orientation
-from ..body.covariance import Z95
+from ..body.covariance import Z95, Factor
 from ..body.fit import Fit
 from ..body.frame_starts import frame_of_drawing
-from ..body.normal import Factor
 from ..body.parameters import Hyper, Indices, Prior
 from ..body.rows import Rows
 from ..body.settings import FREE, PRIOR, PRIOR_SHARE, SHIFT, STUDENT

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..body.belief import Body
 from ..body.information import lengths_of, matern
-from ..change.causes import CREEP_WAVES, single_causes, with_chain_in_doubt
+from ..change.causes import single_causes, with_chain_in_doubt
 from ..change.frame import Reference
 from ..change.noise import FALSE_ALARM, sd_of_changes, usual_noise
 from ..change.significance import (
@@ -243,18 +243,18 @@ class _Equations:
         units = np.clip(model.motor.units, 0.0, 1.0)
         nodes = model.motor.scale.from_unit(units)
         # X: all parameters that may change, and the groups that are tested
-        causes = single_causes(structure).values()
-        self._changes = np.unique(np.concatenate([*causes]))
+        causes = single_causes(structure)
+        self._changes = np.unique(np.concatenate([*causes.values()]))
         self._groups = {
             name: np.searchsorted(self._changes, indices)
-            for name, indices in groups_of(structure).items()
+            for name, indices in groups_of(structure, causes).items()
             if np.isin(indices, self._changes).all()
         }
         self._moves = moves_of(structure, body.beta, nodes)[self._changes]
         self._sd = sd_of_changes(self._reference)[self._changes]
         # B: a late clock, the posterior of the parameters, and a smooth residual about some nodes
         self._posterior, self._root = prior_columns(
-            self._reference, CREEP_WAVES, CREEP_SHARE
+            self._reference, creep_share=CREEP_SHARE
         )
         self._nodes = nodes[spread_rows(len(nodes), MONITOR.nodes)]
         outputs = structure.outputs
