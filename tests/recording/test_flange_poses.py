@@ -164,7 +164,24 @@ def test_a_board_that_was_moved_among_few_pictures_is_told_from_an_arm_that_repe
         few = world.solve(
             world.flange[5:11], shots=pictures_of(world.pattern, world.corners[0][5:11])
         )
-        assert "camera or board was moved" in " ".join(few.notes)
+        words = "camera or board was moved (which 6 poses may not show: add pictures)"
+        assert words in " ".join(few.notes)
+
+
+@pytest.mark.parametrize("seed", [1, 5, 10, 11])
+def test_few_pictures_tell_turns_of_the_arm_from_shifts_and_from_noise_of_corners(seed):
+    """Turns of .1 deg ended at none."""
+    rig = World(seed, seed % 2 == 0, count=6, turn=np.radians(0.1)).solve()
+    assert np.radians(0.05) < rig.repeatability["rotation"] < np.radians(0.15)
+
+
+def test_intervals_of_five_pictures_contain_the_truth():
+    """They did in 91 %."""
+    shares = []
+    for seed in range(30):
+        world = World(seed, seed % 2 == 0, count=5, shift=1e-4, turn=np.radians(0.05))
+        shares.append(world.misses(world.solve()))
+    assert np.mean(np.array(shares) < 1.0) > 0.94
 
 
 def test_one_wrong_corner_is_no_wrong_picture_and_one_pose_twice_no_two():
