@@ -38,7 +38,7 @@ class NoteLimits:
     # of joint origins, that no drawing is off by [m, rad]
     drawing: tuple[float, float] = (5e-3, float(np.radians(1.0)))
     near: float = 0.3  # from the flange, where something may be in the hand [m]
-    # poses up to which noise hides a picture after a move: of 5 in 6 of 10 worlds, of 6 in 1 of 20
+    # poses up to which noise hides a picture after a move: of 5 in 6 of 10 worlds, of 6 seldom
     few: int = 6
 
 

@@ -21,8 +21,9 @@ class LogReading:
     out_of_plane: float = 0.02
     # a sensor that moves by this many of its last digits from row to row never reads the same twice
     # while the joints move by this share of their mean step: 600 rows of a path with six held runs
-    # of 12 missed by 1 mm and showed backlash, .014 without them
-    fine: float = 20.0
+    # of 12 missed by 1 mm and showed backlash, .014 without them; by 5 mm of whole mm, an SO-101's
+    # whose sensor was stuck for 15 of 450 rows missed by 19 mm, .4 without them
+    fine: float = 5.0
     moved: float = 0.25
     # share of three steps that the middle one is in motion, a third, rather than at rest, none;
     # joints read at every third position of a path: bounds of 20 to 150 mm of .1 to .5
