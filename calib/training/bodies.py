@@ -79,6 +79,11 @@ def _with_notes(fit: BodyFit, samples: Samples) -> BodyFit:
     notes = [*warnings, *fit.notes]
     if fit.held_out.shape[1] == 6:
         fit = fit.of_positions()
+    elif samples.orientation is not None and samples.x.shape[1] == 3:
+        notes.append(
+            "the orientations are not used: they are of an arm whose URDF is given, in a frame "
+            "of its size (view rigid or base)"
+        )
     extent = float(np.linalg.norm(np.ptp(samples.x, axis=0)))
     share = mean_error(fit) / extent
     if samples.simulation is None and share > LEARNING.no_arm:

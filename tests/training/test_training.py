@@ -229,6 +229,17 @@ def test_rows_that_no_arm_in_space_explains_are_refused_in_one_line(case):
     refused(calib.LogError, words, calib.train, log_of(arm, q, x, orientation=orientation), size=3)
 
 
+@pytest.mark.parametrize(("drawn", "words"), [(False, "orientations are not used"), (True, "")])
+def test_orientations_of_an_arm_that_nothing_draws_are_told_to_be_of_no_use(drawn, words):
+    arm = calib.load_arm("spatial_three")
+    q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (60, 3))
+    x, orientation = arm.pose(q)
+    log = calib.Samples(q, x, arm.joint_names, arm=arm if drawn else None, orientation=orientation)
+    notes = " ".join(calib.train(log, size=3).notes)
+    assert words in notes
+    assert drawn == ("orientations" not in notes)
+
+
 @pytest.mark.parametrize(("n", "noise", "most"), [(60, 1e-4, 3e-4), (200, 0.0, 1e-12)])
 def test_without_a_drawing_a_chain_in_space_is_found(n, noise, most):
     arm = calib.load_arm("spatial_three")
