@@ -19,7 +19,7 @@ from ..samples.motion import (
     gaps_between,
     joint_speed,
     joints_at,
-    read_anew,
+    rows_of_motion,
 )
 from ..samples.samples import Samples
 from .clocks import SURE, ClockError, align_clocks
@@ -204,8 +204,8 @@ def _joint_states(
         )
     times = np.array(sorted(rows))
     values = np.array([rows[time] for time in times.tolist()])
-    anew = read_anew(times, values)
-    return names, times[anew], values[anew]
+    moving = rows_of_motion(times, values)
+    return names, times[moving], values[moving]
 
 
 def _offset(

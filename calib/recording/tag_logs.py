@@ -23,7 +23,7 @@ from ..samples.motion import (
     gaps_between,
     joint_speed,
     joints_at,
-    read_anew,
+    rows_of_motion,
 )
 from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
@@ -211,8 +211,8 @@ def _motion_of(joints: JointTable) -> tuple[Array, Array]:
             f"{joints.label} has {len(first)} times: expected a column 'time' [s]"
         )
     q = joints.q[first]
-    anew = read_anew(time, q)
-    return time[anew], q[anew]
+    rows = rows_of_motion(time, q)
+    return time[rows], q[rows]
 
 
 def _video_sightings(video: Video, setting: Setting) -> tuple[Sightings, Array]:

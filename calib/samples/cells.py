@@ -20,7 +20,7 @@ from ..common.rows import row_lengths, spread_rows
 from ..common.wording import listing
 from ..errors import LogError
 from .joint_values import JointColumn, wrap
-from .motion import RowArrays, directions
+from .motion import RowArrays, directions, new_rows
 from .roles import FURTHER, QUATERNION, ROUNDING, SOCKET, Roles
 from .settings import READING
 from .tables import Source, rows_in_words
@@ -207,17 +207,10 @@ def rows_in_sight(cells: Cells) -> Cells:
 
 
 def repeated_readings(q: Array, x: Array) -> Mask:
-    """Return rows (n,) that read as the row before to the last digit although the joints moved.
-
-    A sensor of coarse steps, as of whole pixels, reads the same at two places and holds nothing.
-    """
-    step = row_lengths(np.diff(x, axis=0))
-    is_new = np.concatenate([[True], step > 0.0])
-    if not is_new[1:].any():
-        return np.zeros_like(is_new)
-    digits = np.concatenate([np.diff(np.unique(axis)) for axis in x.T])
-    if np.median(step[is_new[1:]]) <= READING.fine * digits.min():
-        return np.zeros_like(is_new)
+    """Return rows (n,) that read as the row before to the last digit although the joints moved."""
+    is_new = new_rows(x)
+    if is_new.all():
+        return ~is_new
     moved = row_lengths(np.diff(q, axis=0))
     usual = moved[is_new[1:]].mean()
     # from the row in which the sensor read this first
@@ -231,14 +224,12 @@ def repeated_joints(q: Array, x: Array) -> Mask:
 
     Positions at rest scatter about one place; a step in motion is a third of three.
     """
-    is_same = np.zeros(len(q), dtype=bool)
     rows = np.flatnonzero(repeated_readings(x, q)[2:-1]) + 2
     if len(rows) < READING.fewest_followers:
-        return is_same
+        return np.zeros(len(q), dtype=bool)
     step = x[rows] - x[rows - 1]
     around = x[rows + 1] - x[rows - 2]
     size = np.maximum(row_lengths(around), 1e-300)
     share = (step * around).sum(axis=1) / size**2
-    if np.median(share) > READING.follows:
-        is_same[1:] = (q[1:] == q[:-1]).all(axis=1)
-    return is_same
+    in_motion = np.median(share) > READING.follows
+    return np.asarray(~new_rows(q) & in_motion)

@@ -8,7 +8,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
-from ..common.rows import group_means
+from ..common.rows import group_means, row_lengths
 from ..errors import OptionError
 from .settings import ONE_POSE, READING
 
@@ -76,22 +76,33 @@ def joints_at(when: Array, time: Array, q: Array) -> Array:
     return np.stack([np.interp(when, time, column) for column in q.T], axis=1)
 
 
-def read_anew(time: Array, q: Array) -> Index:
+def new_rows(values: Array) -> Mask:
+    """Which rows (n,) of values (n, k) differ from the one before, to the last digit.
+
+    Steps of few digits, as of whole pixels or of coarse encoders, may be equal at two places: then
+    all rows are new.
+    """
+    step = row_lengths(np.diff(values, axis=0))
+    is_new = np.concatenate([[True], step > 0.0])
+    if not is_new[1:].any():
+        return np.ones_like(is_new)
+    digits = np.concatenate([np.diff(np.unique(axis)) for axis in values.T])
+    if np.median(step[is_new[1:]]) <= READING.fine * digits.min():
+        return np.ones_like(is_new)
+    return is_new
+
+
+def rows_of_motion(time: Array, q: Array) -> Index:
     """Rows (k,) of recorded joints q (m, joints) at times (m,) [s] that a motion goes through.
 
     A driver that publishes more often than it reads makes stairs of a motion: the first row of each
     counts.  All rows count of a rest, which is longer, and where there are no stairs.
     """
-    is_new = np.ones(len(q), dtype=bool)
-    is_new[1:] = (np.diff(q, axis=0) != 0.0).any(axis=1)
-    starts = np.flatnonzero(is_new)
-    lengths = np.diff(starts, append=len(q))
+    is_new = new_rows(q)
+    lengths = np.diff(np.flatnonzero(is_new), append=len(q))
     usual = float(np.median(lengths))
     hold = usual * float(np.median(np.diff(time)))
-    digits = np.concatenate([np.diff(np.unique(column)) for column in q.T])
-    step = np.abs(np.diff(q[starts], axis=0)).max(axis=1, initial=0.0)
-    is_coarse = np.median(step) <= READING.fine * digits.min(initial=np.inf)
-    if usual < 2.0 or hold > READING.longest_hold or is_coarse:
+    if usual < 2.0 or hold > READING.longest_hold:
         return np.arange(len(q))
     is_rest = np.repeat(lengths > READING.rest * usual, lengths)
     return np.flatnonzero(is_new | is_rest)
