@@ -113,6 +113,12 @@ class CornerFit:
     # degrees of freedom that the noise of turns, or of shifts, is known with: the larger
     freedom: float = np.inf
 
+    def with_turn(self, turn: float) -> CornerFit:
+        """Where a fit begins, with another noise of the motions' turns [rad]."""
+        error = self.noise.error.copy()
+        error[:3] = turn
+        return replace(self, noise=replace(self.noise, error=error))
+
 
 def solve(
     bundle: Bundle, prior: CornerPrior, start: CornerFit, *, learn: bool = True
