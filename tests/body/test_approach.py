@@ -49,11 +49,6 @@ def test_the_direction_pays_where_there_is_backlash():
     assert np.array_equal(unknown, model.expected_error(q), equal_nan=True)
 
 
-def test_thirty_rows_show_a_play_that_is_far_above_the_noise():
-    model = calib.train(bare(arm(), 30, 1, "elbow.backlash=0.01", noise=1e-5), size=4)
-    np.testing.assert_allclose(model.approach.play, [0.0, PLAY / 2], rtol=0.03)
-
-
 def test_a_log_along_a_path_shows_it_and_a_shuffled_one_does_not():
     samples = calib.babble(arm(), 500)
     u = 0.5 + 0.5 * np.sin(np.arange(500)[:, None] * [0.106, 0.08] + [0.3, 1.1])

@@ -10,7 +10,6 @@ from refusals import refused
 from small_maps import UNIT_BOX, box, network, points
 
 from calib import SOM, LogError
-from calib.common.rows import group_means, group_sums
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.vdsom import VDSOM, Layer, Rates
@@ -153,12 +152,3 @@ def test_resampling_keeps_linear_functions_of_the_cell_middles(coarse, fine):
 
     old, new = Lattice(coarse), Lattice(fine)
     np.testing.assert_allclose(old.resample(plane(old), new), plane(new), atol=1e-12)
-
-
-def test_sums_and_means_by_group_keep_groups_without_rows():
-    x = np.array([[1.0, 10.0], [2.0, 20.0], [4.0, 40.0]])
-    group = np.array([2, 0, 2])
-    np.testing.assert_array_equal(group_sums(group, x, 4), [[2, 20], [0, 0], [5, 50], [0, 0]])
-    means = group_means(group, x[:, 0], 4)
-    np.testing.assert_array_equal(means, [2, np.nan, 2.5, np.nan])
-    assert group_sums(group[:0], x[:0], 2).tolist() == [[0, 0], [0, 0]]

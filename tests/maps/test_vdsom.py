@@ -165,16 +165,6 @@ def test_the_default_is_the_border_times_where_a_smooth_model_is_wrong():
 X = points(600)
 
 
-def test_a_gain_draws_nodes():
-    def right(visit: calib.Visit):
-        assert visit.weights.shape == (64, 2)
-        return 1.0 + 20.0 * visit.progress * (visit.weights[visit.winners, 0] > 0.7)
-
-    drawn = calib.SOM((8, 8), map=right).fit(X)
-    plain = calib.SOM((8, 8), map="som").fit(X)
-    assert (drawn.units[:, 0] > 0.7).sum() > 1.3 * (plain.units[:, 0] > 0.7).sum()
-
-
 WRONG = {
     "shape": lambda n: np.ones(n + 1),
     "a scalar": lambda n: 1.0,
