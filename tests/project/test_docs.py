@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import versions
 from models import sensed
-from pages import PAGES, ROOT, SHARED, anchors, blocks, links, run_page
+from pages import PAGES, ROOT, anchors, blocks, links, run_page
 from reference import ROBOTS, write_columns
 from rendering import Camera
 
@@ -88,7 +88,7 @@ def needed(text: str) -> None:
         shutil.copy(next(Path("recording").rglob("*.mcap")), "run.mcap")
 
 
-def test_the_readmes_commands_run_in_order_and_its_code_does_what_it_says(tmp_path, monkeypatch):
+def test_the_readmes_commands_run_and_its_code_does_what_it_says(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     lines = [line for line in README.splitlines() if line.startswith("    ")]
     typed = [part.strip() for line in lines for part in line.split("#")[0].split("&&")]
@@ -104,7 +104,7 @@ def test_the_readmes_commands_run_in_order_and_its_code_does_what_it_says(tmp_pa
                 continue
             shutil.copy(REAL_URDF, "ur10.urdf")
         shown = ["--html", "page.html"] if words[1] == "preview" else []  # no server, no browser
-        done = SHARED.run([*words[1:], *shown], tmp_path)
+        done = run(*words[1:], *shown)
         expected = 3 if words[1] == "check" else 0  # the README says so: it has drifted
         assert done.code == expected, (command, done.err)
     made = {"two_link.calib", "arm.calib", "two_link.adapted.calib", "joints.csv", "q2.csv"}
@@ -126,20 +126,20 @@ def test_the_readmes_two_commands_are_what_is_checked_on_every_change():
 
 
 @pytest.mark.parametrize("name", RUN)
-def test_commands_and_code_run_and_print_what_the_page_shows(name, folder):
+def test_commands_and_code_run_and_print_what_the_page_shows(run, name, folder):
     text = TEXTS[name]
     if not any(block.language in ("console", "python") for block in blocks(text)):
         return
     needed(text)
     for line in EARLIER.get(name, ()):
-        assert SHARED.run(line.split(), folder).code == 0
+        run.done(line)
     names: dict[str, object] = {}
     if name == "docs/howto/ros.md":
         robot = Mock()  # for LeRobot's follower
         shutil.copy("two_link.adapted.calib", "so101.calib")
         action = {"shoulder_lift.pos": 30.0, "elbow_flex.pos": 60.0, "gripper.pos": 5.0}
         names = {"robot": robot, "action": action}
-    run_page(ROOT / name, folder, names)
+    run_page(ROOT / name, names)
     if name == "docs/howto/ros.md":
         adapted = calib.load("two_link.adapted.calib")
         (q,) = np.degrees(calib.correct(adapted, np.radians([[30.0, 60.0]])).q)
