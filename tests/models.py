@@ -284,14 +284,8 @@ def in_plane():
     beta[geometry] += rng.normal(0, 0.02, len(geometry))
     curves = np.arange(len(geometry), structure.size)
     beta[curves] = rng.normal(0, 1e-4, len(curves))
-    root = rng.normal(0, 1e-3, (len(geometry), len(geometry)))
-    covariance = np.zeros((structure.size,) * 2)
-    covariance[: len(root), : len(root)] = root @ root.T
-    covariance[curves, curves] = rng.uniform(0, 1e-8, len(curves))
-    shared = rng.normal(0, 1e-4, (structure.size, 5))  # what couples curves with all
-    body = replace(
-        drawn.body, structure=structure, beta=beta, active=np.arange(structure.size),
-        root=np.linalg.cholesky(covariance + shared @ shared.T), second=None,
-    )  # fmt: skip
+    root = 1e-4 * rng.normal(size=(structure.size, 40))  # which couples curves with all
+    uncertain = {"active": np.arange(structure.size), "root": root, "second": None}
+    body = replace(drawn.body, structure=structure, beta=beta, **uncertain)
     bounds = np.zeros(drawn.motor.size)
     return replace(drawn, body=body, bounds=bounds, model_bounds=bounds)

@@ -97,8 +97,6 @@ def closed_form(position: np.ndarray, frame: np.ndarray, tip: np.ndarray) -> np.
     wrist = position - TOOL * r[:, 1]
     out = []
     far = np.hypot(wrist[0], wrist[1])
-    if far < SIDE:
-        return np.empty((0, 6))
     for side in (np.arcsin(SIDE / far), np.pi - np.arcsin(SIDE / far)):
         q1 = np.arctan2(wrist[1], wrist[0]) - side
         back = exponential(np.array([0.0, 0.0, -q1]))
@@ -106,8 +104,6 @@ def closed_form(position: np.ndarray, frame: np.ndarray, tip: np.ndarray) -> np.
         for sign in (1, -1):
             q5 = sign * np.arccos(np.clip(m[1, 1], -1, 1))
             s5 = np.sin(q5)
-            if abs(s5) < 1e-9:
-                continue
             total = np.arctan2(-m[2, 1] / s5, m[0, 1] / s5)
             q6 = np.arctan2(-m[1, 2] / s5, -m[1, 0] / s5)
             x = w[0] + DROP * np.sin(total)
