@@ -16,6 +16,23 @@ from calib.arm.rotations import exponential, logarithm, matrix_of, quaternion_of
 
 BUNDLED = [entry.name for entry in calib.list_robots()]
 ASKEW = chain_urdf(turning(), turning(axis="0.00005 0 1"), tip="0.2 0 0.1")
+TWO = "shoulder elbow"
+SIX = "shoulder_pan shoulder_lift elbow wrist_1 wrist_2 wrist_3"
+SO101 = "shoulder_pan shoulder_lift elbow_flex wrist_flex wrist_roll"
+PROMISED = {  # joints, limits [deg, m] where they are promised, lengths of the links [m]
+    "two_link": (TWO, [(0, 90), (15, 150)], [0.30, 0.25]),
+    "two_link_full": (TWO, [(0, 90), (-150, 150)], [0.30, 0.25]),
+    "three_link": ("shoulder elbow wrist", [(0, 90), (15, 150), (-90, 90)], [0.30, 0.25, 0.15]),
+    "scara": (TWO, [(-120, 120), (-140, 140)], [0.35, 0.35]),
+    "tilted": (TWO, [(0, 90), (15, 150)], [0.30, 0.25]),
+    "polar": ("shoulder slide", None, None),
+    "spatial_three": ("shoulder_pan shoulder_lift elbow", None, [0.08, 0.301496, 0.25]),
+    "six_axis": (SIX, None, [0.12, 0.420476, 0.38, 0.1, 0.09, 0.08]),
+    "so101": (SO101, None, [0.064775, 0.116, 0.135, 0.063725, 0.098445]),
+}
+DATA = Path(__file__).parents[1] / "data"
+EVERY_FORM = (DATA / "every_form.xml").read_text()
+UR5E = (DATA / "ur5e.xml").read_text()
 
 
 @pytest.mark.parametrize("source", [*BUNDLED, MIXED, ASKEW])
@@ -94,22 +111,6 @@ def test_torques_are_pinocchios_and_any_masses_are_a_sum_of_unit_weights():
     np.testing.assert_allclose(levers, Loads.of_masses(chain).levers(q), atol=1e-12)
 
 
-TWO = "shoulder elbow"
-SIX = "shoulder_pan shoulder_lift elbow wrist_1 wrist_2 wrist_3"
-SO101 = "shoulder_pan shoulder_lift elbow_flex wrist_flex wrist_roll"
-PROMISED = {  # joints, limits [deg, m] where they are promised, lengths of the links [m]
-    "two_link": (TWO, [(0, 90), (15, 150)], [0.30, 0.25]),
-    "two_link_full": (TWO, [(0, 90), (-150, 150)], [0.30, 0.25]),
-    "three_link": ("shoulder elbow wrist", [(0, 90), (15, 150), (-90, 90)], [0.30, 0.25, 0.15]),
-    "scara": (TWO, [(-120, 120), (-140, 140)], [0.35, 0.35]),
-    "tilted": (TWO, [(0, 90), (15, 150)], [0.30, 0.25]),
-    "polar": ("shoulder slide", None, None),
-    "spatial_three": ("shoulder_pan shoulder_lift elbow", None, [0.08, 0.301496, 0.25]),
-    "six_axis": (SIX, None, [0.12, 0.420476, 0.38, 0.1, 0.09, 0.08]),
-    "so101": (SO101, None, [0.064775, 0.116, 0.135, 0.063725, 0.098445]),
-}
-
-
 @pytest.mark.parametrize("name", sorted({*PROMISED, *BUNDLED}))
 def test_every_entry_of_the_catalogue_is_what_was_promised(name):
     joints, degrees, lengths = PROMISED[name]
@@ -128,11 +129,6 @@ def test_every_entry_of_the_catalogue_is_what_was_promised(name):
         np.testing.assert_allclose(list(arm.link_lengths.values()), lengths, atol=1e-6)
     if entry.name == "six_axis":
         assert (arm.chain.masses > 0).all()
-
-
-DATA = Path(__file__).parents[1] / "data"
-EVERY_FORM = (DATA / "every_form.xml").read_text()
-UR5E = (DATA / "ur5e.xml").read_text()
 
 
 @pytest.mark.parametrize("text", [EVERY_FORM, UR5E], ids=["every form", "ur5e"])

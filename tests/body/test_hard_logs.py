@@ -17,6 +17,8 @@ from calib.arm.rotations import exponential, matrix_of, quaternion_of
 
 NOISE = 2e-5
 ARM = calib.load_arm("six_axis")
+BARE = arm_from_urdf(re.sub(r"<inertial>.*?</inertial>", "", ARM.urdf, flags=re.DOTALL))
+COMPLIANCE = np.array([0.8, 1.0, 1.2, 4.0, 5.0, 3.0])
 
 
 def learned(readings, rng, noise=NOISE, waves=0.0):
@@ -137,10 +139,6 @@ def test_a_short_path_without_a_drawing_is_bounded_elsewhere():
     body = calib.train(replace(log, arm=None), size=4).body
     off = np.linalg.norm(body.predict(fresh) - ARM.forward(fresh), axis=1)
     assert np.mean(off <= body.bound(fresh)) > 0.9
-
-
-BARE = arm_from_urdf(re.sub(r"<inertial>.*?</inertial>", "", ARM.urdf, flags=re.DOTALL))
-COMPLIANCE = np.array([0.8, 1.0, 1.2, 4.0, 5.0, 3.0])
 
 
 def sagging(q, most, gravity=(0.0, 0.0, -9.81)):

@@ -55,6 +55,7 @@ CONTRACT = [
     ("preview m.calib --html p.html", 0, "preview"),
     ("check m.calib --data nowhere.csv", 1, "failure"),
 ]
+FAILS = "THE BOUND DOES NOT HOLD"
 
 
 def misfits(value, kind, place="document"):
@@ -111,9 +112,6 @@ def test_a_command_ends_with_its_code_and_its_document(run, line, code, kind):
     assert done.code == code, done.err
     whole = reduce(or_, map(KINDS.get, kind.split(" + ")))
     assert misfits(done.document, whole) == []
-
-
-FAILS = "THE BOUND DOES NOT HOLD"
 
 
 @pytest.mark.parametrize(

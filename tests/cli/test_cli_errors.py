@@ -90,6 +90,7 @@ CASES = [
     ("evaluate good.calib --frame free", 2, "--frame --data"),
     ("check good.calib --data few.csv --camera left", 2, "--camera LeRobotDataset"),
 ]
+INTERRUPTED = RuntimeError("Error calling __set_name__")
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +124,6 @@ def test_one_line_and_a_document_and_nothing_written(run, folder, monkeypatch, l
     assert {path.name: path.stat().st_mtime_ns for path in folder.iterdir()} == before
 
 
-INTERRUPTED = RuntimeError("Error calling __set_name__")
 INTERRUPTED.__cause__ = KeyboardInterrupt()
 
 

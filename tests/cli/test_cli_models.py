@@ -12,6 +12,8 @@ from scipy.special import chdtri
 
 import calib
 
+SENSOR, RETURN, OFFSET = 1e-5, 4e-5, 0.004  # [m], [m], [rad] of the elbow
+
 
 @pytest.fixture(autouse=True)
 def _in_a_folder_of_its_own(tmp_path, monkeypatch):
@@ -106,9 +108,6 @@ def test_a_file_is_named_after_its_robot_and_another_robots_name_needs_force(run
     (tmp_path / "polar.calib").write_text("notes of mine")
     assert run(f"train polar {small}").code == 1
     run.done(f"train polar {small} -o polar.calib")
-
-
-SENSOR, RETURN, OFFSET = 1e-5, 4e-5, 0.004  # [m], [m], [rad] of the elbow
 
 
 @pytest.fixture(scope="module")

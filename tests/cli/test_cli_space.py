@@ -15,6 +15,11 @@ LENS = {"focal": 880.0, "k1": -0.09, "shift": (-6.5, 11.5)}
 CAMERA = Camera(position=tuple(EYE), target=(0.1, 0.0, 0.2), roll=0.0, **LENS)
 ROTATION = ["qx", "qy", "qz", "qw"]
 BOUNDS = ["expected_error", "model_error"]
+SIX = calib.load_arm("six_axis")
+FRAME, SHIFT = Rotation.from_rotvec([-0.4, 0.9, 2.0]), np.array([2.0, -1.0, 0.5])
+TOOL = Rotation.from_rotvec([0.3, -0.5, 0.8])
+POSTURE = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3])
+NEAR = ("--near", ",".join(map(str, POSTURE)))
 
 
 def matrix(found, names):
@@ -109,13 +114,6 @@ def test_check_and_adapt_follow_a_camera_that_was_moved(run, folder):
     run.done(f"adapt {folder}/m.calib --data {folder}/moved.csv -o {folder}/a.calib")
     camera = run(f"info {folder}/a.calib --json").document["view"]["camera"]
     assert camera["position"] == pytest.approx(EYE + moved, abs=3e-3)
-
-
-SIX = calib.load_arm("six_axis")
-FRAME, SHIFT = Rotation.from_rotvec([-0.4, 0.9, 2.0]), np.array([2.0, -1.0, 0.5])
-TOOL = Rotation.from_rotvec([0.3, -0.5, 0.8])
-POSTURE = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3])
-NEAR = ("--near", ",".join(map(str, POSTURE)))
 
 
 def seen(q):

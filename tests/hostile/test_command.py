@@ -45,6 +45,8 @@ GOOD = {  # by option, else by metavar
     "X Y [Z]": ("0.3", "0.25", "-0.1"), "R,P,Y": ("0,0,1",), "QX,QY,QZ,QW": ("0,0,0,1",),
     "40mm": ("40mm",), "ID": ("7",),
 }  # fmt: skip
+# what a terminal would obey
+RAW = {chr(c) for c in (*range(9), *range(11, 32), *range(127, 160), *range(0x202A, 0x202F))}
 
 
 def commands(command, words=()):
@@ -121,10 +123,6 @@ def home(tmp_path_factory, run):
         (folder / "far.csv").write_text("x,y\n0.3,0.3\n1e308,-1e308\nnan,1\na,b\n")
         (folder / "r.urdf").write_text(calib.load_arm("two_link").urdf)
         yield folder
-
-
-# what a terminal would obey
-RAW = {chr(c) for c in (*range(9), *range(11, 32), *range(127, 160), *range(0x202A, 0x202F))}
 
 
 def judge_output(args, done):

@@ -19,6 +19,8 @@ from calib.model.poses import solve_poses
 
 ROBOTS = ("two_link", "two_link_full", "three_link", "polar", "scara", "tilted")
 TURN = 2 * np.pi
+LIMITS = ((-1.2, 1.6), (-2.4, 2.4), (-2.0, 2.0))
+"""Of three joints [rad], between which solutions fall into one to three families."""
 
 
 def away(model, q, near):
@@ -139,10 +141,6 @@ def test_four_to_seven_joints(joints, slide):
     for target, solutions in zip(x, model.inverse_all(x[:3]), strict=False):
         assert 1 <= len(solutions) < 10
         assert np.linalg.norm(arm.forward(solutions) - target, axis=1).max() < 1e-8
-
-
-LIMITS = ((-1.2, 1.6), (-2.4, 2.4), (-2.0, 2.0))
-"""Of three joints [rad], between which solutions fall into one to three families."""
 
 
 def family_count(x, n=8001):

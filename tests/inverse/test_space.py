@@ -11,6 +11,7 @@ from calib.arm.rotations import exponential, matrix_of, quaternion_of
 from calib.model.poses import solve_poses
 
 either_way = pytest.mark.parametrize("answering", [warm, lambda model: model], ids=["C", "batch"])
+HEIGHT, SIDE, UPPER, FORE, DROP, TOOL = 0.16, 0.20, 0.42, 0.38, 0.09, 0.08
 
 
 def inside(model, q):
@@ -82,9 +83,6 @@ def test_a_free_axis_leaves_the_turn_about_it_open(answering):
     np.testing.assert_allclose(axes, matrix_of(turn)[:, :, 2], atol=1e-7)
     assert np.abs(joints - q).max() < 0.3  # as the turn is free, they hardly have to move
     refused(calib.QueryError, "one of x, y, z", model.inverse_pose, position, spun, q, free="w")
-
-
-HEIGHT, SIDE, UPPER, FORE, DROP, TOOL = 0.16, 0.20, 0.42, 0.38, 0.09, 0.08
 
 
 def closed_form(position: np.ndarray, frame: np.ndarray, tip: np.ndarray) -> np.ndarray:

@@ -12,6 +12,10 @@ from calib.maps.links import WIRINGS
 from calib.maps.local_models import correction, correction_slope, exponents, fit, model_weights
 from calib.maps.model_selection import SELECTION, follows_the_motion, select
 
+N, MOTOR = 6000, grid(20)
+SLIP = np.where(np.arange(N)[:, None] < 40, 2e-3, 0.0)
+"""What a tracker that slipped for forty rows adds: one stretch of the log alone shows it."""
+
 
 def fitted(motor, u, x, degree, samples):
     shape = SELECTION.shapes[0]._replace(degree=degree, samples=samples)
@@ -113,9 +117,6 @@ def test_slopes_are_finite_differences_of_the_blended_value():
         assert np.quantile(np.abs(found - slope[:, :, k]), 0.99) < 1e-6
 
 
-N, MOTOR = 6000, grid(20)
-
-
 class Known:
     """A smooth part that is right but for what the tests add: positions are the joints."""
 
@@ -140,10 +141,6 @@ def inside(u):
 
 def bump(u):
     return 2e-3 * np.exp(-(((u - 0.5) / 0.08) ** 2).sum(axis=1))[:, None] * [1.0, -0.5]
-
-
-SLIP = np.where(np.arange(N)[:, None] < 40, 2e-3, 0.0)
-"""What a tracker that slipped for forty rows adds: one stretch of the log alone shows it."""
 
 
 @pytest.mark.parametrize(("size", "slip"), [(0.0, 0), (1e-4, 0), (1e-2, 0), (1e-4, SLIP)])

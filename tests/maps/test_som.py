@@ -15,6 +15,13 @@ from calib.maps.lattice import Lattice
 from calib.maps.vdsom import VDSOM, Layer, Rates
 
 BOUND = 0.377  # quantization error of the best (hexagonal) quantizer: 0.377 sqrt(A / N)
+NETWORKS = {  # nodes along a side, samples, quantization error over the best, topographic error
+    "som": (40, 10_000, 1.15, 0.05),
+    "vdsom": (40, 10_000, 1.4, 0.05),  # it spends nodes on the border
+    "gng": (10, 3000, 1.15, 0.05),
+    "dsom": (10, 4000, 1.6, 0.1),
+}
+shapes = st.lists(st.integers(2, 6), min_size=1, max_size=3).map(tuple)
 
 
 def batch_target(weights, lattice, x, gain=1.0):
@@ -45,14 +52,6 @@ def test_the_online_rule_comes_to_rest_where_the_batch_rule_does():
     weights = net.layers[0].weights
     assert np.abs(weights - batch_target(weights, settled.lattice, x)).max() < 2e-3
     assert np.abs(start - settled.units).max() > 2e-2
-
-
-NETWORKS = {  # nodes along a side, samples, quantization error over the best, topographic error
-    "som": (40, 10_000, 1.15, 0.05),
-    "vdsom": (40, 10_000, 1.4, 0.05),  # it spends nodes on the border
-    "gng": (10, 3000, 1.15, 0.05),
-    "dsom": (10, 4000, 1.6, 0.1),
-}
 
 
 @pytest.mark.parametrize("name", NETWORKS)
@@ -126,9 +125,6 @@ def test_topographic_error_counts_samples_between_nodes_that_are_no_neighbours()
     assert folded.topographic_error([fold]) == 1.0
     assert folded.topographic_error([middle]) == 0.0
     assert folded.topographic_error([fold, middle, middle, middle]) == 0.25
-
-
-shapes = st.lists(st.integers(2, 6), min_size=1, max_size=3).map(tuple)
 
 
 @given(shapes)

@@ -13,6 +13,17 @@ from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS
 from calib.maps.vdsom import ONLINE, VDSOM, Layer, Rates, zeta
 
+X = points(600)
+WRONG = {
+    "shape": lambda n: np.ones(n + 1),
+    "a scalar": lambda n: 1.0,
+    "negative": lambda n: np.where(np.arange(n) == 3, -1.0, 1.0),
+    "nan": lambda n: np.full(n, np.nan),
+    "infinite": lambda n: np.full(n, np.inf),
+    "zeros": np.zeros,
+    "text": lambda n: "gain",
+}
+
 
 def rates(n, sigma, alpha, maps=1, eta=0.13, beta=1.0):
     progress = np.linspace(0.1, 1.0, n)
@@ -160,20 +171,6 @@ def test_the_default_is_the_border_times_where_a_smooth_model_is_wrong():
     share = np.clip(wrong / wrong.mean(), 0.05, 50)
     np.testing.assert_allclose(residual(told), border(plain) ** (2 / 3) * share)
     np.testing.assert_allclose(residual(replace(told, progress=0.0)), 1.0)
-
-
-X = points(600)
-
-
-WRONG = {
-    "shape": lambda n: np.ones(n + 1),
-    "a scalar": lambda n: 1.0,
-    "negative": lambda n: np.where(np.arange(n) == 3, -1.0, 1.0),
-    "nan": lambda n: np.full(n, np.nan),
-    "infinite": lambda n: np.full(n, np.inf),
-    "zeros": np.zeros,
-    "text": lambda n: "gain",
-}
 
 
 @pytest.mark.parametrize("wrong", WRONG.values(), ids=WRONG)

@@ -41,6 +41,8 @@ REMARKS = {  # of what does not run as it stands
      "against stand-ins for ROS's modules."),
     ("docs/howto/ros.md", "Run by the tests against a stand-in for `robot`, never with LeRobot."),
 }  # fmt: skip
+REAL_URDF = next(ROBOTS.rglob("ur10_robot.urdf"), None)
+"""The UR10 of the package example-robot-data, where it is installed."""
 
 
 @pytest.fixture
@@ -68,10 +70,6 @@ def pictures():
     camera = Camera(focal=880.0, k1=0.0, shift=(0.5, 0.5), **ahead)
     log = sensed(arm, 45, 0, lambda q: camera.project(arm.forward(q)), 0.3, unit="px")
     return dict(zip((*arm.joint_names, "u", "v"), np.hstack([log.q, log.x]).T, strict=True))
-
-
-REAL_URDF = next(ROBOTS.rglob("ur10_robot.urdf"), None)
-"""The UR10 of the package example-robot-data, where it is installed."""
 
 
 def needed(text: str) -> None:

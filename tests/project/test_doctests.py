@@ -18,6 +18,10 @@ MODULES = ["calib"] + [
     if not m.name.endswith("__main__") and "._robots" not in m.name
 ]
 FINDER = doctest.DocTestFinder(exclude_empty=True)
+SOURCE = "".join(p.read_text(encoding="utf-8") for p in Path(calib.__path__[0]).rglob("*.py"))
+_ITEM = re.compile(r"^(\w+(?:, \w+)*) : (.*(?:\n(?:    .*|$))*)", re.MULTILINE)
+_QUOTED = re.compile(r'"([a-z][\w:-]*)"')
+_ROLE = re.compile(r":(?:func|class|meth|mod|data):`~?([\w.]+)`")
 
 
 @pytest.mark.parametrize("name", MODULES)
@@ -33,12 +37,6 @@ def test_examples_of(name, tmp_path, monkeypatch):
 def test_there_are_examples_of_the_main_functions():
     for thing in (calib, calib.train, calib.Model.forward):
         assert any(t.examples for t in FINDER.find(thing)), thing
-
-
-SOURCE = "".join(p.read_text(encoding="utf-8") for p in Path(calib.__path__[0]).rglob("*.py"))
-_ITEM = re.compile(r"^(\w+(?:, \w+)*) : (.*(?:\n(?:    .*|$))*)", re.MULTILINE)
-_QUOTED = re.compile(r'"([a-z][\w:-]*)"')
-_ROLE = re.compile(r":(?:func|class|meth|mod|data):`~?([\w.]+)`")
 
 
 def public():

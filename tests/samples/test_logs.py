@@ -20,13 +20,42 @@ GOOD = "a,b,x,y\n0.1,0.2,1,2\n0.2,0.4,3,4\n0.3,0.1,5,6\n"
 MODEL = b"9" * 8 + b'{"__metadata__":{"calib":"{}"}}'
 TURN = 2 * math.pi
 DEGREES = 180 / math.pi
+ROWS = st.lists(st.tuples(*[st.floats(-1e12, 1e12)] * 3), min_size=2, unique=True)
+BAD = [  # what a file holds, what is asked of it, and what the refusal says
+    ("", {}, "is empty"),
+    ("1,2,2,3e-1\n2,3,4,5\n", {}, "has no header: expected the columns' names"),
+    ("a,b,x,y\n", {}, "has no rows below its header"),
+    ("a,b,x,y\n1,2,3,4\n", {}, "one usable row"),
+    ("a,b,x\n1,2,3\n", {}, "no column 'y': choose from a, b, x"),
+    ("a,b\n0.1,0.2\n0.2,0.4\n", {}, "has no positions: expected columns x, y and z"),
+    ("a,bb,x,y\n1,2,3,4\n", {}, "did you mean bb"),
+    ("a,b,b,x,y\n1,2,2,3,4\n", {}, "several columns 'b'"),
+    ("a,b,x,y\n1,\u0661,3,4\n", {}, "1 of 1 rows miss a finite number .* of b"),
+    ("a;b;x;y\n1;0,5;.3;4\n", {}, r"1 of 1 rows miss a finite number \(2.5, not 2,5\) of b"),
+    ("a,b,x,y\n1,2,3,4\n0,5,0,6,3,4\n", {}, "row 2 has 6 values, the header 4"),
+    ("# May\na,b,x,y\n1,2,3,4\n", {}, "4 values, the header 1 .*: expected the columns' names"),
+    ("a,b,x,y\n1,2,,4\n2,3,,5\n", {}, "2 of 2 rows miss a finite number .* of x"),
+    ("a,b,x,y\n1,,3,4\n,3,3,5\n", {}, "2 of 2 rows miss a finite number .* of a, b"),
+    ("a,b,x,y\n1,2,3,4\n1,3,4,5\n", {}, "a is 1 in every row"),
+    ("a,b,x,y\n1,2,3,4\n2,3,3,5\n", {}, "x is 3 in every row"),
+    ("a,b,x,y,sensor\n1,2,3,4,l\n2,3,4,5,r\n", {}, "several sensors, l, r: expected a log of one"),
+    (b"a,b,x,y,c\n1,2,3,4,\xb0\n", {}, "UTF-8"),
+    (b"PAR1 and nothing else", {}, "cannot be read"),
+    (MODEL, {}, "is a model, not a log; .log. takes a log .CSV or Parquet."),
+    (b"a" * (1 << 20), {}, "no positions"),
+    ('a,b,x,y\n1,2,3,"4\n' + "5" * 200_000, {}, "cannot be read"),
+    (GOOD, {"joints": None}, "choices: 'a', 'b'; name them in .joints"),
+    (GOOD, {"joints": ["b", "b"]}, "taken twice"),
+    (GOOD, {"joints": ["b", "x"]}, "taken twice"),
+    (GOOD, {"prismatic": ["c"]}, "prismatic. of c: expected some"),
+    (GOOD, {"columns": {"q": "a"}}, "'q' is neither"),
+    (GOOD, {"columns": {"a": "b"}}, "taken twice"),
+]
+SPATIAL = load_arm("spatial_three")
 
 
 def unread(path, words, error=LogError, **options):
     refused(error, words, read_log, path, **({"joints": ["a", "b"]} | options))
-
-
-ROWS = st.lists(st.tuples(*[st.floats(-1e12, 1e12)] * 3), min_size=2, unique=True)
 
 
 @given(ROWS, st.sampled_from([".csv", ".parquet"]))
@@ -59,38 +88,6 @@ def test_times_that_are_not_used_are_told(file):
     log = read_log(file("a,x,y,time\n1,2,3,0.1\n2,3,3,12:00\n3,5,4,0.3\n"), joints=["a"])
     assert log.time is None
     assert "the column time is not used, it has no number in 1 rows: row 2" in log.notes
-
-
-BAD = [  # what a file holds, what is asked of it, and what the refusal says
-    ("", {}, "is empty"),
-    ("1,2,2,3e-1\n2,3,4,5\n", {}, "has no header: expected the columns' names"),
-    ("a,b,x,y\n", {}, "has no rows below its header"),
-    ("a,b,x,y\n1,2,3,4\n", {}, "one usable row"),
-    ("a,b,x\n1,2,3\n", {}, "no column 'y': choose from a, b, x"),
-    ("a,b\n0.1,0.2\n0.2,0.4\n", {}, "has no positions: expected columns x, y and z"),
-    ("a,bb,x,y\n1,2,3,4\n", {}, "did you mean bb"),
-    ("a,b,b,x,y\n1,2,2,3,4\n", {}, "several columns 'b'"),
-    ("a,b,x,y\n1,\u0661,3,4\n", {}, "1 of 1 rows miss a finite number .* of b"),
-    ("a;b;x;y\n1;0,5;.3;4\n", {}, r"1 of 1 rows miss a finite number \(2.5, not 2,5\) of b"),
-    ("a,b,x,y\n1,2,3,4\n0,5,0,6,3,4\n", {}, "row 2 has 6 values, the header 4"),
-    ("# May\na,b,x,y\n1,2,3,4\n", {}, "4 values, the header 1 .*: expected the columns' names"),
-    ("a,b,x,y\n1,2,,4\n2,3,,5\n", {}, "2 of 2 rows miss a finite number .* of x"),
-    ("a,b,x,y\n1,,3,4\n,3,3,5\n", {}, "2 of 2 rows miss a finite number .* of a, b"),
-    ("a,b,x,y\n1,2,3,4\n1,3,4,5\n", {}, "a is 1 in every row"),
-    ("a,b,x,y\n1,2,3,4\n2,3,3,5\n", {}, "x is 3 in every row"),
-    ("a,b,x,y,sensor\n1,2,3,4,l\n2,3,4,5,r\n", {}, "several sensors, l, r: expected a log of one"),
-    (b"a,b,x,y,c\n1,2,3,4,\xb0\n", {}, "UTF-8"),
-    (b"PAR1 and nothing else", {}, "cannot be read"),
-    (MODEL, {}, "is a model, not a log; .log. takes a log .CSV or Parquet."),
-    (b"a" * (1 << 20), {}, "no positions"),
-    ('a,b,x,y\n1,2,3,"4\n' + "5" * 200_000, {}, "cannot be read"),
-    (GOOD, {"joints": None}, "choices: 'a', 'b'; name them in .joints"),
-    (GOOD, {"joints": ["b", "b"]}, "taken twice"),
-    (GOOD, {"joints": ["b", "x"]}, "taken twice"),
-    (GOOD, {"prismatic": ["c"]}, "prismatic. of c: expected some"),
-    (GOOD, {"columns": {"q": "a"}}, "'q' is neither"),
-    (GOOD, {"columns": {"a": "b"}}, "taken twice"),
-]
 
 
 @pytest.mark.parametrize(("content", "options", "message"), BAD)
@@ -324,9 +321,6 @@ def test_more_than_one_turn_becomes_one(file):
     np.testing.assert_allclose(np.exp(1j * log.q[:, 0]), np.exp(1j * a), atol=1e-12)
     assert "wrapped" in log.notes[0]
     assert (log.q[:, 0] == a)[np.abs(a) <= math.pi].all()
-
-
-SPATIAL = load_arm("spatial_three")
 
 
 @pytest.fixture

@@ -10,6 +10,14 @@ from refusals import refused
 
 import calib
 
+JOINTS = np.array([[0.3, 1.0], [0.5, 1.4], [0.9, 2.0]])
+SWAPPED = {
+    "dict": lambda q: {"elbow": q[:, 1], "shoulder": q[:, 0]},
+    "polars": lambda q: pl.DataFrame({"elbow": q[:, 1], "t": q[:, 0], "shoulder": q[:, 0]}),
+    "pandas": lambda q: Pandas(elbow=q[:, 1], shoulder=q[:, 0]),
+    "record": lambda q: np.rec.fromarrays([q[:, 1], q[:, 0]], names="elbow,shoulder"),
+}
+
 
 def make(n=4, **changes):
     rng = np.random.default_rng(0)
@@ -56,23 +64,12 @@ def test_each_joint_came_from_the_side_of_its_last_motion_and_rows_at_one_pose_s
     assert rows.pose_index.tolist() == [0, 1, 2, 0, 0]
 
 
-JOINTS = np.array([[0.3, 1.0], [0.5, 1.4], [0.9, 2.0]])
-
-
 class Pandas(dict):
     """As much of a pandas table as is needed: `columns` and columns by name."""
 
     @property
     def columns(self):
         return list(self)
-
-
-SWAPPED = {
-    "dict": lambda q: {"elbow": q[:, 1], "shoulder": q[:, 0]},
-    "polars": lambda q: pl.DataFrame({"elbow": q[:, 1], "t": q[:, 0], "shoulder": q[:, 0]}),
-    "pandas": lambda q: Pandas(elbow=q[:, 1], shoulder=q[:, 0]),
-    "record": lambda q: np.rec.fromarrays([q[:, 1], q[:, 0]], names="elbow,shoulder"),
-}
 
 
 @pytest.mark.parametrize("kind", SWAPPED)

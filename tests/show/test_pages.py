@@ -25,6 +25,23 @@ OPTIONS = """--headless --disable-gpu --disable-quic --no-first-run --disable-ex
     --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --enable-logging=stderr
     --force-prefers-reduced-motion --force-device-scale-factor=1
     --proxy-server=http://127.0.0.1:9 --proxy-bypass-list=127.0.0.1"""
+DATA = Path(__file__).parents[1] / "data"
+MEASURE = (DATA / "measure.js").read_text()
+"""What of a page's words overlaps, how far it scrolls sideways, where parts end [px]."""
+START = (DATA / "start.html").read_text()
+OUTER = (DATA / "outer.html").read_text()
+SIZE = (900, 700)
+PANEL = 280  # pixels that the page's panel covers
+NARROW = (390, 844)
+full = partial(trained, "two_link_full", n=3000, size=24, noise=1e-3)
+REPORTED = {
+    "simulated": full,
+    "in-space": in_space,
+    "few-rows": lambda: measured(n=30),
+    "two-sensors": seen_by_two,
+    "rig": lambda: World(2).solve(),
+    "maps-alone": lambda: trained("two_link", n=400, size=4, body="none"),
+}
 
 
 def chromium() -> str:
@@ -66,14 +83,6 @@ def finished(words: list[str]) -> subprocess.CompletedProcess[str]:
     return subprocess.run(words, capture_output=True, text=True, check=False, timeout=180)
 
 
-DATA = Path(__file__).parents[1] / "data"
-MEASURE = (DATA / "measure.js").read_text()
-"""What of a page's words overlaps, how far it scrolls sideways, where parts end [px]."""
-
-START = (DATA / "start.html").read_text()
-OUTER = (DATA / "outer.html").read_text()
-
-
 def measured_pages(
     pages: dict[str, Path], folder: Path, sizes: list[tuple[int, int]]
 ) -> dict[tuple[str, tuple[int, int]], dict]:
@@ -102,22 +111,6 @@ def measured_pages(
         measures[name, (int(width), int(height))] = measure
     assert len(measures) == len(frames), done.stdout[-500:] + done.stderr[-500:]
     return measures
-
-
-SIZE = (900, 700)
-PANEL = 280  # pixels that the page's panel covers
-NARROW = (390, 844)
-
-full = partial(trained, "two_link_full", n=3000, size=24, noise=1e-3)
-
-REPORTED = {
-    "simulated": full,
-    "in-space": in_space,
-    "few-rows": lambda: measured(n=30),
-    "two-sensors": seen_by_two,
-    "rig": lambda: World(2).solve(),
-    "maps-alone": lambda: trained("two_link", n=400, size=4, body="none"),
-}
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,8 @@ from calib import LogError, OptionError
 from calib.arm.rotations import similarity
 from calib.samples.sockets import Touches
 
+CHANGES = [("offset", 2, 0.0, ""), ("offset", 2, 6e-3, "elbow"), ("tool", 0, 2e-3, "tool")]
+
 
 @cache
 def learned():
@@ -64,9 +66,6 @@ def test_a_model_is_learned_evaluated_and_asked(tmp_path, run):
     assert "train with" not in note
     assert run("check", model, "--data", path).code == 0
     assert run("adapt", model, "--data", path, "-o", tmp_path / "new.calib").code == 3
-
-
-CHANGES = [("offset", 2, 0.0, ""), ("offset", 2, 6e-3, "elbow"), ("tool", 0, 2e-3, "tool")]
 
 
 @pytest.mark.parametrize(("group", "place", "change", "name"), CHANGES)

@@ -10,6 +10,13 @@ from refusals import refused
 import calib
 
 MM = 1e-3
+MISFITS = {  # of a log in space: joints, positions, orientations, what the refusal says
+    "still": (lambda q, x, r: (q, 0 * x + 0.1, None), "same in every row"),
+    "shuffled": (lambda q, x, r: (q, x[::-1], None), "does not explain"),
+    "exchanged": (lambda q, x, r: (q[:, ::-1], x, None), "explain|exchanged"),
+    "mirrored": (lambda q, x, r: (q, x[:, [1, 0, 2]], None), "does not explain"),
+    "turned": (lambda q, x, r: (q, x, r[::-1]), "do not turn as the joints do"),
+}
 
 
 def mean_error(model, n=3000, seed=50, margin=0.0):
@@ -209,15 +216,6 @@ def test_maps_that_did_not_unfold_are_refused_in_one_line():
     samples = calib.babble(calib.load_arm("two_link"), 100, seed=0)
     with pytest.raises(calib.OptionError, match=r"map.*`size`"):
         calib.train(samples, size=4, map="som", epochs=3, sigma=(1e9, 1e9))
-
-
-MISFITS = {  # of a log in space: joints, positions, orientations, what the refusal says
-    "still": (lambda q, x, r: (q, 0 * x + 0.1, None), "same in every row"),
-    "shuffled": (lambda q, x, r: (q, x[::-1], None), "does not explain"),
-    "exchanged": (lambda q, x, r: (q[:, ::-1], x, None), "explain|exchanged"),
-    "mirrored": (lambda q, x, r: (q, x[:, [1, 0, 2]], None), "does not explain"),
-    "turned": (lambda q, x, r: (q, x, r[::-1]), "do not turn as the joints do"),
-}
 
 
 @pytest.mark.parametrize("case", MISFITS)

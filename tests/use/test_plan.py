@@ -10,6 +10,9 @@ from scipy.spatial.transform import Rotation
 import calib
 from calib import OptionError
 
+START = (0.0, 0.7, 1.0, 0.0, 1.0, 0.0)
+SIX = calib.load_arm("six_axis")
+
 
 @pytest.mark.parametrize("robot", ["three_link", "polar"])
 def test_poses_keep_their_margin_and_touch_it(robot):
@@ -47,10 +50,6 @@ def test_a_plan_for_a_camera_keeps_the_tip_in_its_picture():
     assert ((plan.x > 0) & (plan.x < (model.about.picture or (1280, 960)))).all()
     assert any("links that hide the tip" in note for note in plan.notes)
     assert not any(note.startswith("0") for note in plan.notes)
-
-
-START = (0.0, 0.7, 1.0, 0.0, 1.0, 0.0)
-SIX = calib.load_arm("six_axis")
 
 
 def test_the_tip_is_at_the_point_in_many_postures():

@@ -17,6 +17,14 @@ from calib.body.spatial import structure_of
 from calib.use.geometry_fit import fit_geometry
 from calib.use.urdf import corrected_urdf, gap_to_yourdfpy
 
+ARMS = {
+    "six_axis": calib.load_arm("six_axis"),
+    "spatial_three": calib.load_arm("spatial_three"),
+    "mixed": arm_from_urdf(MIXED),
+    "followed": arm_from_urdf(FOLLOWED),
+    "locked": arm_from_urdf(MIXED, lock={"lift": 0.4}),
+}
+
 
 @pytest.fixture
 def written(run, tmp_path):
@@ -73,15 +81,6 @@ def test_the_users_own_file_is_never_written_over(written, tmp_path):
     assert done.code == 1
     assert "never overwritten" in done.err
     assert path.read_text() == arm().urdf
-
-
-ARMS = {
-    "six_axis": calib.load_arm("six_axis"),
-    "spatial_three": calib.load_arm("spatial_three"),
-    "mixed": arm_from_urdf(MIXED),
-    "followed": arm_from_urdf(FOLLOWED),
-    "locked": arm_from_urdf(MIXED, lock={"lift": 0.4}),
-}
 
 
 @pytest.mark.parametrize("source", ARMS)
