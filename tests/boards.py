@@ -15,7 +15,6 @@ from calib.samples.lens import Lens
 
 BOARD = np.array([[0.024 * i, 0.024 * j, 0.0] for j in range(1, 5) for i in range(1, 7)])
 """Inner corners of a board of 7x5 squares of 24 mm [m]."""
-
 SPEC = "7x5:24mm:18mm:5x5_100"
 SIZE = (1280, 720)
 LENS = np.array([900.0, 903.0, 645.0, 352.0, -0.1, 0.05, 5e-4, -4e-4, 0.0])

@@ -53,8 +53,6 @@ def planar_chain(joints: int, slide: int | None = None, reach: float = 0.6) -> s
 
 
 NO_TIP = chain_urdf(turning(), turning(), tip="0 0 0")
-
-
 MIXED = robot(
     joint("turn", "base", "a", "0 0 0.2", "0 0 1"),
     joint("slide", "a", "b", "0.1 0 0", "1 0.2 0", "prismatic"),

@@ -17,11 +17,8 @@ from calib.body.spatial import structure_of
 
 L1, L2 = 0.30, 0.25
 """Link lengths of `two_link` and `two_link_full` [m]."""
-
 ELBOW = np.radians([15.0, 150.0])
 """Limits of the elbow of `two_link`."""
-
-
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
 

@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
-
 FINE = 4
 """Samples of a printed pattern along each side of a pixel."""
 

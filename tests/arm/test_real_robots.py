@@ -12,7 +12,6 @@ from reference import ROBOTS, needs_robots, pinocchio_forward, random_joints
 from calib import RobotError, load_arm
 
 FILES = sorted(ROBOTS.rglob("*.urdf"))
-
 pytestmark = needs_robots
 PLANAR = {  # of a description: the joints and the tip that are found
     "ur_description/urdf/ur5_robot": "shoulder_lift_joint,elbow_joint,wrist_1_joint tool0",

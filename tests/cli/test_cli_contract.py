@@ -18,7 +18,6 @@ import calib
 
 KINDS = json.loads((Path(__file__).parents[1] / "data" / "documents.json").read_text())
 """Of documents and their parts: keys ("*" for any) of names of Python, `[kind]`, `kind or kind`."""
-
 # of `log`, `handeye`, `lerobot`: tests/recording, where their pictures are
 CONTRACT = [
     ("robots", 0, "robots"),
@@ -56,6 +55,24 @@ CONTRACT = [
     ("check m.calib --data nowhere.csv", 1, "failure"),
 ]
 FAILS = "THE BOUND DOES NOT HOLD"
+FIRST_WORDS = [
+    ("train two_link --data same.csv --size 2 --body none", 3, "TOO COARSE TO ANSWER"),
+    ("info bad.calib", 3, FAILS),
+    ("evaluate bad.calib", 3, FAILS),
+    ("report bad.calib -o r.html", 3, FAILS),
+    ("check m.calib --data noisy.csv", 0, FAILS),
+    ("check m.calib --data same.csv --tolerance 1e-6", 3, "TOO COARSE"),
+    ("recognise m.calib m.calib --data same.csv", 0,
+     "m.calib fits best, but these rows do not contradict 1 more\n"),
+]  # fmt: skip
+QUIET = [
+    "check m.calib --data moved.csv",
+    "evaluate m.calib --data same.csv",
+    "adapt m.calib --data moved.csv -o b.calib",
+    "train two_link --data log.csv -o n.calib",
+    "query forward m.calib 0.5 1.0",
+    "query inverse m.calib 0.1 0.4",
+]
 
 
 def misfits(value, kind, place="document"):
@@ -114,19 +131,7 @@ def test_a_command_ends_with_its_code_and_its_document(run, line, code, kind):
     assert misfits(done.document, whole) == []
 
 
-@pytest.mark.parametrize(
-    ("line", "code", "first"),
-    [
-        ("train two_link --data same.csv --size 2 --body none", 3, "TOO COARSE TO ANSWER"),
-        ("info bad.calib", 3, FAILS),
-        ("evaluate bad.calib", 3, FAILS),
-        ("report bad.calib -o r.html", 3, FAILS),
-        ("check m.calib --data noisy.csv", 0, FAILS),
-        ("check m.calib --data same.csv --tolerance 1e-6", 3, "TOO COARSE"),
-        ("recognise m.calib m.calib --data same.csv", 0,
-         "m.calib fits best, but these rows do not contradict 1 more\n"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("line", "code", "first"), FIRST_WORDS)
 def test_what_limits_an_answer_is_said_first(run, line, code, first):
     done = run(line)
     assert (done.code, done.out[: len(first)]) == (code, first)
@@ -147,17 +152,7 @@ def test_a_page_that_is_shown_leaves_a_document_alone(run, monkeypatch):
     assert done.document["url"] in done.err
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "check m.calib --data moved.csv",
-        "evaluate m.calib --data same.csv",
-        "adapt m.calib --data moved.csv -o b.calib",
-        "train two_link --data log.csv -o n.calib",
-        "query forward m.calib 0.5 1.0",
-        "query inverse m.calib 0.1 0.4",
-    ],
-)
+@pytest.mark.parametrize("words", QUIET)
 def test_quiet_is_one_line_and_no_note(run, words):
     done = run(f"{words} --quiet")
     assert done.err == ""

@@ -11,7 +11,6 @@ from refusals import refused
 import calib
 
 ROOT = Path(__file__).parents[2]
-
 # what is typed, the exit code, and words that the line must hold
 CASES = [
     ("train", 2, "ROBOT"),
@@ -91,6 +90,27 @@ CASES = [
     ("check good.calib --data few.csv --camera left", 2, "--camera LeRobotDataset"),
 ]
 INTERRUPTED = RuntimeError("Error calling __set_name__")
+UNEXPECTED = [
+    (MemoryError(), 1, "not enough memory; use a smaller --size or fewer --samples"),
+    (PermissionError(13, "Permission denied", "a.csv"), 1, "a.csv: Permission denied"),
+    (OSError(28, "No space left on device"), 1, "No space left on device"),
+    (TypeError("a\nb"), 1, "internal error, TypeError: a b; CALIB_TRACEBACK=1 shows"),
+    (INTERRUPTED, 130, "interrupted"),
+]
+EXCHANGED = [
+    lambda model, log: calib.check(log, model),
+    lambda model, log: calib.adapt(log, model),
+    lambda model, log: calib.judge(log, model),
+    lambda model, log: calib.evaluate(log, model),
+    lambda model, log: calib.correct([0.5, 1.0], model),
+    lambda model, log: calib.recognise(log, [model]),
+    lambda model, log: calib.report("page.html", model),
+    lambda model, log: calib.preview("page.html", model),
+    lambda model, log: calib.write_log("log.csv", log),
+    lambda model, log: calib.figures((model.motor, model.sensory)),
+    lambda model, log: calib.train(log, size=5, sigma=(5,)),
+    lambda model, log: calib.babble("two_link"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -127,16 +147,7 @@ def test_one_line_and_a_document_and_nothing_written(run, folder, monkeypatch, l
 INTERRUPTED.__cause__ = KeyboardInterrupt()
 
 
-@pytest.mark.parametrize(
-    ("error", "code", "line"),
-    [
-        (MemoryError(), 1, "not enough memory; use a smaller --size or fewer --samples"),
-        (PermissionError(13, "Permission denied", "a.csv"), 1, "a.csv: Permission denied"),
-        (OSError(28, "No space left on device"), 1, "No space left on device"),
-        (TypeError("a\nb"), 1, "internal error, TypeError: a b; CALIB_TRACEBACK=1 shows"),
-        (INTERRUPTED, 130, "interrupted"),
-    ],
-)
+@pytest.mark.parametrize(("error", "code", "line"), UNEXPECTED)
 def test_unexpected_errors_are_one_line_too(error, code, line):
     found, told = describe_error(error)
     assert found == code
@@ -154,23 +165,7 @@ def test_library_errors_name_parameters_and_the_command_line_options(run):
     assert "`" not in error["message"]
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda model, log: calib.check(log, model),
-        lambda model, log: calib.adapt(log, model),
-        lambda model, log: calib.judge(log, model),
-        lambda model, log: calib.evaluate(log, model),
-        lambda model, log: calib.correct([0.5, 1.0], model),
-        lambda model, log: calib.recognise(log, [model]),
-        lambda model, log: calib.report("page.html", model),
-        lambda model, log: calib.preview("page.html", model),
-        lambda model, log: calib.write_log("log.csv", log),
-        lambda model, log: calib.figures((model.motor, model.sensory)),
-        lambda model, log: calib.train(log, size=5, sigma=(5,)),
-        lambda model, log: calib.babble("two_link"),
-    ],
-)
+@pytest.mark.parametrize("call", EXCHANGED)
 def test_arguments_of_python_that_are_exchanged_are_told_in_one_line(model, call):
     log = calib.babble(calib.load_arm("two_link"), 20)
     refused(calib.OptionError, "expected|give", call, calib.load(model), log)

@@ -9,7 +9,6 @@ import sys
 import pytest
 
 HEAVY = {"numpy", "scipy", "pinocchio", "polars", "rich", "safetensors", "yourdfpy", "meshcat"}
-
 IMPORTS = """
 import json, sys
 from calib_cli import main
@@ -66,16 +65,14 @@ STREAMS = [  # what a shell runs as "$@", with its code
     ('COLUMNS=1 PYTHONIOENCODING=ascii "$@" info m.calib 2>/dev/full', 0),
     ('PYTHONIOENCODING=ascii "$@" train two_link --lock é世=1 >&-', 1),
 ]
+LIGHT = [
+    (("--help", "train --help", "query inverse --help", "babble --help", "robots"), HEAVY),
+    (("info MODEL",), KINEMATICS),
+    (("query inverse MODEL 0.1 0.4", "query forward MODEL 0.1 0.4"), KINEMATICS | {"scipy"}),
+]
 
 
-@pytest.mark.parametrize(
-    ("lines", "heavy"),
-    [
-        (("--help", "train --help", "query inverse --help", "babble --help", "robots"), HEAVY),
-        (("info MODEL",), KINEMATICS),
-        (("query inverse MODEL 0.1 0.4", "query forward MODEL 0.1 0.4"), KINEMATICS | {"scipy"}),
-    ],
-)
+@pytest.mark.parametrize(("lines", "heavy"), LIGHT)
 def test_light_commands_import_nothing_heavy(model, lines, heavy):
     words = json.dumps([line.replace("MODEL", str(model)) for line in lines])
     script = [sys.executable, "-c", IMPORTS, words]

@@ -17,10 +17,8 @@ import calib
 
 LENGTH = int(os.environ.get("CALIB_FUZZ", "1"))
 """How many times the usual number of inputs; more than once they are drawn anew."""
-
 LONGEST = 2_000
 """Characters of an error message."""
-
 _FORBIDDEN = ("socket.connect", "socket.getaddrinfo", "socket.sendto", "socket.bind",
               "urllib.Request", "http.client.connect", "ftplib.connect", "subprocess.Popen",
               "os.system", "os.exec", "os.posix_spawn", "os.fork", "webbrowser.open",

@@ -15,10 +15,8 @@ from hostile.guard import LONGEST, NAMES, NUMBERS, damaged, guarded, inputs
 
 LEFT_OUT = {"reproduce", "report", "handeye"}
 """Commands that start processes or draw a dozen figures: their own tests ask them."""
-
 NEVER = {"--camera", "--port", "--size", "--samples", "--help"}
 """Options that wait for a device or a user, and those that every line here sets small."""
-
 BAD = st.one_of(NAMES, NUMBERS, st.sampled_from((
     "9" * 5000, "4294967296x4294967296", "3x", "1:0", "nan:1", "nan,1", ",", "1e308,1e308",
     "elbow=nan", "elbow=1e308", "elbow=1:0", "x=y", "x=x,x=y", "elbow.length=1e308",
@@ -27,7 +25,6 @@ BAD = st.one_of(NAMES, NUMBERS, st.sampled_from((
     "folder/none/x", "/proc/self/mem", "~/x",
 )))  # fmt: skip
 """What is typed wrongly, for whatever it is typed."""
-
 GOOD = {  # by option, else by metavar
     "--output": ("out.csv", "out.calib", "new.parquet", "folder/out.html", "out.urdf", "log.csv"),
     "--html": ("p.html",), "--photo": ("none",), "--joints-file": ("log.csv",),

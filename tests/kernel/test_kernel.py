@@ -18,8 +18,6 @@ from calib.kernel.compiled import Compiler
 from calib.model.header import Header
 
 ROBOTS = [entry.name for entry in calib.list_robots()]
-
-
 MODELS = {
     **{name: lambda name=name: trained(name, 600, 6) for name in ROBOTS},
     "measured": models.measured,

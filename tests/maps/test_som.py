@@ -22,6 +22,12 @@ NETWORKS = {  # nodes along a side, samples, quantization error over the best, t
     "dsom": (10, 4000, 1.6, 0.1),
 }
 shapes = st.lists(st.integers(2, 6), min_size=1, max_size=3).map(tuple)
+NO_SAMPLES = [
+    (np.zeros((0, 2)), r"samples of shape \(0, 2\)"),
+    (np.zeros((5, 0)), r"samples of shape \(5, 0\)"),
+    (np.zeros(5), r"samples of shape \(5,\)"),
+    ([[0.0, 1.0], [np.nan, 1.0]], "sample 1 is .*expected finite numbers"),
+]
 
 
 def batch_target(weights, lattice, x, gain=1.0):
@@ -67,15 +73,7 @@ def test_a_map_is_ordered_and_close_to_the_best_quantizer(name):
         assert som.history[0, 0] < som.history[-1, 0]
 
 
-@pytest.mark.parametrize(
-    ("x", "message"),
-    [
-        (np.zeros((0, 2)), r"samples of shape \(0, 2\)"),
-        (np.zeros((5, 0)), r"samples of shape \(5, 0\)"),
-        (np.zeros(5), r"samples of shape \(5,\)"),
-        ([[0.0, 1.0], [np.nan, 1.0]], "sample 1 is .*expected finite numbers"),
-    ],
-)
+@pytest.mark.parametrize(("x", "message"), NO_SAMPLES)
 def test_samples_that_are_none_are_refused_in_one_line(x, message):
     refused(LogError, message, SOM((3, 3)).fit, x)
     refused(LogError, message, SOM((3, 3), rule="online").fit_pair, x, x)

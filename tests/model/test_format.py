@@ -17,8 +17,6 @@ from touching import World
 import calib
 
 PAGE = (Path(__file__).parents[2] / "docs" / "format.md").read_text(encoding="utf-8")
-
-
 MODELS = {
     "simulated": lambda: trained("two_link"),
     "a log": measured,

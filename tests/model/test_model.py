@@ -9,6 +9,24 @@ from refusals import refused
 
 import calib
 
+NO_QUERIES = [
+    (lambda m: m.forward([0.1]), r"joint values of shape \(1,\): expected \(2,\) or \(n, 2\)"),
+    (lambda m: m.forward([[0.1, 0.2, 0.3]]), "one column each for shoulder, elbow"),
+    (lambda m: m.forward(np.zeros((2, 2, 2))), r"shape \(2, 2, 2\)"),
+    (lambda m: m.inverse([0.1, np.nan]), r"\[0.1, nan\] is not finite"),
+    (lambda m: m.inverse([[0, 0.3], [0, np.inf]]), "positions in row 1: .* is not finite"),
+    (lambda m: m.inverse([0.1]), r"positions of shape \(1,\)"),
+    (lambda m: m.expected_error([1, 2, 3]), "joint values of shape"),
+    (lambda m: m.inverse([0.3, 0.3], near=[0.1]), "near of shape"),
+    (lambda m: m.inverse([[0.3, 0.3]] * 3, near=[[0.1, 1]] * 2), "near has 2 rows for 3"),
+    (lambda m: m.inverse([0.3, 0.3], near=[9, 1]), "near has shoulder = 9: expected a value"),
+    (lambda m: m.path([[0.3, 0.3]]), "2 waypoints or more, got 1"),
+    (lambda m: m.path([[0.3, 0.3], [np.nan, 0.1]]), "row 1"),
+    (lambda m: m.path([[0.3, 0.3], [0.2, 0.3]], start=[9.0, 0.0]), "shoulder = 9"),
+    (lambda m: m.path([[0.3, 0.3], [0.2, 0.3]], step=0.0), "greater than zero"),
+    (lambda m: m.path([[0.3, 0.3], [0.2, 0.3]], step=1e-9), "give a longer one"),
+]
+
 
 @pytest.fixture(scope="module")
 def model():
@@ -74,26 +92,7 @@ def test_without_a_body_there_is_no_answer_far_from_every_row():
     assert np.mean(np.linalg.norm(said - x, axis=1)[known] <= bound[known]) >= 0.93
 
 
-@pytest.mark.parametrize(
-    ("query", "message"),
-    [
-        (lambda m: m.forward([0.1]), r"joint values of shape \(1,\): expected \(2,\) or \(n, 2\)"),
-        (lambda m: m.forward([[0.1, 0.2, 0.3]]), "one column each for shoulder, elbow"),
-        (lambda m: m.forward(np.zeros((2, 2, 2))), r"shape \(2, 2, 2\)"),
-        (lambda m: m.inverse([0.1, np.nan]), r"\[0.1, nan\] is not finite"),
-        (lambda m: m.inverse([[0, 0.3], [0, np.inf]]), "positions in row 1: .* is not finite"),
-        (lambda m: m.inverse([0.1]), r"positions of shape \(1,\)"),
-        (lambda m: m.expected_error([1, 2, 3]), "joint values of shape"),
-        (lambda m: m.inverse([0.3, 0.3], near=[0.1]), "near of shape"),
-        (lambda m: m.inverse([[0.3, 0.3]] * 3, near=[[0.1, 1]] * 2), "near has 2 rows for 3"),
-        (lambda m: m.inverse([0.3, 0.3], near=[9, 1]), "near has shoulder = 9: expected a value"),
-        (lambda m: m.path([[0.3, 0.3]]), "2 waypoints or more, got 1"),
-        (lambda m: m.path([[0.3, 0.3], [np.nan, 0.1]]), "row 1"),
-        (lambda m: m.path([[0.3, 0.3], [0.2, 0.3]], start=[9.0, 0.0]), "shoulder = 9"),
-        (lambda m: m.path([[0.3, 0.3], [0.2, 0.3]], step=0.0), "greater than zero"),
-        (lambda m: m.path([[0.3, 0.3], [0.2, 0.3]], step=1e-9), "give a longer one"),
-    ],
-)
+@pytest.mark.parametrize(("query", "message"), NO_QUERIES)
 def test_what_is_no_query_is_refused_in_one_line(model, query, message):
     assert isinstance(refused(calib.QueryError, message, query, model), calib.CalibError)
 

@@ -10,20 +10,17 @@ from refusals import refused
 import calib
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and permissions of POSIX")
-
 LOG = calib.babble(calib.load_arm("two_link"), 5)
+FAILURES = [
+    (KeyboardInterrupt(), None),
+    (ValueError(), None),
+    (OSError(errno.ENOSPC, "No space left on device"), "the disk is full"),
+    (OSError(errno.EDQUOT, "Quota"), "the disk is full"),
+    (OSError(errno.EIO, "Input/output error"), "Input/output error"),
+]
 
 
-@pytest.mark.parametrize(
-    ("error", "words"),
-    [
-        (KeyboardInterrupt(), None),
-        (ValueError(), None),
-        (OSError(errno.ENOSPC, "No space left on device"), "the disk is full"),
-        (OSError(errno.EDQUOT, "Quota"), "the disk is full"),
-        (OSError(errno.EIO, "Input/output error"), "Input/output error"),
-    ],
-)
+@pytest.mark.parametrize(("error", "words"), FAILURES)
 def test_a_failure_half_way_keeps_the_old_file(tmp_path, monkeypatch, error, words):
     path = tmp_path / "a.csv"
     path.write_bytes(b"old")

@@ -52,6 +52,17 @@ BAD = [  # what a file holds, what is asked of it, and what the refusal says
     (GOOD, {"columns": {"a": "b"}}, "taken twice"),
 ]
 SPATIAL = load_arm("spatial_three")
+HEADERS = [
+    ("Time [ms],SHOULDER,Elbow,X,Y", (1, 1, 1), "m", False),
+    ("time,shoulder (deg),elbow [deg],x [mm],y (mm)", (DEGREES, DEGREES, 1e3), "mm", True),
+    ("time,shoulder [rad],elbow [°],X(cm),Y(cm)", (1, DEGREES, 100), "cm", False),
+    ("time,shoulder,elbow,u [px],V [px]", (1, 1, 1), "px", False),
+]
+CLOCKS = [
+    lambda k: f"2024-03-01T12:00:00.{20 * k:03d}Z",
+    lambda k: 1709294400000 + 20 * k,
+    lambda k: 1709294400000000000 + 20_000_000 * k,
+]
 
 
 def unread(path, words, error=LogError, **options):
@@ -116,15 +127,7 @@ def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(file):
     assert log.x.tolist() == [[3, 4], [6, 8]]
 
 
-@pytest.mark.parametrize(
-    ("header", "factors", "unit", "degrees"),
-    [
-        ("Time [ms],SHOULDER,Elbow,X,Y", (1, 1, 1), "m", False),
-        ("time,shoulder (deg),elbow [deg],x [mm],y (mm)", (DEGREES, DEGREES, 1e3), "mm", True),
-        ("time,shoulder [rad],elbow [°],X(cm),Y(cm)", (1, DEGREES, 100), "cm", False),
-        ("time,shoulder,elbow,u [px],V [px]", (1, 1, 1), "px", False),
-    ],
-)
+@pytest.mark.parametrize(("header", "factors", "unit", "degrees"), HEADERS)
 def test_headers_have_units_in_brackets_and_any_case(arm, file, header, factors, unit, degrees):
     log = babble(arm, 20)
     q = log.q * factors[:2]
@@ -149,14 +152,7 @@ def test_a_header_says_that_a_joint_slides_or_contradicts(arm, file):
     refused(LogError, "'shoulder .mm.' is in mm, expected rad, deg, ", read_log, slides, arm)
 
 
-@pytest.mark.parametrize(
-    "time",
-    [
-        lambda k: f"2024-03-01T12:00:00.{20 * k:03d}Z",
-        lambda k: 1709294400000 + 20 * k,
-        lambda k: 1709294400000000000 + 20_000_000 * k,
-    ],
-)
+@pytest.mark.parametrize("time", CLOCKS)
 def test_times_of_clocks_are_seconds(file, time):
     rows = [f"{time(k)},{k % 5},{k % 7},{k},{k * k}" for k in range(12)]
     table = file("\n".join(["stamp,a,b,x,y", *rows]))

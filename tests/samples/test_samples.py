@@ -17,6 +17,31 @@ SWAPPED = {
     "pandas": lambda q: Pandas(elbow=q[:, 1], shoulder=q[:, 0]),
     "record": lambda q: np.rec.fromarrays([q[:, 1], q[:, 0]], names="elbow,shoulder"),
 }
+MISFITS = [
+    ({"q": np.zeros((4, 3))}, r"q of shape \(4, 3\): expected"),
+    ({"x": np.zeros((3, 2))}, r"x has shape \(3, 2\), expected \(4, 2\)"),
+    ({"orientation": np.zeros((4, 3))}, r"orientation has shape \(4, 3\)"),
+    ({"time": [0.0, 1.0]}, r"time has shape \(2,\), expected \(4,\)"),
+    ({"time": [0.0, 1.0, np.nan, 2.0]}, "time is not finite"),
+    ({"covariance": np.zeros((4, 3, 3))}, r"covariance has shape \(4, 3, 3\)"),
+    ({"upper": [1.0, np.inf]}, "'b' has the range 0:inf"),
+    ({"lower": [0.0, 1.0]}, "'b' has the range 1:1"),
+    ({"joint_names": ("a", "a")}, "different names"),
+    ({"q": np.zeros((0, 2)), "x": np.zeros((0, 2))}, "no rows"),
+    ({"q": [["a", "b"]] * 4}, "expected numbers"),
+    ({"x": [[0, 0], [0, np.nan], [0, 0], [0, 0]]}, r"x of row 2"),
+]
+NO_NUMBERS = [
+    ({"elbow": [1.0]}, "no column 'shoulder'"),
+    ({"elbow": [1.0], "sholder": [1.0]}, "did you mean sholder"),
+    (np.ma.masked_array(JOINTS, mask=JOINTS > 1.9), "masked"),
+    (np.array([["2024-01-01", "2024-01-02"]], dtype="datetime64[s]"), "datetime64"),
+    (np.array([[1, 2]], dtype="timedelta64[s]"), "timedelta64"),
+    (JOINTS + 0j, "complex"),
+    (JOINTS > 1, "bool"),
+    ([["a", "b"]], "numbers"),
+    ({"shoulder": [1.0, 2.0], "elbow": [1.0]}, "one length"),
+]
 
 
 def make(n=4, **changes):
@@ -36,23 +61,7 @@ def test_arrays_are_float_contiguous_and_read_only():
             array[0] = 1
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"q": np.zeros((4, 3))}, r"q of shape \(4, 3\): expected"),
-        ({"x": np.zeros((3, 2))}, r"x has shape \(3, 2\), expected \(4, 2\)"),
-        ({"orientation": np.zeros((4, 3))}, r"orientation has shape \(4, 3\)"),
-        ({"time": [0.0, 1.0]}, r"time has shape \(2,\), expected \(4,\)"),
-        ({"time": [0.0, 1.0, np.nan, 2.0]}, "time is not finite"),
-        ({"covariance": np.zeros((4, 3, 3))}, r"covariance has shape \(4, 3, 3\)"),
-        ({"upper": [1.0, np.inf]}, "'b' has the range 0:inf"),
-        ({"lower": [0.0, 1.0]}, "'b' has the range 1:1"),
-        ({"joint_names": ("a", "a")}, "different names"),
-        ({"q": np.zeros((0, 2)), "x": np.zeros((0, 2))}, "no rows"),
-        ({"q": [["a", "b"]] * 4}, "expected numbers"),
-        ({"x": [[0, 0], [0, np.nan], [0, 0], [0, 0]]}, r"x of row 2"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), MISFITS)
 def test_what_does_not_fit_is_refused_in_one_line(changes, message):
     refused(calib.LogError, message, make, **changes)
 
@@ -85,20 +94,7 @@ def test_named_columns_are_taken_by_name_wherever_joint_values_go(kind):
     np.testing.assert_array_equal(s.q, JOINTS)
 
 
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"elbow": [1.0]}, "no column 'shoulder'"),
-        ({"elbow": [1.0], "sholder": [1.0]}, "did you mean sholder"),
-        (np.ma.masked_array(JOINTS, mask=JOINTS > 1.9), "masked"),
-        (np.array([["2024-01-01", "2024-01-02"]], dtype="datetime64[s]"), "datetime64"),
-        (np.array([[1, 2]], dtype="timedelta64[s]"), "timedelta64"),
-        (JOINTS + 0j, "complex"),
-        (JOINTS > 1, "bool"),
-        ([["a", "b"]], "numbers"),
-        ({"shoulder": [1.0, 2.0], "elbow": [1.0]}, "one length"),
-    ],
-)
+@pytest.mark.parametrize(("values", "words"), NO_NUMBERS)
 def test_what_is_no_table_of_numbers_is_refused_in_one_line(values, words):
     for take in (trained("two_link").forward, calib.load_arm("two_link").forward):
         refused(calib.QueryError, words, take, values)

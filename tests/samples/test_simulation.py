@@ -7,6 +7,49 @@ from refusals import refused
 
 from calib import OptionError, Simulation, babble
 
+CHANGES = [
+    ("elbow.length=+20%", lambda q: two_link(q, l2=1.2 * L2)),
+    ("elbow.length=0.1", lambda q: two_link(q, l2=0.1)),
+    ("shoulder.length=-10%", lambda q: two_link(q, l1=0.9 * L1)),
+    ("shoulder.offset=0.05", lambda q: two_link(q + np.array([0.05, 0]))),
+    ("elbow.gear=1.02", lambda q: two_link(q * [1, 1.02])),
+    ("elbow.lock=1.0", lambda q: two_link(q * [1, 0] + [0, 1.0])),
+    ("tip.offset=0.01,0.02", lambda q: two_link(q, tip=(0.01, 0.02))),
+    ("sensor.mirror=x", lambda q: two_link(q) * [-1, 1]),
+    ("sensor.mirror=y", lambda q: two_link(q) * [1, -1]),
+    ("sensor.scale=1.05", lambda q: 1.05 * two_link(q)),
+    ("sensor.rotate=0.14", lambda q: two_link(q) @ rotation(0.14).T),
+    ("sensor.shift=0.03,-0.02", lambda q: two_link(q) + np.array([0.03, -0.02])),
+    ("elbow.noise=0.1", two_link),
+    ("elbow.backlash=0.1", two_link),
+    ("sensor.outliers=0.5", two_link),
+]
+IMPOSSIBLE = [
+    ({"n": 0}, "samples is 0, expected a whole number, 1 to"),
+    ({"n": 10_000_001}, "10,000,000"),
+    ({"n": True}, "samples is True, expected a whole number"),
+    ({"seed": -1}, "seed is -1"),
+    *(({"noise": bad}, "noise is") for bad in (-1e-9, float("nan"), float("inf"), "1", None)),
+    ({"changes": "wrist.length=1"}, "no joint 'wrist'; choices: shoulder, elbow, sensor, tip"),
+]
+UNREADABLE = [
+    ("", "WHO.WHAT=VALUE"),
+    (".length=3", "WHO.WHAT=VALUE"),
+    ("elbow.colour=3", r"length\|offset\|gear\|noise\|backlash\|lock"),
+    ("sensor.colour=3", r"mirror\|scale\|rotate\|shift\|outliers"),
+    ("tip.length=x", "tip.offset"),
+    ("tip.size=1", "tip.offset"),
+    ("elbow.length=20%", r"\+20% or 0.3"),
+    ("elbow.length=-100%", "above zero"),
+    ("elbow.offset=5%", "0.05"),
+    ("elbow.gear=0", "lock"),
+    ("elbow.noise=-1", "negative"),
+    ("sensor.shift=1", "0.03,-0.02"),
+    ("sensor.mirror=z", "x or y"),
+    ("sensor.outliers=1", "below 1"),
+    ("tip.offset=1,inf", "0.01,0.02"),
+]
+
 
 @pytest.fixture(scope="module")
 def q(arm):
@@ -17,26 +60,7 @@ def rotation(angle):
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-@pytest.mark.parametrize(
-    ("change", "truth"),
-    [
-        ("elbow.length=+20%", lambda q: two_link(q, l2=1.2 * L2)),
-        ("elbow.length=0.1", lambda q: two_link(q, l2=0.1)),
-        ("shoulder.length=-10%", lambda q: two_link(q, l1=0.9 * L1)),
-        ("shoulder.offset=0.05", lambda q: two_link(q + np.array([0.05, 0]))),
-        ("elbow.gear=1.02", lambda q: two_link(q * [1, 1.02])),
-        ("elbow.lock=1.0", lambda q: two_link(q * [1, 0] + [0, 1.0])),
-        ("tip.offset=0.01,0.02", lambda q: two_link(q, tip=(0.01, 0.02))),
-        ("sensor.mirror=x", lambda q: two_link(q) * [-1, 1]),
-        ("sensor.mirror=y", lambda q: two_link(q) * [1, -1]),
-        ("sensor.scale=1.05", lambda q: 1.05 * two_link(q)),
-        ("sensor.rotate=0.14", lambda q: two_link(q) @ rotation(0.14).T),
-        ("sensor.shift=0.03,-0.02", lambda q: two_link(q) + np.array([0.03, -0.02])),
-        ("elbow.noise=0.1", two_link),
-        ("elbow.backlash=0.1", two_link),
-        ("sensor.outliers=0.5", two_link),
-    ],
-)
+@pytest.mark.parametrize(("change", "truth"), CHANGES)
 def test_each_change_in_closed_form(arm, q, change, truth):
     sim = Simulation(arm, 0.01, [change])
     np.testing.assert_allclose(sim.exact(q), truth(q), atol=1e-12)
@@ -89,41 +113,12 @@ def test_babbling_stays_within_and_covers_the_range(arm):
     np.testing.assert_allclose(log.x, arm.forward(log.q), atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"n": 0}, "samples is 0, expected a whole number, 1 to"),
-        ({"n": 10_000_001}, "10,000,000"),
-        ({"n": True}, "samples is True, expected a whole number"),
-        ({"seed": -1}, "seed is -1"),
-        *(({"noise": bad}, "noise is") for bad in (-1e-9, float("nan"), float("inf"), "1", None)),
-        ({"changes": "wrist.length=1"}, "no joint 'wrist'; choices: shoulder, elbow, sensor, tip"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), IMPOSSIBLE)
 def test_impossible_arguments_are_refused_in_one_line(arm, arguments, message):
     refused(OptionError, message, babble, arm, **{"n": 10, **arguments})
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("", "WHO.WHAT=VALUE"),
-        (".length=3", "WHO.WHAT=VALUE"),
-        ("elbow.colour=3", r"length\|offset\|gear\|noise\|backlash\|lock"),
-        ("sensor.colour=3", r"mirror\|scale\|rotate\|shift\|outliers"),
-        ("tip.length=x", "tip.offset"),
-        ("tip.size=1", "tip.offset"),
-        ("elbow.length=20%", r"\+20% or 0.3"),
-        ("elbow.length=-100%", "above zero"),
-        ("elbow.offset=5%", "0.05"),
-        ("elbow.gear=0", "lock"),
-        ("elbow.noise=-1", "negative"),
-        ("sensor.shift=1", "0.03,-0.02"),
-        ("sensor.mirror=z", "x or y"),
-        ("sensor.outliers=1", "below 1"),
-        ("tip.offset=1,inf", "0.01,0.02"),
-    ],
-)
+@pytest.mark.parametrize(("text", "expected"), UNREADABLE)
 def test_refused_with_what_was_expected(arm, text, expected):
     assert repr(text) in str(refused(OptionError, expected, Simulation, arm, changes=[text]))
 

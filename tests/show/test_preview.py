@@ -17,7 +17,6 @@ import calib
 
 MAPS = ["Sensory map", "Motor map", "Hebbian links"]
 LAYERS = ["Arm", *MAPS, "Reach", "Rows", "Measured tip", "Predicted tip"]
-
 small = partial(trained, n=400, size=8)
 
 

@@ -16,8 +16,12 @@ from scipy.special import stdtrit
 import calib
 
 WHY = ["where", "coverage", "joints", "arrows"]
-
 simulated = partial(trained, "two_link")
+CAUSES = [  # [mm or deg]
+    ("two_link", "elbow.offset=0.02", "elbow: zero", np.degrees(0.02)),
+    ("six_axis", "elbow.offset=0.01", "elbow: zero", np.degrees(0.01)),
+    ("spatial_three", "shoulder_lift.length=+2%", "elbow: origin along x", 6.0),
+]
 
 
 def report(model, given=None) -> str:
@@ -109,14 +113,7 @@ def test_words_of_other_models():
     assert "noise included" not in maps_alone
 
 
-@pytest.mark.parametrize(
-    ("robot", "change", "cause", "size"),  # [mm or deg]
-    [
-        ("two_link", "elbow.offset=0.02", "elbow: zero", np.degrees(0.02)),
-        ("six_axis", "elbow.offset=0.01", "elbow: zero", np.degrees(0.01)),
-        ("spatial_three", "shoulder_lift.length=+2%", "elbow: origin along x", 6.0),
-    ],
-)
+@pytest.mark.parametrize(("robot", "change", "cause", "size"), CAUSES)
 def test_the_largest_cause_is_the_change_within_its_interval(robot, change, cause, size):
     """Of a link 6 mm longer a report told an origin 46 m off along its own axis."""
     page = words(calib.train(bare(robot, 80, 0, change, noise=1e-4), size=4))

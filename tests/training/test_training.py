@@ -17,6 +17,25 @@ MISFITS = {  # of a log in space: joints, positions, orientations, what the refu
     "mirrored": (lambda q, x, r: (q, x[:, [1, 0, 2]], None), "does not explain"),
     "turned": (lambda q, x, r: (q, x, r[::-1]), "do not turn as the joints do"),
 }
+IMPOSSIBLE = [
+    ({"size": 0}, "size 0x0: a lattice needs at least 2"),
+    ({"size": 100_000}, "10,000,000,000 nodes are more than"),
+    ({"size": 7.5}, "expected whole numbers"),
+    ({"size": "70x"}, "expected whole numbers"),
+    ({"size": (5, 5, 5)}, "5x5x5: expected at most 2 numbers"),
+    ({"sensory_size": (5, 5, 5)}, "sensory size 5x5x5: expected at most 2 numbers"),
+    ({"seed": -1}, "seed is -1, expected a whole number"),
+    ({"map": "vsom"}, "map 'vsom': expected one of som, vdsom"),
+    ({"rule": "magic"}, "rule 'magic': expected one of batch, online"),
+    ({"epochs": 0}, "epochs 0: at least 1"),
+    *(
+        ({"sigma": sigma}, "sigma .*: give .START, END. in nodes with START")
+        for sigma in [(1.0, 2.0), (np.nan, 1.0), (2, -1), (5,), 3.0, ("wide", 1)]
+    ),
+    ({"body": "some"}, "body 'some': expected one of auto, none"),
+    ({"view": "sideways"}, "view 'sideways': expected one of auto, base, rigid"),
+    ({"view": "base"}, "view 'base' needs a measured log and the planar robot"),
+]
 
 
 def mean_error(model, n=3000, seed=50, margin=0.0):
@@ -157,28 +176,7 @@ def test_a_drawing_that_is_trusted_leaves_zeros_and_frame(name):
     refused(calib.OptionError, "trusts the drawing", calib.train, no_drawing, free="offsets")
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"size": 0}, "size 0x0: a lattice needs at least 2"),
-        ({"size": 100_000}, "10,000,000,000 nodes are more than"),
-        ({"size": 7.5}, "expected whole numbers"),
-        ({"size": "70x"}, "expected whole numbers"),
-        ({"size": (5, 5, 5)}, "5x5x5: expected at most 2 numbers"),
-        ({"sensory_size": (5, 5, 5)}, "sensory size 5x5x5: expected at most 2 numbers"),
-        ({"seed": -1}, "seed is -1, expected a whole number"),
-        ({"map": "vsom"}, "map 'vsom': expected one of som, vdsom"),
-        ({"rule": "magic"}, "rule 'magic': expected one of batch, online"),
-        ({"epochs": 0}, "epochs 0: at least 1"),
-        *(
-            ({"sigma": sigma}, "sigma .*: give .START, END. in nodes with START")
-            for sigma in [(1.0, 2.0), (np.nan, 1.0), (2, -1), (5,), 3.0, ("wide", 1)]
-        ),
-        ({"body": "some"}, "body 'some': expected one of auto, none"),
-        ({"view": "sideways"}, "view 'sideways': expected one of auto, base, rigid"),
-        ({"view": "base"}, "view 'base' needs a measured log and the planar robot"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), IMPOSSIBLE)
 def test_impossible_options_are_refused_in_one_line(options, message):
     samples = calib.babble(calib.load_arm("two_link"), 200)
     refused(calib.OptionError, message, calib.train, samples, **{"size": 5, **options})

@@ -24,6 +24,11 @@ ARMS = {
     "followed": arm_from_urdf(FOLLOWED),
     "locked": arm_from_urdf(MIXED, lock={"lift": 0.4}),
 }
+CHANGES = [
+    ("shoulder.length=+5%", "elbow.length=-3%"),
+    ("shoulder.offset=0.03", "elbow.offset=-0.02"),
+    ("tip.offset=0.01,0.02", "elbow.offset=0.02"),
+]
 
 
 @pytest.fixture
@@ -37,14 +42,7 @@ def written(run, tmp_path):
     return write
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        ("shoulder.length=+5%", "elbow.length=-3%"),
-        ("shoulder.offset=0.03", "elbow.offset=-0.02"),
-        ("tip.offset=0.01,0.02", "elbow.offset=0.02"),
-    ],
-)
+@pytest.mark.parametrize("changes", CHANGES)
 def test_kinematics_of_the_changed_planar_arm(written, changes):
     samples = babbled(*changes, n=100, noise=0.0)
     done, path = written(calib.adapt(model(), samples, cause="joints").model)
