@@ -3,6 +3,7 @@
 import errno
 import os
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from refusals import refused
@@ -24,11 +25,7 @@ FAILURES = [
 def test_a_failure_half_way_keeps_the_old_file(tmp_path, monkeypatch, error, words):
     path = tmp_path / "a.csv"
     path.write_bytes(b"old")
-
-    def fail(_number):
-        raise error
-
-    monkeypatch.setattr(os, "fsync", fail)
+    monkeypatch.setattr(os, "fsync", Mock(side_effect=error))
     refused(calib.CalibError if words else type(error), words, calib.write_log, LOG, path)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]

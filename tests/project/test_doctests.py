@@ -32,11 +32,7 @@ def test_examples_of(name, tmp_path, monkeypatch):
     for test in FINDER.find(importlib.import_module(name), name):
         runner.run(test, out=said.append)
     assert not runner.failures, "".join(said)
-
-
-def test_there_are_examples_of_the_main_functions():
-    for thing in (calib, calib.train, calib.Model.forward):
-        assert any(t.examples for t in FINDER.find(thing)), thing
+    assert runner.tries or name not in ("calib", "calib.training.train", "calib.model.model")
 
 
 def public():

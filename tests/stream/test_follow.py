@@ -101,14 +101,9 @@ def test_a_calm_stream_is_no_change_to_a_model_of_few_rows(path, late):
 
 @pytest.mark.parametrize("offset", [0.0, 0.003, 0.1])
 def test_maps_too_coarse_for_many_joints_follow_what_a_bound_tells(offset):
+    one = calib.train(models.bare("spatial_three", 60, 0), size=2)
     samples = models.bare("spatial_three", 200, 5, f"elbow.offset={offset}")
-    steps, _ = followed(in_three(), samples, 1500)
-    assert steps[0].adapting == (offset > 0.0)
-
-
-@cache
-def in_three():
-    return calib.train(models.bare("spatial_three", 60, 0), size=2)
+    assert followed(one, samples, 1500)[0][0].adapting == (offset > 0.0)
 
 
 def test_between_two_epochs_the_radius_is_interpolated_geometrically():
