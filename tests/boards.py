@@ -37,16 +37,8 @@ def pictures_of(board, corners, q=None, joints=()):
     return BoardPictures(board, joints, names, q, numbered, SIZE, count, (), np.arange(count))
 
 
-class Seen:
-    """What has a camera in the hand, or before its board."""
-
-    @property
-    def eye(self):
-        return "hand" if self.in_hand else "base"
-
-
 @dataclass
-class Rig(Seen):
+class Rig:
     """A six-joint arm off by up to .2 deg and .3 mm; a camera in its hand, or before its board."""
 
     in_hand: bool
@@ -59,6 +51,7 @@ class Rig(Seen):
 
     def __post_init__(self) -> None:
         rng = np.random.default_rng(self.seed)
+        self.eye = "hand" if self.in_hand else "base"
         self.arm = arm = calib.load_arm("six_axis")
         self.lens = (1000.0 + 60 * rng.standard_normal(), 645.0, 352.0, -0.08)
         self.structure = s = structure_of(arm, "pose")
@@ -157,7 +150,7 @@ class Rig(Seen):
 
 
 @dataclass
-class World(Seen):
+class World:
     """A camera and a board at flange poses of a controller, which repeats to .3 mm and .02 deg."""
 
     seed: int = 0
@@ -174,6 +167,7 @@ class World(Seen):
     stretch: float = 0.0  # by which the board is longer along x and shorter along y, as a share
 
     def __post_init__(self):
+        self.eye = "hand" if self.in_hand else "base"
         self.rng = rng = np.random.default_rng(self.seed)
         self.pattern = parse_board(self.board)
         near, far = rng.normal(0.0, 0.06, 3), rng.normal(0.0, 0.6, 3)

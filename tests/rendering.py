@@ -38,11 +38,6 @@ class Camera:
     def centre(self) -> Array:
         return np.array(self.size) / 2.0 - 0.5 + self.shift
 
-    @property
-    def matrix(self) -> Array:
-        (u, v), f = self.centre, self.focal
-        return np.array([[f, 0.0, u], [0.0, f, v], [0.0, 0.0, 1.0]])
-
     @cached_property
     def rotation(self) -> Array:
         """World to camera: x right, y down, z ahead."""

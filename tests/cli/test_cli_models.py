@@ -128,7 +128,7 @@ def lab(tmp_path_factory, run):
     return folder
 
 
-def test_noise_tells_sensor_and_return_apart(lab, run):
+def test_noise_tells_sensor_and_return_apart(lab, run, tmp_path):
     document = run.done("noise", lab / "cycles.csv", "--json").document
     assert document["sensor"] == pytest.approx(SENSOR, rel=0.15)
     assert document["return"] == pytest.approx(RETURN, rel=0.15)
@@ -141,9 +141,7 @@ def test_noise_tells_sensor_and_return_apart(lab, run):
     assert document["intervals"]["sensor"] == pytest.approx(document["sensor"] * scale)
     assert "expected" not in run("noise", lab / "cycles.csv").out
     run.refused(1, "none of the log's", "noise", lab / "log.csv")
-
-
-def test_a_wrong_reading_is_no_noise(lab, run, tmp_path):
+    # a wrong reading is no noise
     text = (lab / "cycles.csv").read_text()
     header, *_, last = text.splitlines()
     wrong = last.split(",")

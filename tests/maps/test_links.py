@@ -102,14 +102,12 @@ def active(u, nodes):
     return np.exp(-((u - nodes) ** 2) / (BANDWIDTH * (nodes[1] - nodes[0])) ** 2)
 
 
-def test_the_winner_answers_with_its_strongest_partner():
+def test_the_winner_answers_with_its_strongest_partner_and_activity_with_the_weighted_mean():
     said = FORKED.forward(np.array([[0.2], [0.7]]), "winner")
     assert said.tolist() == [[0.9, 0.0], [0.4, 0.0]]
     said = ONE_TO_ONE.inverses(np.array([[0.3, 0.0], [0.9, 0.0]]), np.full((2, 1), 0.5))["winner"]
     assert said.tolist() == [[0.5], [1.0]]
-
-
-def test_activity_answers_with_the_mean_of_the_partners_weighted_through_the_links():
+    # of the partners, through the links
     u = np.array([[0.3], [0.5]])
     shares = active(u, np.array([0.0, 1.0])) @ [[0.2, 0.0, 0.7], [0.4, 0.5, 0.0]]
     expected = shares @ [0.1, 0.4, 0.9] / shares.sum(axis=1)

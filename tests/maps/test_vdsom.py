@@ -136,34 +136,24 @@ def visit(progress, **values):
     return replace(plain, **{name: np.array(value) for name, value in values.items()})
 
 
-@pytest.mark.parametrize("name", sorted({*GAINS} - {"printed"}))
-def test_every_gain_is_1_at_the_start_of_the_training(name):
+def test_gains_are_1_at_the_start_of_the_training_and_then_those_by_hand():
     rng = np.random.default_rng(0)
     start = visit(0.0, weights=rng.random((9, 2)), distances=rng.random(9))
-    np.testing.assert_allclose(GAINS[name](start), 1.0, atol=1e-12)
-
-
-def test_border_is_largest_in_the_corners_and_1_inside():
-    g = border(visit(1 / 3)).reshape(3, 3)  # of a small lattice the strength is 1.5
+    for name in {*GAINS} - {"printed"}:
+        np.testing.assert_allclose(GAINS[name](start), 1.0, atol=1e-12)
+    # of a small lattice the strength of the border is 1.5
     corner, edge = np.exp(0.75 * 5 / 8), np.exp(0.75 * 3 / 8)
     expected = [[corner, edge, corner], [edge, 1, edge], [corner, edge, corner]]
-    np.testing.assert_allclose(g, expected)
-
-
-def test_error_is_the_squared_distance_over_its_mean():
+    np.testing.assert_allclose(border(visit(1 / 3)).reshape(3, 3), expected)
+    # the squared distance over its mean
     g = error(visit(1.0, winners=[0, 1, 2], distances=[1.0, 2.0, 3.0]))
     np.testing.assert_allclose(g, np.array([1.0, 4.0, 9.0]) / (14 / 3), atol=1e-5)
-
-
-def test_rho_is_equations_7_and_8_with_a_factor():
-    """1 + (t mean(rho) / (rho T))^4 over the whole lattice, by hand."""
+    # equations 7 and 8 over the whole lattice, with a factor: 1 + (t mean(rho) / (rho T))^4
     v = visit(0.7, weights=points(9, seed=3))
     total = ((v.weights[:, None] - v.weights) ** 2).sum(axis=(1, 2))
     sparse = np.exp(-total / total.mean())
     np.testing.assert_allclose(rho(v), 1 + (0.7 * sparse.mean() / sparse) ** 4)
-
-
-def test_the_default_is_the_border_times_where_a_smooth_model_is_wrong():
+    # the default: the border times where a smooth model is wrong
     plain = visit(1.0)
     wrong = np.array([0.0, 0, 0, 0, 4.0, 0, 0, 0, 5.0])
     told = visit(1.0, residual=wrong)

@@ -25,11 +25,15 @@ _ROLE = re.compile(r":(?:func|class|meth|mod|data):`~?([\w.]+)`")
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_examples_of(name, tmp_path, monkeypatch):
+def test_examples_are_true_and_references_lead_somewhere(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    module = importlib.import_module(name)
+    for reference in set(_ROLE.findall(inspect.getsource(module))):
+        if reference.startswith("calib"):
+            assert pydoc.locate(reference) is not None, reference
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
     said = []
-    for test in FINDER.find(importlib.import_module(name), name):
+    for test in FINDER.find(module, name):
         runner.run(test, out=said.append)
     assert not runner.failures, "".join(said)
     assert runner.tries or name not in ("calib", "calib.training.train", "calib.model.model")
@@ -62,11 +66,3 @@ def test_docstrings_name_parameters_and_choices_that_exist(name):
         for choice in _QUOTED.findall(text):
             kinds = [f'"{part}"' in SOURCE for part in choice.split(":")]
             assert all(kinds), (parameters, choice)
-
-
-@pytest.mark.parametrize("name", MODULES)
-def test_references_in_docstrings_lead_somewhere(name):
-    module = importlib.import_module(name)
-    for reference in set(_ROLE.findall(inspect.getsource(module))):
-        if reference.startswith("calib"):
-            assert pydoc.locate(reference) is not None, reference

@@ -30,8 +30,9 @@ MOST = {  # of a room; docstrings and comments do not count
 }
 
 
-def test_no_import_runs_up():
+def test_no_import_runs_up_and_the_picture_is_the_one_that_imports_draw():
     assert make_rooms.running_up() == []
+    assert (ROOT / "docs" / "rooms.svg").read_text() == make_rooms.picture()
 
 
 def test_no_two_files_know_each_other():
@@ -58,10 +59,6 @@ def test_a_model_answers_queries_and_names_the_functions_for_all_else():
     model = calib.train(calib.babble(calib.load_arm("two_link"), 200), size=5)
     for name in ("check", "adapt", "evaluate", "monitor", "correct"):
         refused(AttributeError, f"calib.{name}", getattr, model, name)
-
-
-def test_the_picture_is_the_one_that_the_imports_draw():
-    assert (ROOT / "docs" / "rooms.svg").read_text() == make_rooms.picture()
 
 
 def test_contributing_names_files_that_there_are():

@@ -122,18 +122,17 @@ def test_clean_logs_lose_no_row(robot, noise, n):
     assert screen(bare(robot, n, 1, noise=noise)) == (0, [])
 
 
-@pytest.mark.parametrize(("n", "share"), [(300, 0.01), (300, 0.15), (2000, 0.05)])
+@pytest.mark.parametrize(("n", "share"), [(300, 0.01), (300, 0.15), (2000, 0.05), (300, 0.3)])
 def test_rows_wrong_by_centimetres_are_found_and_no_others(n, share):
     log, wrong = spoiled(bare("two_link", n, 1, noise=1e-3), share)
     count, notes = screen(log)
+    if share > 0.25:  # all are believed
+        assert (count, notes) == (0, [])
+        return
     assert count == wrong.sum()
     assert f"{wrong.sum():,} of {n:,} rows" in notes[0]
     first = np.flatnonzero(wrong)[:3] + 1
     assert all(str(row) in notes[0] for row in first)
-
-
-def test_where_more_than_a_quarter_of_the_rows_are_wrong_all_are_believed():
-    assert screen(spoiled(bare("two_link", 300, 1, noise=1e-3), 0.3)[0]) == (0, [])
 
 
 def test_a_patch_that_bends_away_or_a_row_far_from_all_others_is_no_outlier():

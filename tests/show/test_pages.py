@@ -52,17 +52,17 @@ def chromium() -> str:
     return found
 
 
-def command(folder: Path, size: tuple[int, int]) -> list[str]:
-    """Command line of a Chromium that reaches nothing but this computer."""
-    options = OPTIONS.split()
-    options += [
+def opened(page: Path, folder: Path, size: tuple[int, int], *words: str):
+    """Open a page in a Chromium that reaches nothing but this computer; how that ended."""
+    options = [
         "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
         f"--user-data-dir={folder / 'profile'}",
         f"--window-size={size[0]},{size[1]}",
     ]
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         options.append("--no-sandbox")  # Chromium refuses to run as root with it
-    return [chromium(), *options]
+    words = (chromium(), *OPTIONS.split(), *options, *words, page.resolve().as_uri())
+    return subprocess.run(words, capture_output=True, text=True, check=False, timeout=180)
 
 
 def look(page: Path, folder: Path, size: tuple[int, int]) -> tuple[np.ndarray, list[str]]:
@@ -70,17 +70,13 @@ def look(page: Path, folder: Path, size: tuple[int, int]) -> tuple[np.ndarray, l
     from PIL import Image
 
     picture = folder / "seen.png"
-    words = ["--virtual-time-budget=6000", f"--screenshot={picture}", page.resolve().as_uri()]
-    done = finished([*command(folder, size), *words])
+    words = ("--virtual-time-budget=6000", f"--screenshot={picture}")
+    done = opened(page, folder, size, *words)
     assert picture.exists(), done.stderr[-2000:]
     pixels = np.asarray(Image.open(io.BytesIO(picture.read_bytes())).convert("RGB"))
     lines = re.findall(r":CONSOLE(?::\d+|\(\d+\))?\]\s*(.*)", done.stderr)
     console = [line for line in lines if not any(word in line for word in NOISE)]
     return pixels.astype(int), console
-
-
-def finished(words: list[str]) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(words, capture_output=True, text=True, check=False, timeout=180)
 
 
 def measured_pages(
@@ -102,8 +98,8 @@ def measured_pages(
             frames.append(f'<iframe name="{label}" src="{inner.name}" style="{style}"></iframe>')
     outer = folder / "outer.html"
     outer.write_text(OUTER % "".join(frames), encoding="utf-8")
-    words = ["--virtual-time-budget=8000", "--dump-dom", outer.resolve().as_uri()]
-    done = finished([*command(folder, (1400, 1000)), *words])
+    words = ("--virtual-time-budget=8000", "--dump-dom")
+    done = opened(outer, folder, (1400, 1000), *words)
     measures = {}
     for line in re.findall(r"<pre>(\{.*?\})</pre>", done.stdout, re.DOTALL):
         measure = json.loads(html.unescape(line))

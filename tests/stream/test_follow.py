@@ -62,6 +62,9 @@ def test_schedules_are_equations_10_and_12():
     start = np.exp(np.log(sigma[0] / 0.5) / (1 - t[0] / 800)) * 0.5
     np.testing.assert_allclose(sigma, start * (0.5 / start) ** (t / 800))
     assert start > 0.5
+    # the threshold grows with the lattice
+    steps, _ = followed(small(), babbled("sensor.scale=1.5", n=1500, noise=0.0), 800)
+    assert steps[-1].threshold > 2.0 * steps[0].threshold
 
 
 def test_distortion_is_the_running_mean_of_equation_9_and_a_calm_stream_changes_nothing():
@@ -141,15 +144,8 @@ def test_a_short_stream_links_maps_by_what_its_body_predicts():
     off = adapted.forward(q, "activity") - samples.simulation.exact(q)
     assert np.linalg.norm(off, axis=1).mean() < 7.5e-3
     assert 0.3 < adapted.visited.mean() < 0.9
-
-
-def test_a_change_that_stays_inside_of_the_map_is_noticed_by_the_links():
+    # a change that stays inside of the map is noticed by the links
     assert followed(model(), babbled("sensor.mirror=x", n=600, seed=3, noise=0.0), 3000)[1].adapting
-
-
-def test_the_threshold_grows_with_the_lattice():
-    steps, _ = followed(small(), babbled("sensor.scale=1.5", n=1500, noise=0.0), 800)
-    assert steps[-1].threshold > 2.0 * steps[0].threshold
 
 
 def test_rows_from_before_a_change_within_a_block_are_not_learned():
