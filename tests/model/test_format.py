@@ -12,7 +12,6 @@ from hostile.test_model_file import described, split
 from models import bytes_of, draw, log, measured, no_arm, tilted_camera, trained, turning
 from refusals import refused
 from safetensors.numpy import load as unpack
-from touching import World
 
 import calib
 
@@ -28,7 +27,6 @@ MODELS = {
     "of no arm": cache(lambda: calib.train(no_arm(60), size=6)),
     "of a camera": tilted_camera,
     "of a growing neural gas": lambda: trained("two_link", 300, 5, map="gng", epochs=5),
-    "of touches": cache(lambda: calib.train(World(0, each=15).log(), size=5)),
     "with a radius": lambda: trained("two_link", 300, 5, sigma=(2.0, 0.5), epochs=3),
 }
 

@@ -96,7 +96,7 @@ def test_a_change_is_found_and_mended_by_touches_of_other_sockets(group, place, 
     assert np.median(offsets.model_error(q)) < 0.03
 
 
-def test_a_touch_that_is_logged_again_counts_once():
+def test_a_touch_that_is_logged_again_counts_once(tmp_path):
     """An arm that rests in a socket while a logger writes shows nothing new."""
     world = World(2, each=15)
     log = world.log()
@@ -105,6 +105,9 @@ def test_a_touch_that_is_logged_again_counts_once():
     np.testing.assert_allclose(repeated.forward(world.q), once.forward(world.q), atol=1e-12)
     np.testing.assert_allclose(repeated.model_error(world.q), once.model_error(world.q), rtol=1e-6)
     assert "120 touches" in " ".join(repeated.about.notes)
+    once.save(tmp_path / "once.calib")
+    again = calib.load(tmp_path / "once.calib").expected_error(world.q)
+    assert (again == once.expected_error(world.q)).all()
 
 
 def test_most_touches_are_not_left_out():
