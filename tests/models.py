@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from chains import planar_chain
+from reference import lengths
 
 import calib
 from calib.arm.loading import arm_from_urdf
@@ -156,7 +157,7 @@ def model(noise: float = 0.0) -> calib.Model:
 
 def distances(model: calib.Model, q: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Return how far (n,) [m] a model's answers are from the truth, NaN where there is none."""
-    return np.linalg.norm(model.forward(q) - truth, axis=1)
+    return lengths(model.forward(q) - truth)
 
 
 def error(adapted: calib.Model, samples: calib.Samples) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from chains import FOLLOWED, MIXED, chain_urdf, turning
+from numpy.testing import assert_allclose, assert_array_equal
 from reference import pinocchio_pose, random_joints, table
 
 import calib
@@ -57,7 +58,7 @@ def test_a_moved_tip_in_space_is_told_in_the_tips_frame():
     positions, quaternions = arm.pose(q)
     expected = positions + matrix_of(quaternions) @ np.array([0.01, 0.02, -0.03])
     moved = arm.with_tip_offset(0.01, 0.02, -0.03)
-    np.testing.assert_allclose(moved.forward(q), expected, atol=1e-14)
+    assert_allclose(moved.forward(q), expected, atol=1e-14)
 
 
 def test_a_mimic_joint_follows_and_is_no_joint_of_its_own():
@@ -67,10 +68,10 @@ def test_a_mimic_joint_follows_and_is_no_joint_of_its_own():
     free = arm_from_urdf(FOLLOWED.replace("<mimic", "<!--").replace('offset="0.3"/>', "-->"))
     q = random_joints(arm, 20)
     own = np.column_stack([q, -0.5 * q[:, 1] + 0.3])
-    np.testing.assert_allclose(arm.forward(q), free.forward(own), atol=1e-15)
+    assert_allclose(arm.forward(q), free.forward(own), atol=1e-15)
     slopes = free.jacobian(own)
     expected = np.stack([slopes[..., 0], slopes[..., 1] - 0.5 * slopes[..., 2]], axis=-1)
-    np.testing.assert_allclose(arm.jacobian(q), expected, atol=1e-15)
+    assert_allclose(arm.jacobian(q), expected, atol=1e-15)
 
 
 def test_rotations_go_round():
@@ -80,8 +81,8 @@ def test_rotations_go_round():
     for v in (*vectors, np.zeros(3), 1e-9 * vectors[0]):
         matrix = exponential(v)
         assert np.abs(matrix - pin.exp3(v)).max() < 1e-12
-        np.testing.assert_allclose(logarithm(matrix), v, atol=1e-9)
-        np.testing.assert_allclose(matrix_of(quaternion_of(matrix)), matrix, atol=1e-12)
+        assert_allclose(logarithm(matrix), v, atol=1e-9)
+        assert_allclose(matrix_of(quaternion_of(matrix)), matrix, atol=1e-12)
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -91,7 +92,7 @@ def test_a_similarity_is_a_rotation_unless_it_may_mirror(mirrored):
     assert np.linalg.det(turn) == pytest.approx(-1.0 if mirrored else 1.0)
     if mirrored:
         assert scale == pytest.approx(2.0)
-        np.testing.assert_allclose(shift, 0.3, atol=1e-12)
+        assert_allclose(shift, 0.3, atol=1e-12)
 
 
 def test_torques_are_pinocchios_and_any_masses_are_a_sum_of_unit_weights():
@@ -101,14 +102,14 @@ def test_torques_are_pinocchios_and_any_masses_are_a_sum_of_unit_weights():
     model.gravity.linear = np.array([0.0, 0.0, -9.80665])
     expected = [-pin.computeGeneralizedGravity(model, data, row) for row in q]
     torques = np.einsum("exn,x->ne", Loads.of_masses(arm.chain).levers(q), GRAVITY)
-    np.testing.assert_allclose(torques, expected, atol=1e-11)
+    assert_allclose(torques, expected, atol=1e-11)
     # a mass on a link at the joints' own origins and ends
     chain = replace(arm.chain, centres=np.vstack([arm.chain.points[1:], arm.chain.tip]))
     units = Loads.of_unit_weights(chain)
     share = chain.masses[units.links[units.weights.argmax(1)], None, None]
     levers = np.zeros((6, 3, 10))
     np.add.at(levers, units.joints, units.levers(q) * share)
-    np.testing.assert_allclose(levers, Loads.of_masses(chain).levers(q), atol=1e-12)
+    assert_allclose(levers, Loads.of_masses(chain).levers(q), atol=1e-12)
 
 
 @pytest.mark.parametrize("name", sorted({*PROMISED, *BUNDLED}))
@@ -124,9 +125,9 @@ def test_every_entry_of_the_catalogue_is_what_was_promised(name):
     assert "<visual>" in arm.urdf
     assert calib.load_arm(entry.path).joint_names == entry.joints
     if degrees:
-        np.testing.assert_array_equal(np.stack([arm.lower, arm.upper], 1), np.deg2rad(degrees))
+        assert_array_equal(np.stack([arm.lower, arm.upper], 1), np.deg2rad(degrees))
     if lengths:
-        np.testing.assert_allclose(list(arm.link_lengths.values()), lengths, atol=1e-6)
+        assert_allclose(list(arm.link_lengths.values()), lengths, atol=1e-6)
     if entry.name == "six_axis":
         assert (arm.chain.masses > 0).all()
 
@@ -143,10 +144,10 @@ def test_arms_move_as_mujoco_moves_them(text):
             data.qpos[model.joint(name).qposadr[0]] = value
         mujoco.mj_kinematics(model, data)
         site = data.site(arm.tip)
-        np.testing.assert_allclose(place, site.xpos, atol=1e-12)
-        np.testing.assert_allclose(matrix_of(quaternion), site.xmat.reshape(3, 3), atol=1e-12)
+        assert_allclose(place, site.xpos, atol=1e-12)
+        assert_allclose(matrix_of(quaternion), site.xmat.reshape(3, 3), atol=1e-12)
     for name, limits in zip(arm.joint_names, arm.limits, strict=True):
-        np.testing.assert_allclose(model.joint(name).range, limits, atol=1e-12)
+        assert_allclose(model.joint(name).range, limits, atol=1e-12)
 
 
 def test_a_model_is_trained_from_an_mjcf_and_written_back(run, tmp_path):
@@ -184,7 +185,7 @@ def test_a_joint_that_an_equality_ties_to_another_follows_it():
         data.qpos[2] = model.qpos0[2] + 0.1 - 0.5 * (q[1] - model.qpos0[1])
         mujoco.mj_forward(model, data)
         assert abs(data.efc_pos[0]) < 1e-12
-        np.testing.assert_allclose(arm.forward(q), data.site_xpos[0], atol=1e-12)
+        assert_allclose(arm.forward(q), data.site_xpos[0], atol=1e-12)
 
 
 @pytest.mark.parametrize(("mass", "total"), [("", 0), ('mass="0"', 4)])

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from models import L1, L2, arm, bare, log_of, two_link
+from models import L1, L2, arm, bare, lengths, log_of, two_link
 
 import calib
 
@@ -27,7 +27,7 @@ def true_rows(change):
 def test_the_bound_covers_the_true_tip(change):
     q, x = true_rows(change)
     model = trained(change)
-    error = np.linalg.norm(model.forward(q) - x, axis=1)
+    error = lengths(model.forward(q) - x)
     assert 0.92 < np.mean(error <= model.expected_error(q)) < 0.98
 
 
@@ -38,8 +38,8 @@ def test_the_direction_pays_where_there_is_backlash():
     assert model.approach.play[1] == pytest.approx(PLAY / 2, rel=0.03)
     q, x = true_rows("elbow.backlash=0.01")
     side = calib.Samples(q, x, arm().joint_names).side
-    blind = np.linalg.norm(model.forward(q) - x, axis=1)
-    told = np.linalg.norm(model.forward(q, approach=side) - x, axis=1)
+    blind = lengths(model.forward(q) - x)
+    told = lengths(model.forward(q, approach=side) - x)
     assert np.nanmean(told) < 0.1 * np.nanmean(blind)
     bound = model.expected_error(q, approach=side)
     assert np.nanmean(told <= bound) > 0.92

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from models import log_of, sensed, trained
-from reference import random_joints
+from reference import lengths, random_joints
 from refusals import refused
 
 import calib
@@ -40,7 +40,7 @@ def learned(readings, rng, noise=NOISE, waves=0.0):
 def test_an_error_that_repeats_is_the_models_not_the_sensors(readings, least, most, waves):
     """Poses that were read again show what is the sensor's."""
     model, fresh, off = learned(readings, np.random.default_rng(0), waves=waves)
-    assert np.mean(np.linalg.norm(off, axis=1) <= model.model_error(fresh)) > 0.9
+    assert np.mean(lengths(off) <= model.model_error(fresh)) > 0.9
     share = np.median(model.model_error(fresh)) / np.median(model.expected_error(fresh))
     assert waves or least < share <= most
 
@@ -49,7 +49,7 @@ def test_an_error_that_repeats_is_the_models_not_the_sensors(readings, least, mo
 def test_the_bound_of_a_reading_is_of_one_of_its_own_noise(readings, noise):
     rng = np.random.default_rng(0)
     model, fresh, off = learned(readings, rng, noise)
-    off = np.linalg.norm(off - noise * rng.normal(size=off.shape), axis=1)
+    off = lengths(off - noise * rng.normal(size=off.shape))
     bound = model.expected_error(fresh)
     assert 0.92 < np.mean(off <= bound) < 0.98
     assert np.median(bound) < 3 * np.median(off)
@@ -83,7 +83,7 @@ def test_a_tool_of_one_orientation_is_explained_at_its_own_rows(oriented):
     x += 1e-4 * rng.normal(size=(45, 3))
     seen = quaternion_of(frame @ rotation @ tool) if oriented else None
     body = calib.train(log_of(ARM, q, x, orientation=seen), size=3).body
-    off = np.linalg.norm(body.predict(q)[:, :3] - x, axis=1)
+    off = lengths(body.predict(q)[:, :3] - x)
     assert off.mean() < 3e-4
     assert (off <= body.bound(q)).mean() > 0.9
 
@@ -137,7 +137,7 @@ def test_a_short_path_without_a_drawing_is_bounded_elsewhere():
     q = (lower + upper) / 2 + (upper - lower) / 4 * np.sin(phase)
     log = log_of(ARM, q, ARM.forward(q) + 1e-4 * rng.normal(size=(150, 3)))
     body = calib.train(replace(log, arm=None), size=4).body
-    off = np.linalg.norm(body.predict(fresh) - ARM.forward(fresh), axis=1)
+    off = lengths(body.predict(fresh) - ARM.forward(fresh))
     assert np.mean(off <= body.bound(fresh)) > 0.9
 
 
@@ -145,7 +145,7 @@ def sagging(q, most, gravity=(0.0, 0.0, -9.81)):
     """Positions (n, 3) [m] of an arm whose joints give way so that its tip moves by `most`."""
     torques = np.einsum("exn,x->ne", Loads.of_masses(ARM.chain).levers(q), gravity)
     bends = 1e-6 * COMPLIANCE * torques
-    moved = np.linalg.norm(ARM.forward(q + bends) - ARM.forward(q), axis=1).max()
+    moved = lengths(ARM.forward(q + bends) - ARM.forward(q)).max()
     return ARM.forward(q + most / moved * bends)
 
 
@@ -166,7 +166,7 @@ def world(half=False):
 
 def errors(model, q, x):
     """Mean distance [m], and the share of rows within the model's bound."""
-    miss = np.linalg.norm(model.forward(q) - x, axis=1)
+    miss = lengths(model.forward(q) - x)
     return float(miss.mean()), float((miss <= model.model_error(q)).mean())
 
 

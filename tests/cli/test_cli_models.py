@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from models import babbled, two_link
-from reference import read, table
+from reference import lengths, read, table
 from scipy.special import chdtri
 
 import calib
@@ -162,7 +162,7 @@ def test_iso_9283_is_as_delivered_and_as_corrected(lab, run):
     assert standard["as_corrected"]["AP"] < 5e-5
     x = calib.read_log(lab / "cycles.csv", calib.load_arm("two_link")).x
     x = x.reshape(150, 2, 2).mean(axis=1)  # of two readings each
-    away = [np.linalg.norm(x[k::5] - x[k::5].mean(axis=0), axis=1) for k in range(5)]
+    away = [lengths(x[k::5] - x[k::5].mean(axis=0)) for k in range(5)]
     repeatability = max(row.mean() + 3.0 * row.std(ddof=1) for row in away)
     assert standard["RP"] == pytest.approx(repeatability, rel=1e-6)
     assert run("evaluate", lab / "m.calib", "--iso9283").code == 2
@@ -236,7 +236,7 @@ def test_the_bound_of_another_readout_covers_its_distance_from_the_truth(run, mo
         done = run.done("query", "forward", model, "--input", "-", *options, stdin=rows)
         tables.append(np.loadtxt(io.StringIO(done.out), delimiter=",", skiprows=1))
     body, other = tables
-    off = np.linalg.norm(other[:, 2:4] - body[:, 2:4], axis=1)
+    off = lengths(other[:, 2:4] - body[:, 2:4])
     assert (off > 1e-5).any()
     assert (other[:, 4] >= off).all()
     done = run("query", "forward", model, "0.3", "0.6", "--readout", readout, "--json")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reference import random_joints, read, table
+from reference import lengths, random_joints, read, table
 from rendering import Camera
 from scipy.spatial.transform import Rotation
 
@@ -75,7 +75,7 @@ def test_pixels_and_the_tip_in_the_base_frame_are_those_of_the_truth(run, folder
     forward = f"query forward {folder}/m.calib --input {folder}/q.csv"
     seen, base = read(run(forward).out), read(run(f"{forward} --in base").out)
     assert np.hypot(*(matrix(seen, "xy") - CAMERA.project(places)).T).mean() < 0.4
-    miss = np.linalg.norm(matrix(base, "xyz") - places, axis=1)
+    miss = lengths(matrix(base, "xyz") - places)
     assert miss.mean() < 5e-4
     assert (miss <= base["expected_error"]).mean() >= 0.95
     assert list(base) == [*names, *"xyz", *ROTATION, *BOUNDS]
@@ -87,7 +87,7 @@ def test_pixels_and_the_tip_in_the_base_frame_are_those_of_the_truth(run, folder
     path = f"query path {folder}/m.calib --input {folder}/ends.csv --in base"
     way = read(run.done(path).out)
     np.testing.assert_allclose(matrix(way, "xyz")[[0, -1]], ends)
-    miss = np.linalg.norm(tips(matrix(way, names)) - matrix(way, "xyz"), axis=1)
+    miss = lengths(tips(matrix(way, names)) - matrix(way, "xyz"))
     assert (miss <= way["expected_error"]).mean() >= 0.95
 
 
@@ -146,7 +146,7 @@ def test_orientations_are_learned_and_answered(run, tracked):
     found = read(run(f"query forward {folder}/m.calib --input {folder}/q.csv").out)
     off = turns.inv() * Rotation.from_quat(matrix(found, ROTATION))
     assert np.degrees(off.magnitude().max()) < 0.05
-    assert np.linalg.norm(matrix(found, "xyz") - places, axis=1).max() < 2e-4
+    assert lengths(matrix(found, "xyz") - places).max() < 2e-4
     assert "orientation" in run(f"evaluate {folder}/m.calib --data {folder}/log.csv -v").out
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from models import draw, six, trained, warm
-from reference import ROBOTS, needs_robots, pinocchio_forward
+from numpy.testing import assert_allclose
+from reference import ROBOTS, lengths, needs_robots, pinocchio_forward, random_joints
 from refusals import refused
 
 import calib
@@ -61,13 +62,13 @@ def test_ways_of_a_calibrated_arm_are_named_once_the_nearest_first(answering):
         found = ways.q[ways.target == k]
         assert apart(model, found, q[k : k + 1]).min() < 1e-5
         place, turned = model.pose(found)
-        np.testing.assert_allclose(place, np.tile(position[k], (len(found), 1)), atol=1e-7)
-        np.testing.assert_allclose(np.abs(turned @ turn[k]), 1.0, atol=1e-7)
+        assert_allclose(place, np.tile(position[k], (len(found), 1)), atol=1e-7)
+        assert_allclose(np.abs(turned @ turn[k]), 1.0, atol=1e-7)
         among = apart(model, found, found) + np.eye(len(found))
         assert among.min() > 1e-5  # none is named twice
         away = scale.difference(scale.to_unit(found), scale.to_unit(near[k : k + 1]))
-        assert (np.diff(np.linalg.norm(away, axis=1)) >= 0).all()
-        np.testing.assert_allclose(nearest[k], found[0], atol=1e-5)
+        assert (np.diff(lengths(away)) >= 0).all()
+        assert_allclose(nearest[k], found[0], atol=1e-5)
 
 
 @either_way
@@ -78,9 +79,9 @@ def test_a_free_axis_leaves_the_turn_about_it_open(answering):
     spun = quaternion_of(matrix_of(turn) @ exponential([0.0, 0.0, 1.0])[None])
     joints = model.inverse_pose(position, spun, q, free="z")
     place, reached = model.pose(joints)
-    np.testing.assert_allclose(place, position, atol=1e-7)
+    assert_allclose(place, position, atol=1e-7)
     axes = matrix_of(reached)[:, :, 2]
-    np.testing.assert_allclose(axes, matrix_of(turn)[:, :, 2], atol=1e-7)
+    assert_allclose(axes, matrix_of(turn)[:, :, 2], atol=1e-7)
     assert np.abs(joints - q).max() < 0.3  # as the turn is free, they hardly have to move
     refused(calib.QueryError, "one of x, y, z", model.inverse_pose, position, spun, q, free="w")
 
@@ -121,15 +122,15 @@ def test_every_reachable_pose_of_seven_joints_is_reached_and_none_is_invented(fi
     """A way that slid into a corner of the limits was given up, 1 and 4 of 80 poses."""
     arm = calib.load_arm(ROBOTS / f"{file}.urdf")
     model = calib.train(calib.babble(arm, 2000, seed=0), size=20)
-    q = np.random.default_rng(5).uniform(arm.lower, arm.upper, (80, arm.dof))
+    q = random_joints(arm, 80, seed=5)
     places, turns = arm.pose(q)
     for answers in (model.inverse(places), model.inverse_pose(places, turns)):
         assert np.isfinite(answers).all()
         assert ((answers >= arm.lower - 1e-9) & (answers <= arm.upper + 1e-9)).all()
         reached = pinocchio_forward(arm, answers)
-        np.testing.assert_allclose(reached, pinocchio_forward(arm, q), atol=1e-6)
+        assert_allclose(reached, pinocchio_forward(arm, q), atol=1e-6)
     turned = matrix_of(arm.pose(answers)[1])
-    np.testing.assert_allclose(turned, matrix_of(turns), atol=1e-5)
+    assert_allclose(turned, matrix_of(turns), atol=1e-5)
 
 
 @needs_robots
@@ -138,12 +139,12 @@ def test_what_lies_just_inside_of_the_edge_of_a_redundant_arm_is_reached():
     arm = calib.load_arm(ROBOTS / "g1_description/urdf/g1_29dof_rev_1_0.urdf")
     model = warm(calib.train(calib.babble(arm, 1500, seed=0), size=20))
     directions = np.random.default_rng(5).normal(size=(5, 3))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    directions /= lengths(directions)[:, None]
     middle = model.sensory.weights.mean(axis=0)
     far = middle + 5 * model.solver.extent * directions
     edge = model.forward(model.inverse(far, nearest=True))
     inside = edge + 1e-4 * (middle - edge)
-    np.testing.assert_allclose(arm.forward(model.inverse(inside)), inside, atol=1e-7)
+    assert_allclose(arm.forward(model.inverse(inside)), inside, atol=1e-7)
     # of the edge itself, to the last digit, most: once none
     assert np.isfinite(model.inverse(edge)).all(axis=1).mean() > 0.9
 

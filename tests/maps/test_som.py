@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from refusals import refused
 from small_maps import UNIT_BOX, box, network, points
 
@@ -44,7 +45,7 @@ def test_batch_weights_are_the_mean_of_the_samples_weighted_by_the_gain(strength
     heavy = np.where(x[:, 0] > 0.5, strength, 1.0)
     som = SOM((3, 3), lambda visit: heavy, epochs=200, sigma=(1.0, 1.0)).fit(x, scale=UNIT_BOX)
     expected = batch_target(som.units, som.lattice, x, heavy)
-    np.testing.assert_allclose(som.units, expected, atol=1e-9)
+    assert_allclose(som.units, expected, atol=1e-9)
     assert (som.units[:, 0].mean() > 0.6) == (strength > 1.0)
 
 
@@ -83,7 +84,7 @@ def test_the_winner_is_found_across_the_seam_of_a_whole_turn():
     ring = network([[0.05], [0.5], [0.95]], (3,), box(True))
     distance, index = ring.nearest(np.array([[0.99], [0.01], [1.02], [-0.03], [0.4]]))
     assert index[:, 0].tolist() == [2, 0, 0, 2, 1]
-    np.testing.assert_allclose(distance[:, 0], [0.04, 0.04, 0.03, 0.02, 0.1], atol=1e-12)
+    assert_allclose(distance[:, 0], [0.04, 0.04, 0.03, 0.02, 0.1], atol=1e-12)
 
 
 @pytest.mark.parametrize("turning", [[False, False], [True, False]])
@@ -97,14 +98,14 @@ def test_a_few_places_are_answered_without_scipy_as_by_its_tree(turning, monkeyp
     monkeypatch.delitem(sys.modules, "scipy.spatial")
     found = network(points, (6, 10), scale).nearest(places, 4)
     assert (found[1] == wanted[1]).all()
-    np.testing.assert_allclose(found[0], wanted[0], rtol=1e-12, atol=1e-15)
+    assert_allclose(found[0], wanted[0], rtol=1e-12, atol=1e-15)
 
 
 def test_history_ends_with_the_errors_of_the_map():
     x = points(300)
     som = SOM((8, 8), "som", epochs=100, sigma=(0.5, 0.5)).fit(x, scale=UNIT_BOX)
     errors = som.quantization_error(x), som.topographic_error(x)
-    np.testing.assert_allclose(som.history[-1, 2:], errors)
+    assert_allclose(som.history[-1, 2:], errors)
 
 
 def test_quantization_error_is_the_mean_distance_in_own_units():
@@ -145,4 +146,4 @@ def test_resampling_keeps_linear_functions_of_the_cell_middles(coarse, fine):
         return np.stack([middles @ slope, 1 - middles @ slope], axis=1)
 
     old, new = Lattice(coarse), Lattice(fine)
-    np.testing.assert_allclose(old.resample(plane(old), new), plane(new), atol=1e-12)
+    assert_allclose(old.resample(plane(old), new), plane(new), atol=1e-12)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import draw, log, trained, turning, two_link
+from models import draw, lengths, log, trained, turning, two_link
 from refusals import refused
 
 import calib
@@ -69,7 +69,7 @@ def test_outside_of_the_range_of_a_joint_there_is_no_answer(model):
 def with_a_hole(size):
     """A model of a log of two_link with 1 mm noise that leaves out a middle; its rows."""
     s = log(1500, 1e-3)
-    kept = s.take(np.linalg.norm((s.q - [0.8, 1.4]) / (s.upper - s.lower), axis=1) > size)
+    kept = s.take(lengths((s.q - [0.8, 1.4]) / (s.upper - s.lower)) > size)
     return calib.train(replace(kept, arm=None), size=14, body="none"), kept
 
 
@@ -89,7 +89,7 @@ def test_without_a_body_there_is_no_answer_far_from_every_row():
     known = np.isfinite(said[:, 0])
     assert 0.6 < known.mean() < 0.95
     assert (np.isfinite(bound) == known).all()
-    assert np.mean(np.linalg.norm(said - x, axis=1)[known] <= bound[known]) >= 0.93
+    assert np.mean(lengths(said - x)[known] <= bound[known]) >= 0.93
 
 
 @pytest.mark.parametrize(("query", "message"), NO_QUERIES)
@@ -113,7 +113,7 @@ def test_beyond_a_turn_or_without_a_number_there_is_no_arm(far):
 def test_bounds_of_maps_alone_hold_for_95_percent():
     model = trained("two_link", 3000, 15, 1e-3, body="none")
     q = draw(model, 8000, seed=99)
-    covered = np.linalg.norm(model.forward(q) - two_link(q), axis=1) <= model.expected_error(q)
+    covered = lengths(model.forward(q) - two_link(q)) <= model.expected_error(q)
     assert 0.93 <= covered.mean() <= 0.97
 
 
@@ -126,11 +126,11 @@ def test_bounds_of_a_simulation_hold_in_both_directions(robot, noise, all_points
     arm, rng = calib.load_arm(robot), np.random.default_rng(99)
     q = rng.uniform(arm.lower, arm.upper, (8000, arm.dof))
     x = arm.forward(q)
-    forward = np.linalg.norm(model.forward(q) - x, axis=1) <= model.expected_error(q)
+    forward = lengths(model.forward(q) - x) <= model.expected_error(q)
     answer = model.solve(x, near=q[rng.permutation(len(q))])
     reached = answer.reachable
     assert reached.mean() > 0.99
-    away = np.linalg.norm(arm.forward(answer.q) - x, axis=1)
+    away = lengths(arm.forward(answer.q) - x)
     inverse = (away <= answer.expected_error)[reached]
     if noise == 0.0:  # errors of rounding: of the map, and of the search that ends beside a target
         assert forward.all()
@@ -155,6 +155,6 @@ def test_a_logs_bound_on_what_the_sensor_will_read_holds_for_95_percent(rows):
         bound = model.expected_error(fresh.q)
         known = np.isfinite(bound)
         assert known.mean() > 0.95
-        miss = np.linalg.norm(model.forward(fresh.q) - fresh.x, axis=1)
+        miss = lengths(model.forward(fresh.q) - fresh.x)
         held.append(np.mean((miss <= bound)[known]))
     assert 0.93 <= np.mean(held) <= 0.98

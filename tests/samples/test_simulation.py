@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from models import L1, L2, two_link
+from numpy.testing import assert_allclose
 from refusals import refused
 
 from calib import OptionError, Simulation, babble
@@ -63,23 +64,23 @@ def rotation(angle):
 @pytest.mark.parametrize(("change", "truth"), CHANGES)
 def test_each_change_in_closed_form(arm, q, change, truth):
     sim = Simulation(arm, 0.01, [change])
-    np.testing.assert_allclose(sim.exact(q), truth(q), atol=1e-12)
-    np.testing.assert_allclose(sim.exact(q[3]), truth(q)[3], atol=1e-12)
+    assert_allclose(sim.exact(q), truth(q), atol=1e-12)
+    assert_allclose(sim.exact(q[3]), truth(q)[3], atol=1e-12)
 
 
 def test_sensor_changes_apply_as_mirror_scale_rotate_shift_in_any_order_given(arm, q):
     given = ["sensor.shift=1,2", "sensor.rotate=0.5", "sensor.scale=3", "sensor.mirror=y"]
     expected = (3 * two_link(q) * [1, -1]) @ rotation(0.5).T + [1, 2]
     for order in (given, given[::-1]):
-        np.testing.assert_allclose(Simulation(arm, changes=order).exact(q), expected, atol=1e-12)
+        assert_allclose(Simulation(arm, changes=order).exact(q), expected, atol=1e-12)
 
 
 def test_sensor_noise_has_the_stated_deviation_on_each_axis(arm, q):
     many = np.repeat(q, 100, axis=0)
     sim = Simulation(arm, 2e-3)
     error = sim.measure(many, np.random.default_rng(0)) - sim.exact(many)
-    np.testing.assert_allclose(error.std(axis=0), 2e-3, rtol=0.02)
-    np.testing.assert_allclose(error.mean(axis=0), 0.0, atol=4e-5)
+    assert_allclose(error.std(axis=0), 2e-3, rtol=0.02)
+    assert_allclose(error.mean(axis=0), 0.0, atol=4e-5)
     assert abs(np.corrcoef(error.T)[0, 1]) < 0.02
 
 
@@ -99,7 +100,7 @@ def test_backlash_delays_the_joint_in_a_measurement(arm):
     q = np.array([[0.2, 1.0], [0.2, 1.5], [0.2, 1.45], [0.2, 1.0]])
     sim = Simulation(arm, changes=["elbow.backlash=0.2"])
     stood = np.array([[0.2, 1.0], [0.2, 1.4], [0.2, 1.4], [0.2, 1.1]])
-    np.testing.assert_allclose(sim.measure(q, np.random.default_rng(0)), two_link(stood))
+    assert_allclose(sim.measure(q, np.random.default_rng(0)), two_link(stood))
 
 
 def test_babbling_stays_within_and_covers_the_range(arm):
@@ -110,7 +111,7 @@ def test_babbling_stays_within_and_covers_the_range(arm):
     cells = np.histogram2d(*unit.T, bins=20, range=[[0, 1], [0, 1]])[0]
     assert cells.min() >= 1  # 10 a cell on average
     assert cells.std() == pytest.approx(np.sqrt(10), abs=0.6)  # Poisson
-    np.testing.assert_allclose(log.x, arm.forward(log.q), atol=1e-15)
+    assert_allclose(log.x, arm.forward(log.q), atol=1e-15)
 
 
 @pytest.mark.parametrize(("arguments", "message"), IMPOSSIBLE)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boards import World
-from models import babbled, bare, in_pixels, in_space, log, measured, no_arm, trained
+from models import babbled, bare, in_pixels, in_space, lengths, log, measured, no_arm, trained
 from refusals import refused
 from scenes import seen_by_two
 from scipy.special import stdtrit
@@ -169,7 +169,7 @@ def test_bars_have_the_interval_of_ten_blocks_and_the_noise_of_readings():
         calib.figures(model)["accuracy"].axes[0].texts[k].get_text()
         for model, k in ((measured(), -1), (simulated(noise=1e-3), 1))
     )
-    distance = np.linalg.norm(measured().rows.held_out, axis=1)
+    distance = lengths(measured().rows.held_out)
     means = [block.mean() for block in np.array_split(distance, 10)]
     half = stdtrit(9, 0.975) * np.std(means, ddof=1) / np.sqrt(10)
     assert held_out == f"on rows held out: {1e3 * distance.mean():.3f} ± {1e3 * half:.3f} mm"

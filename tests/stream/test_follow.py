@@ -7,7 +7,7 @@ import models
 import numpy as np
 import pytest
 from models import arm, babbled, error, model, trained, two_link
-from reference import random_joints
+from reference import lengths, random_joints
 from refusals import refused
 from small_maps import UNIT_BOX
 
@@ -27,7 +27,7 @@ def test_the_report_of_the_online_rule_is_of_blocks_that_it_never_saw(monkeypatc
     assert found.correction == "maps and Hebbian links trained online"
     held = np.concatenate(blocks(700, 10)[4::10])
     for one, figures in ((small(), found.before), (found.model, found.after)):
-        gap = np.linalg.norm(one.forward(samples.q) - samples.x, axis=1)[held]
+        gap = lengths(one.forward(samples.q) - samples.x)[held]
         assert figures["mean"] == pytest.approx(gap.mean(), rel=1e-6)
     assert found.after["mean"] < 0.05 * found.before["mean"]
     event = found.model.history[0]
@@ -77,7 +77,7 @@ def test_distortion_is_the_running_mean_of_equation_9_and_a_calm_stream_changes_
         now = np.array([
             np.mean(motor.nearest(motor.scale.to_unit(q))[0] ** 2),
             np.mean(sensory.nearest(sensory.scale.to_unit(x))[0] ** 2),
-            np.linalg.norm(small().forward(q[::5], "activity") - x[::5], axis=1).mean(),
+            lengths(small().forward(q[::5], "activity") - x[::5]).mean(),
         ])  # fmt: skip
         mean = now if mean is None else 0.5 * mean + 0.5 * now
         told = [step.zeta_motor, step.zeta_sensory, step.error]
@@ -130,8 +130,7 @@ def test_distortion_falls_back_under_its_threshold():
     truth = samples.simulation.exact(q)
     for readout, factor in (("local", 1.2), ("activity", 2.0)):
         after, best = (
-            np.linalg.norm(m.forward(q, readout) - truth, axis=1).mean()
-            for m in (adapter.model(), fresh)
+            lengths(m.forward(q, readout) - truth).mean() for m in (adapter.model(), fresh)
         )
         assert after < factor * best + 1e-6
     assert error(adapter.model(), samples) < 1e-5
@@ -142,7 +141,7 @@ def test_a_short_stream_links_maps_by_what_its_body_predicts():
     adapted = followed(model(), samples, 3000)[1].model()
     q = random_joints(arm(), 1000, seed=7)
     off = adapted.forward(q, "activity") - samples.simulation.exact(q)
-    assert np.linalg.norm(off, axis=1).mean() < 7.5e-3
+    assert lengths(off).mean() < 7.5e-3
     assert 0.3 < adapted.visited.mean() < 0.9
     # a change that stays inside of the map is noticed by the links
     assert followed(model(), babbled("sensor.mirror=x", n=600, seed=3, noise=0.0), 3000)[1].adapting

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import bare, log, measured, papers, trained
+from models import bare, lengths, log, measured, papers, trained
 from refusals import refused
 from scipy.spatial.transform import Rotation
 
@@ -30,7 +30,7 @@ def test_another_log_is_compared_row_by_row():
     missed = model.forward(fresh.q) - fresh.x
     back = np.abs(model.inverse(fresh.x, near=fresh.q, nearest=True) - fresh.q)
     for readout, column, error in (
-        ("forward", "distance", np.linalg.norm(missed, axis=1)),
+        ("forward", "distance", lengths(missed)),
         ("forward", "y", np.abs(missed[:, 1])),
         ("inverse", "elbow", back[:, 1]),
     ):
@@ -39,7 +39,7 @@ def test_another_log_is_compared_row_by_row():
     assert (evaluation.rows, evaluation.left_out) == (400, 0)
     assert evaluation.source == "measured rows of the log"
     learned = measured()
-    off = np.linalg.norm(learned.forward(fresh.q) - fresh.x, axis=1)
+    off = lengths(learned.forward(fresh.q) - fresh.x)
     covered = np.mean(off <= learned.expected_error(fresh.q))
     assert calib.evaluate(learned, fresh).within["covered"] == covered
     assert calib.evaluate(learned, replace(fresh, left_out=3)).left_out == 3  # by who read it

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import polars as pl
 import pytest
+from reference import lengths
 from refusals import refused
 from touching import World, touching
 
@@ -29,7 +30,7 @@ def errors(model, q, true):
     tips = model.forward(q)
     turn, _, _ = similarity(true, tips)
     turned = true @ turn.T
-    return np.linalg.norm(tips - turned - (tips - turned).mean(axis=0), axis=1)
+    return lengths(tips - turned - (tips - turned).mean(axis=0))
 
 
 def rows(world, q, **more):
@@ -44,7 +45,7 @@ def test_a_model_is_learned_evaluated_and_asked(tmp_path, run):
     setups = [("front", "left")[number // 2] for number in world.number]
     points = ["AB"[number % 2] for number in world.number]
     rows(world, q, setup=setups, point=points).write_csv(path)
-    distance = np.linalg.norm(world.points[::2] - world.points[1::2], axis=1).mean()
+    distance = lengths(world.points[::2] - world.points[1::2]).mean()
     known = ["--distance", f"A,B={1e3 * distance}mm+-200mm"]
     done = run.done(
         "train", "six_axis", "--data", path, "-o", model, "--size", "5", "--json", *known
@@ -141,18 +142,18 @@ def test_positions_of_a_sensor_stand_beside_touches(tmp_path, run):
     model = calib.train(log, size=5)
     fresh = rng.uniform(*world.limits, (200, 6))
     true = world.truth.predict(fresh, world.beta) @ turn.T + shift
-    off = np.linalg.norm(model.forward(fresh) - true, axis=1)
+    off = lengths(model.forward(fresh) - true)
     assert off.mean() < 1e-3
     assert np.mean(off < model.expected_error(fresh)) > 0.9
     readings = true + 0.2e-3 * rng.standard_normal(true.shape)
-    off = np.linalg.norm(model.forward(fresh) - readings, axis=1)
+    off = lengths(model.forward(fresh) - readings)
     assert np.mean(off < model.expected_error(fresh)) > 0.9
     assert calib.evaluate(model, log).touch["scatter"]["mean"] < 0.5e-3
     apart = 1.01e3 * np.linalg.norm(world.points[0] - world.points[1])
     stated = replace(log, touch=log.touch.stated([f"A,B={apart}mm"]))
     beside = calib.train(stated, size=3)
     assert "by the sensor's size they are" in " ".join(beside.about.notes)
-    off = np.linalg.norm(beside.forward(fresh) - true, axis=1)
+    off = lengths(beside.forward(fresh) - true)
     assert np.mean(off < beside.model_error(fresh)) > 0.9
 
 
