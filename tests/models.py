@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from chains import planar_chain
-from reference import lengths
+from conftest import lengths
 
 import calib
 from calib.arm.loading import arm_from_urdf

@@ -51,11 +51,6 @@ def random_joints(arm, n: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (n, arm.dof))
 
 
-def lengths(x: np.ndarray) -> np.ndarray:
-    """Lengths (n,) of vectors (n, m)."""
-    return np.linalg.norm(x, axis=1)
-
-
 def table(path, names, rows):
     np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="", fmt="%.12g")
     return path

@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from models import log_of, sensed, trained
-from reference import lengths, random_joints
+from models import lengths, log_of, sensed, trained
+from reference import random_joints
 from refusals import refused
 
 import calib

@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 import pytest
-from models import babbled, two_link
-from reference import lengths, read, table
+from models import babbled, lengths, two_link
+from reference import read, table
 from scipy.special import chdtri
 
 import calib

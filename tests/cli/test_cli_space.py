@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from reference import lengths, random_joints, read, table
+from conftest import lengths
+from reference import random_joints, read, table
 from rendering import Camera
 from scipy.spatial.transform import Rotation
 

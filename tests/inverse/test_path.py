@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import draw, log_of, trained, turning, two_link, two_link_inverse
+from models import draw, lengths, log_of, trained, turning, two_link, two_link_inverse
 from numpy.testing import assert_allclose, assert_array_equal
-from reference import lengths, pinocchio_pose
+from reference import pinocchio_pose
 
 import calib
 

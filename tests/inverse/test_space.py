@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from models import draw, six, trained, warm
+from models import draw, lengths, six, trained, warm
 from numpy.testing import assert_allclose
-from reference import ROBOTS, lengths, needs_robots, pinocchio_forward, random_joints
+from reference import ROBOTS, needs_robots, pinocchio_forward, random_joints
 from refusals import refused
 
 import calib

@@ -9,9 +9,9 @@ import models
 import numpy as np
 import pytest
 from chains import chain_urdf, turning
+from conftest import lengths
 from models import draw, in_pixels, in_space, log_of, needs_compiler, of_a_third, six, trained, warm
 from numpy.testing import assert_allclose, assert_array_equal
-from reference import lengths
 from refusals import refused
 
 import calib

@@ -5,8 +5,8 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from conftest import lengths
 from numpy.testing import assert_allclose, assert_array_equal
-from reference import lengths
 from small_maps import grid, points
 
 from calib import SOM, Association

@@ -6,8 +6,8 @@ from functools import cache, partial
 import models
 import numpy as np
 import pytest
-from models import arm, babbled, error, model, trained, two_link
-from reference import lengths, random_joints
+from models import arm, babbled, error, lengths, model, trained, two_link
+from reference import random_joints
 from refusals import refused
 from small_maps import UNIT_BOX
 

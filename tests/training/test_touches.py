@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import polars as pl
 import pytest
-from reference import lengths
+from conftest import lengths
 from refusals import refused
 from touching import World, touching
 

@@ -9,9 +9,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from conftest import run_in_process
+from conftest import lengths, run_in_process
 from models import arm, draw, in_space, needs_compiler, of_the_drawing, sensed, six, two_link
-from reference import lengths
 from scipy.spatial.transform import Rotation
 
 import calib

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from chains import FOLLOWED, MIXED
-from models import arm, babbled, bare, in_pixels, in_space, log_of, model, no_arm
-from reference import lengths, pinocchio_pose, random_joints
+from models import arm, babbled, bare, in_pixels, in_space, lengths, log_of, model, no_arm
+from reference import pinocchio_pose, random_joints
 from scipy.spatial.transform import Rotation
 
 import calib
