@@ -33,15 +33,16 @@ def renewed(shown: list[str], printed: list[str]) -> list[str]:
     return new
 
 
-def page_now(path: Path, folder: Path) -> str:
-    """Return a page with what its commands print now, run in a folder with a reader's files."""
+def page_now(path: Path) -> str:
+    """Return a page with what its commands print now, in a folder with a reader's files."""
     import test_docs
-    from pages import SHARED, blocks, check, commands
+    from conftest import run_in_process
+    from pages import blocks, check, commands
 
     text = path.read_text(encoding="utf-8")
     test_docs.needed(text)
     for line in test_docs.EARLIER.get(str(path.relative_to(ROOT)), ()):
-        SHARED.run(line.split(), folder)
+        run_in_process(line)
     names: dict[str, object] = {}
     for block in blocks(text):
         if block.skipped or block.remark.startswith("Run by the tests against"):
@@ -52,9 +53,9 @@ def page_now(path: Path, folder: Path) -> str:
             new = block.text
             for command in commands(block):
                 if command.words[0] == "printf":
-                    check(command, folder)
+                    check(command)
                     continue
-                done = SHARED.run(command.words[1:], folder)
+                done = run_in_process(*command.words[1:])
                 printed = [*done.out.splitlines(), *done.err.splitlines()]
                 before, after = command.shown, renewed(command.shown, printed)
                 if before and before != after:
@@ -71,7 +72,8 @@ def main(names: list[str]) -> None:
     for name in names:
         with tempfile.TemporaryDirectory() as made, pytest.MonkeyPatch.context() as patch:
             filled = getattr(test_docs.folder, "__wrapped__", None) or test_docs.folder
-            text = page_now((start / name).resolve(), filled(Path(made), patch))
+            filled(Path(made), patch)
+            text = page_now((start / name).resolve())
         (start / name).write_text(text, encoding="utf-8")
 
 

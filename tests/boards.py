@@ -15,7 +15,6 @@ from calib.samples.lens import Lens
 
 BOARD = np.array([[0.024 * i, 0.024 * j, 0.0] for j in range(1, 5) for i in range(1, 7)])
 """Inner corners of a board of 7x5 squares of 24 mm [m]."""
-
 SPEC = "7x5:24mm:18mm:5x5_100"
 SIZE = (1280, 720)
 LENS = np.array([900.0, 903.0, 645.0, 352.0, -0.1, 0.05, 5e-4, -4e-4, 0.0])
@@ -38,16 +37,8 @@ def pictures_of(board, corners, q=None, joints=()):
     return BoardPictures(board, joints, names, q, numbered, SIZE, count, (), np.arange(count))
 
 
-class Seen:
-    """What has a camera in the hand, or before its board."""
-
-    @property
-    def eye(self):
-        return "hand" if self.in_hand else "base"
-
-
 @dataclass
-class Rig(Seen):
+class Rig:
     """A six-joint arm off by up to .2 deg and .3 mm; a camera in its hand, or before its board."""
 
     in_hand: bool
@@ -60,6 +51,7 @@ class Rig(Seen):
 
     def __post_init__(self) -> None:
         rng = np.random.default_rng(self.seed)
+        self.eye = "hand" if self.in_hand else "base"
         self.arm = arm = calib.load_arm("six_axis")
         self.lens = (1000.0 + 60 * rng.standard_normal(), 645.0, 352.0, -0.08)
         self.structure = s = structure_of(arm, "pose")
@@ -158,7 +150,7 @@ class Rig(Seen):
 
 
 @dataclass
-class World(Seen):
+class World:
     """A camera and a board at flange poses of a controller, which repeats to .3 mm and .02 deg."""
 
     seed: int = 0
@@ -175,6 +167,7 @@ class World(Seen):
     stretch: float = 0.0  # by which the board is longer along x and shorter along y, as a share
 
     def __post_init__(self):
+        self.eye = "hand" if self.in_hand else "base"
         self.rng = rng = np.random.default_rng(self.seed)
         self.pattern = parse_board(self.board)
         near, far = rng.normal(0.0, 0.06, 3), rng.normal(0.0, 0.6, 3)

@@ -1,21 +1,37 @@
 """URDF texts of small chains, for the tests of arms."""
 
+import re
+
+SLIDE, ENDLESS = "<!--slide-->", "<!--endless-->"
+KINDS = {SLIDE: "prismatic", ENDLESS: "continuous"}
+LIMIT = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
+
+
+def element(name, parent, child, inside, kind):
+    links = f'<parent link="{parent}"/><child link="{child}"/>'
+    return f'<joint name="{name}" type="{kind}">{links}{inside}</joint>'
+
+
+def joint(name, parent, child, xyz, axis, kind="revolute", extra=""):
+    inside = f'<origin xyz="{xyz}" rpy="0.1 -0.2 0.3"/><axis xyz="{axis}"/>{LIMIT}{extra}'
+    return element(name, parent, child, inside, kind)
+
+
+def robot(*joints):
+    """A URDF of joints, with a link for each name in them."""
+    names = dict.fromkeys(name for text in joints for name in re.findall('link="(.*?)"', text))
+    links = "".join(f'<link name="{name}"/>' for name in names)
+    return f'<robot name="chain">{links}{"".join(joints)}</robot>'
+
 
 def chain_urdf(*joints: str, tip: str = "0.2 0 0") -> str:
     """A serial robot: joints j1, j2, ... given by the inside of their elements, and a tip."""
-    text = '<robot name="chain"><link name="l0"/>'
+    parts = []
     for k, inside in enumerate(joints, 1):
-        kind = "prismatic" if "<!--slide-->" in inside else "revolute"
-        if "<!--endless-->" in inside:
-            kind = "continuous"
-        text += (
-            f'<link name="l{k}"/><joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/>'
-            f'<child link="l{k}"/>{inside}</joint>'
-        )
-    return text + (
-        f'<link name="tip"/><joint name="mount" type="fixed"><parent link="l{len(joints)}"/>'
-        f'<child link="tip"/><origin xyz="{tip}"/></joint></robot>'
-    )
+        kind = next((KINDS[mark] for mark in KINDS if mark in inside), "revolute")
+        parts.append(element(f"j{k}", f"l{k - 1}", f"l{k}", inside, kind))
+    end = f'<origin xyz="{tip}"/>'
+    return robot(*parts, element("mount", f"l{len(joints)}", "tip", end, "fixed"))
 
 
 def turning(axis="0 0 1", xyz="0.3 0 0", lower="-1", upper="1", more="") -> str:
@@ -23,9 +39,6 @@ def turning(axis="0 0 1", xyz="0.3 0 0", lower="-1", upper="1", more="") -> str:
         f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>'
         f'<limit lower="{lower}" upper="{upper}" effort="1" velocity="1"/>{more}'
     )
-
-
-SLIDE, ENDLESS = "<!--slide-->", "<!--endless-->"
 
 
 def planar_chain(joints: int, slide: int | None = None, reach: float = 0.6) -> str:
@@ -40,28 +53,6 @@ def planar_chain(joints: int, slide: int | None = None, reach: float = 0.6) -> s
 
 
 NO_TIP = chain_urdf(turning(), turning(), tip="0 0 0")
-
-
-LIMIT = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
-
-
-def joint(name, parent, child, xyz, axis, kind="revolute", extra=""):
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{xyz}" rpy="0.1 -0.2 0.3"/><axis xyz="{axis}"/>{LIMIT}{extra}</joint>'
-    )
-
-
-def robot(*joints):
-    """A URDF of joints, with a link for each name in them."""
-    links = dict.fromkeys(
-        part.split('"')[0] for text in joints for part in text.split('link="')[1:]
-    )
-    return (
-        f'<robot name="r">{"".join(f"<link name={x!r}/>" for x in links)}{"".join(joints)}</robot>'
-    )
-
-
 MIXED = robot(
     joint("turn", "base", "a", "0 0 0.2", "0 0 1"),
     joint("slide", "a", "b", "0.1 0 0", "1 0.2 0", "prismatic"),

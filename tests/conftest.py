@@ -71,6 +71,11 @@ class Program:
 run_in_process = Program()
 
 
+def lengths(x):
+    """Lengths (n,) of vectors (n, m)."""
+    return (x**2).sum(axis=1) ** 0.5
+
+
 def pytest_collection_modifyitems(items):
     """Put quick files last, so that no worker waits long for the others' end."""
     last = {"hostile": 1, "arm": 2}

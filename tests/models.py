@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from chains import planar_chain
+from conftest import lengths
 
 import calib
 from calib.arm.loading import arm_from_urdf
@@ -17,11 +18,8 @@ from calib.body.spatial import structure_of
 
 L1, L2 = 0.30, 0.25
 """Link lengths of `two_link` and `two_link_full` [m]."""
-
 ELBOW = np.radians([15.0, 150.0])
 """Limits of the elbow of `two_link`."""
-
-
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
 
@@ -159,7 +157,7 @@ def model(noise: float = 0.0) -> calib.Model:
 
 def distances(model: calib.Model, q: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Return how far (n,) [m] a model's answers are from the truth, NaN where there is none."""
-    return np.linalg.norm(model.forward(q) - truth, axis=1)
+    return lengths(model.forward(q) - truth)
 
 
 def error(adapted: calib.Model, samples: calib.Samples) -> float:
@@ -284,14 +282,8 @@ def in_plane():
     beta[geometry] += rng.normal(0, 0.02, len(geometry))
     curves = np.arange(len(geometry), structure.size)
     beta[curves] = rng.normal(0, 1e-4, len(curves))
-    root = rng.normal(0, 1e-3, (len(geometry), len(geometry)))
-    covariance = np.zeros((structure.size,) * 2)
-    covariance[: len(root), : len(root)] = root @ root.T
-    covariance[curves, curves] = rng.uniform(0, 1e-8, len(curves))
-    shared = rng.normal(0, 1e-4, (structure.size, 5))  # what couples curves with all
-    body = replace(
-        drawn.body, structure=structure, beta=beta, active=np.arange(structure.size),
-        root=np.linalg.cholesky(covariance + shared @ shared.T), second=None,
-    )  # fmt: skip
+    root = 1e-4 * rng.normal(size=(structure.size, 40))  # which couples curves with all
+    uncertain = {"active": np.arange(structure.size), "root": root, "second": None}
+    body = replace(drawn.body, structure=structure, beta=beta, **uncertain)
     bounds = np.zeros(drawn.motor.size)
     return replace(drawn, body=body, bounds=bounds, model_bounds=bounds)

@@ -1,15 +1,13 @@
 """Pages of the manual: their blocks, how they run, where their links lead."""
 
-import hashlib
-import os
 import re
 import shlex
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from conftest import Outcome, run_in_process
+from conftest import run_in_process
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -46,31 +44,6 @@ class Command:
     shown: list[str]
 
 
-@dataclass
-class Shared:
-    """Runs command lines, each only once with the same input files; copies what it made."""
-
-    done: dict[object, tuple[Outcome, dict[str, bytes]]] = field(default_factory=dict)
-
-    def run(self, words: list[str], folder: Path) -> Outcome:
-        """Run `calib` with these words; the current folder is `folder`."""
-        before = _contents(folder)
-        named = {w for word in words for w in (word, *word.split("="))}
-        key = (tuple(words), tuple((n, before[n]) for n in sorted(before) if n in named))
-        if key not in self.done:
-            outcome = run_in_process(*words)
-            after = _contents(folder)
-            made = {n: (folder / n).read_bytes() for n in after if after[n] != before.get(n)}
-            self.done[key] = (outcome, made)
-        outcome, made = self.done[key]
-        for name, content in made.items():
-            (folder / name).write_bytes(content)
-        return outcome
-
-
-SHARED = Shared()
-
-
 def blocks(text: str) -> Iterator[Block]:
     """Yield the fenced blocks of a page in order."""
     for found in _FENCE.finditer(text):
@@ -92,24 +65,24 @@ def commands(block: Block) -> Iterator[Command]:
         typed, shown = line[2:], []
 
 
-def run_page(page: Path, folder: Path, names: dict[str, object]) -> None:
-    """Run the blocks of a page in order, in one folder and with one set of Python names."""
+def run_page(page: Path, names: dict[str, object]) -> None:
+    """Run the blocks of a page in order, in this folder and with one set of Python names."""
     for block in blocks(page.read_text(encoding="utf-8")):
         if block.language == "python" and not block.skipped:
             exec(compile(block.text, page.name, "exec"), names)
         elif block.language == "console" and not block.skipped:
             for command in commands(block):
-                check(command, folder)
+                check(command)
 
 
-def check(command: Command, folder: Path) -> None:
+def check(command: Command) -> None:
     """Run a command of a page and compare its exit code and what it printed, but for timings."""
     if command.words[0] == "printf":  # a page that makes a small file
         text, _, name = command.words[1:]
-        (folder / name).write_text(text.replace("\\n", "\n"))
+        Path(name).write_text(text.replace("\\n", "\n"))
         return
     assert command.words[0] == "calib", f"only calib is run here: {command.words}"
-    outcome = SHARED.run(command.words[1:], folder)
+    outcome = run_in_process(*command.words[1:])
     said = f"$ {shlex.join(command.words)}\n{outcome.out}{outcome.err}"
     assert outcome.code == command.code, said
     printed = [*outcome.out.splitlines(), *outcome.err.splitlines()]
@@ -129,8 +102,8 @@ def differing(shown: list[str], printed: list[str]) -> list[str]:
     wrong = []
     for line in wanted:
         alike = [other for other in printed if _fits(line, other)]
-        figures = _figures(line, timed=timed)
-        same = [other for other in alike if _close(figures, _figures(other, timed=timed))]
+        figures = pytest.approx(_figures(line, timed=timed), rel=TOLERANCE, abs=ROUNDING)
+        same = [other for other in alike if _figures(other, timed=timed) == figures]
         if not same and not ("..." in line and alike):
             wrong.append(line)
     if shown and not any(line.strip() == "..." for line in shown):
@@ -144,10 +117,6 @@ def _figures(line: str, *, timed: bool) -> list[float]:
     found = [m for m in _NUMBER.finditer(line) if not _TIME.match(line, m.end())]
     values = [float(m[0].lstrip("<").replace(",", "")) for m in found]
     return values[:-1] if timed and len(line.split()) > 3 else values
-
-
-def _close(a: list[float], b: list[float]) -> bool:
-    return len(a) == len(b) and b == pytest.approx(a, rel=TOLERANCE, abs=ROUNDING)
 
 
 def anchors(text: str) -> set[str]:
@@ -166,13 +135,6 @@ def links(text: str) -> list[str]:
     outside = re.sub(r"(?m)^    .*$", "", outside)
     outside = re.sub(r"`[^`\n]*`", "`code`", outside)
     return re.findall(r"\]\((?!https?:|mailto:)([^)\s]+)\)", outside)
-
-
-def _contents(folder: Path) -> dict[str, str]:
-    """Digest of each file in a folder."""
-    with os.scandir(folder) as entries:
-        files = sorted(entry.name for entry in entries if entry.is_file())
-    return {n: hashlib.sha256((folder / n).read_bytes()).hexdigest() for n in files}
 
 
 def _masked(line: str) -> str:

@@ -10,11 +10,8 @@ import pinocchio as pin
 import polars as pl
 import pytest
 
-import calib
-
 ROBOTS = Path(pin.__file__).parents[4] / "share/example-robot-data/robots"
 """Descriptions of real robots, where their package is installed."""
-
 needs_robots = pytest.mark.skipif(
     not ROBOTS.is_dir(), reason="example-robot-data is not installed: pip install it"
 )
@@ -52,23 +49,6 @@ def pinocchio_forward(arm, q: np.ndarray) -> np.ndarray:
 def random_joints(arm, n: int, seed: int = 0) -> np.ndarray:
     """Joint values drawn uniformly from the arm's range: (n, dof)."""
     return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (n, arm.dof))
-
-
-OFFSETS = {"spatial_three": np.radians([0.0, 2.0, -3.0]), "six_axis": np.zeros(6)}
-
-
-class Truth:
-    """An arm as Pinocchio moves it, with offsets that its log does not know."""
-
-    def __init__(self, robot: str, seed: int) -> None:
-        self.arm = calib.load_arm(robot)
-        self.offset, self.rng = OFFSETS[robot], np.random.default_rng(seed)
-
-    def pose(self, q):
-        return pinocchio_pose(self.arm, np.atleast_2d(q) + self.offset)[:2]
-
-    def draw(self, n):
-        return self.rng.uniform(self.arm.lower, self.arm.upper, (n, self.arm.dof))
 
 
 def table(path, names, rows):

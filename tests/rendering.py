@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
-
 FINE = 4
 """Samples of a printed pattern along each side of a pixel."""
 
@@ -38,11 +37,6 @@ class Camera:
     @property
     def centre(self) -> Array:
         return np.array(self.size) / 2.0 - 0.5 + self.shift
-
-    @property
-    def matrix(self) -> Array:
-        (u, v), f = self.centre, self.focal
-        return np.array([[f, 0.0, u], [0.0, f, v], [0.0, 0.0, 1.0]])
 
     @cached_property
     def rotation(self) -> Array:

@@ -1,10 +1,11 @@
 """An arm whose tip touches sockets, whose truth is known."""
 
 import numpy as np
+from models import log_of
 
 import calib
 from calib.body.spatial import structure_of
-from calib.samples.sockets import Known
+from calib.samples.sockets import Known, Touches
 
 MM = 1e-3
 
@@ -53,3 +54,11 @@ class World:
             Known(pair, float(np.linalg.norm(np.subtract(*self.points[list(pair)]))), 0.1 * MM)
             for pair in pairs
         ]
+
+    def log(self, q=None, number=None, known=()):
+        """Touches as a log holds them: the world's own, or others."""
+        q = self.q if q is None else q
+        number = self.number if number is None else number
+        names = "ABCD"[: number.max() + 1]
+        touch = Touches(number, tuple(("", name) for name in names), tuple(known))
+        return log_of(self.arm, q, np.zeros((len(q), 3)), touch=touch)

@@ -23,6 +23,25 @@ CASES = [  # of a bundled robot: options, joints, tip
     ("six_axis", {"columns": ["shoulder_pan", "shoulder_lift", "elbow", "x", "y", "z"]},
      "shoulder_pan shoulder_lift elbow", None),
 ]  # fmt: skip
+TWO = chain_urdf(turning(), turning())
+USUAL = ("tool0", "tcp", "tool", "tip", "ee_link", "ee", "end_effector", "gripper_frame_link")
+GOOD = load_arm("two_link").urdf
+ELBOW = '<joint name="elbow" type="revolute">'
+AXIS = '<axis xyz="0 0 1"/>'
+SECOND_PARENT = (
+    '<joint name="extra" type="fixed"><parent link="base"/><child link="forearm"/></joint></robot>'
+)
+LOOP = '<joint name="back" type="fixed"><parent link="tip"/><child link="base"/></joint></robot>'
+FLOATING = ELBOW.replace("revolute", "floating")
+NAMES = [(f"j{k}", f"l{k}", f"l{k + 1}") for k in range(1_001)]
+MANY = robot(*[joint(*names, "0 0 0", "0 0 1", "fixed") for names in NAMES])
+STUCK = chain_urdf(turning(lower="0", upper="0"), turning())
+SIDE_BY_SIDE = robot(*[joint(a, "o", b, "0.3 0 0", "0 0 1") for a, b in ("al", "bm")])
+BENT = chain_urdf(turning(), turning(axis="0 1 0"), turning())
+FOLLOWED = chain_urdf(turning(), turning(), turning(more='<mimic joint="j2"/>'))
+NINE = robot(*[joint(*names, "0.1 0 0.05", "0 1 0") for names in NAMES[:9]])
+BODY = '<mujoco><worldbody><body name="a">{}</body></worldbody></mujoco>'
+UPPER_ARM = '<parent link="upper_arm"/>'
 
 
 @pytest.mark.parametrize(("name", "options", "joints", "tip"), CASES)
@@ -53,10 +72,6 @@ def test_other_joints_are_locked_at_neutral_or_where_told():
 def test_axes_may_differ_by_a_ten_thousandth(angle, outputs):
     text = chain_urdf(turning(), turning(axis=f"{np.sin(angle)} 0 {-np.cos(angle)}"))
     assert arm_from_urdf(text, ["j1", "j2"]).outputs == outputs
-
-
-TWO = chain_urdf(turning(), turning())
-USUAL = ("tool0", "tcp", "tool", "tip", "ee_link", "ee", "end_effector", "gripper_frame_link")
 
 
 @pytest.mark.parametrize("name", [form for n in USUAL for form in (n, f"left_{n.upper()}")])
@@ -156,32 +171,12 @@ def test_one_turn_lies_within_its_range_as_near_to_zero_as_it_can(lower, excess)
     assert (first + last) / 2 == pytest.approx(nearest, abs=1e-9)
 
 
-GOOD = load_arm("two_link").urdf
-ELBOW = '<joint name="elbow" type="revolute">'
-AXIS = '<axis xyz="0 0 1"/>'
-SECOND_PARENT = (
-    '<joint name="extra" type="fixed"><parent link="base"/><child link="forearm"/></joint></robot>'
-)
-
-
 def changed(old: str, new: str) -> str:
     assert old in GOOD
     return GOOD.replace(old, new)
 
 
 LAUGHS = changed("<robot", '<!DOCTYPE r [<!ENTITY a "aaa">]>\n<robot')
-LOOP = '<joint name="back" type="fixed"><parent link="tip"/><child link="base"/></joint></robot>'
-FLOATING = ELBOW.replace("revolute", "floating")
-NAMES = [(f"j{k}", f"l{k}", f"l{k + 1}") for k in range(1_001)]
-MANY = robot(*[joint(*names, "0 0 0", "0 0 1", "fixed") for names in NAMES])
-STUCK = chain_urdf(turning(lower="0", upper="0"), turning())
-SIDE_BY_SIDE = robot(*[joint(a, "o", b, "0.3 0 0", "0 0 1") for a, b in ("al", "bm")])
-BENT = chain_urdf(turning(), turning(axis="0 1 0"), turning())
-FOLLOWED = chain_urdf(turning(), turning(), turning(more='<mimic joint="j2"/>'))
-NINE = robot(*[joint(*names, "0.1 0 0.05", "0 1 0") for names in NAMES[:9]])
-BODY = '<mujoco><worldbody><body name="a">{}</body></worldbody></mujoco>'
-UPPER_ARM = '<parent link="upper_arm"/>'
-
 REFUSED = [  # a text or a bundled robot, what is asked of it, and what the line says
     # descriptions
     (GOOD[:-40], {}, "well-formed truncated line"),

@@ -12,8 +12,17 @@ from reference import ROBOTS, needs_robots, pinocchio_forward, random_joints
 from calib import RobotError, load_arm
 
 FILES = sorted(ROBOTS.rglob("*.urdf"))
-
 pytestmark = needs_robots
+PLANAR = {  # of a description: the joints and the tip that are found
+    "ur_description/urdf/ur5_robot": "shoulder_lift_joint,elbow_joint,wrist_1_joint tool0",
+    "panda_description/urdf/panda": "panda_joint2,panda_joint4,panda_joint6 panda_hand_tcp",
+    "so_arm_description/urdf/so101": "shoulder_lift,elbow_flex,wrist_flex gripper_frame_link",
+    "asr_twodof_description/urdf/TwoDofs": "J1,J2 Tip",
+}
+PAGE = (Path(__file__).parents[2] / "docs/robots.md").read_text(encoding="utf-8")
+TABLE = re.findall(r"^\| `(\S+)` \|", PAGE, re.MULTILINE)
+SAID = dict(reversed(re.findall(r"^- `(\S+)`: (.*)$", PAGE, re.MULTILINE)))
+"""What docs/robots.md says first of each file that is not trained at once."""
 
 
 def miss(arm, q):
@@ -21,24 +30,10 @@ def miss(arm, q):
     return np.abs(arm.forward(q) - pinocchio_forward(arm, q)).max() / max(arm.chain.reach, 1.0)
 
 
-PLANAR = {  # of a description: the joints and the tip that are found
-    "ur_description/urdf/ur5_robot": "shoulder_lift_joint,elbow_joint,wrist_1_joint tool0",
-    "panda_description/urdf/panda": "panda_joint2,panda_joint4,panda_joint6 panda_hand_tcp",
-    "so_arm_description/urdf/so101": "shoulder_lift,elbow_flex,wrist_flex gripper_frame_link",
-    "asr_twodof_description/urdf/TwoDofs": "J1,J2 Tip",
-}
-
-
 @pytest.mark.parametrize("file", PLANAR)
 def test_the_planar_arm_is_found_and_not_its_fingers(file):
     arm = load_arm(ROBOTS / f"{file}.urdf", planar=True)
     assert f"{','.join(arm.joint_names)} {arm.tip}" == PLANAR[file]
-
-
-PAGE = (Path(__file__).parents[2] / "docs/robots.md").read_text(encoding="utf-8")
-TABLE = re.findall(r"^\| `(\S+)` \|", PAGE, re.MULTILINE)
-SAID = dict(reversed(re.findall(r"^- `(\S+)`: (.*)$", PAGE, re.MULTILINE)))
-"""What docs/robots.md says first of each file that is not trained at once."""
 
 
 def test_the_page_counts_every_file_and_lists_those_that_are_not_trained_at_once():

@@ -10,6 +10,7 @@ from calib.body.planar import planar_structure
 from calib.body.rows import Rows
 
 LENGTHS = np.array([0.3, 0.25, 0.15])
+TWO = (True, True)
 
 
 def chain(q, lengths, offsets=0.0, signs=1.0):
@@ -99,7 +100,6 @@ def turning(dof, mirror):
     return lambda q: seen(chain(q, LENGTHS[:dof], offsets, signs), mirror=mirror)
 
 
-TWO = (True, True)
 EXACT_WORLDS = {  # positions, which joints turn, the member that holds it, how near it comes
     "a lens": (lambda q: lens_about(seen(chain(q, LENGTHS[:2]))), TWO, "view", 1e-9),
     "a tilted sensor": (lambda q: camera_on_metres(seen(chain(q, LENGTHS[:2]))), TWO, "view", 1e-9),

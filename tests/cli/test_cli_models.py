@@ -6,11 +6,13 @@ import re
 
 import numpy as np
 import pytest
-from models import babbled, two_link
+from models import babbled, lengths, two_link
 from reference import read, table
 from scipy.special import chdtri
 
 import calib
+
+SENSOR, RETURN, OFFSET = 1e-5, 4e-5, 0.004  # [m], [m], [rad] of the elbow
 
 
 @pytest.fixture(autouse=True)
@@ -108,9 +110,6 @@ def test_a_file_is_named_after_its_robot_and_another_robots_name_needs_force(run
     run.done(f"train polar {small} -o polar.calib")
 
 
-SENSOR, RETURN, OFFSET = 1e-5, 4e-5, 0.004  # [m], [m], [rad] of the elbow
-
-
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory, run):
     """A folder with a log of five poses and thirty cycles, a log to learn from, and a model."""
@@ -129,7 +128,7 @@ def lab(tmp_path_factory, run):
     return folder
 
 
-def test_noise_tells_sensor_and_return_apart(lab, run):
+def test_noise_tells_sensor_and_return_apart(lab, run, tmp_path):
     document = run.done("noise", lab / "cycles.csv", "--json").document
     assert document["sensor"] == pytest.approx(SENSOR, rel=0.15)
     assert document["return"] == pytest.approx(RETURN, rel=0.15)
@@ -142,9 +141,7 @@ def test_noise_tells_sensor_and_return_apart(lab, run):
     assert document["intervals"]["sensor"] == pytest.approx(document["sensor"] * scale)
     assert "expected" not in run("noise", lab / "cycles.csv").out
     run.refused(1, "none of the log's", "noise", lab / "log.csv")
-
-
-def test_a_wrong_reading_is_no_noise(lab, run, tmp_path):
+    # a wrong reading is no noise
     text = (lab / "cycles.csv").read_text()
     header, *_, last = text.splitlines()
     wrong = last.split(",")
@@ -165,7 +162,7 @@ def test_iso_9283_is_as_delivered_and_as_corrected(lab, run):
     assert standard["as_corrected"]["AP"] < 5e-5
     x = calib.read_log(lab / "cycles.csv", calib.load_arm("two_link")).x
     x = x.reshape(150, 2, 2).mean(axis=1)  # of two readings each
-    away = [np.linalg.norm(x[k::5] - x[k::5].mean(axis=0), axis=1) for k in range(5)]
+    away = [lengths(x[k::5] - x[k::5].mean(axis=0)) for k in range(5)]
     repeatability = max(row.mean() + 3.0 * row.std(ddof=1) for row in away)
     assert standard["RP"] == pytest.approx(repeatability, rel=1e-6)
     assert run("evaluate", lab / "m.calib", "--iso9283").code == 2
@@ -239,7 +236,7 @@ def test_the_bound_of_another_readout_covers_its_distance_from_the_truth(run, mo
         done = run.done("query", "forward", model, "--input", "-", *options, stdin=rows)
         tables.append(np.loadtxt(io.StringIO(done.out), delimiter=",", skiprows=1))
     body, other = tables
-    off = np.linalg.norm(other[:, 2:4] - body[:, 2:4], axis=1)
+    off = lengths(other[:, 2:4] - body[:, 2:4])
     assert (off > 1e-5).any()
     assert (other[:, 4] >= off).all()
     done = run("query", "forward", model, "0.3", "0.6", "--readout", readout, "--json")

@@ -9,7 +9,6 @@ import sys
 import pytest
 
 HEAVY = {"numpy", "scipy", "pinocchio", "polars", "rich", "safetensors", "yourdfpy", "meshcat"}
-
 IMPORTS = """
 import json, sys
 from calib_cli import main
@@ -22,36 +21,7 @@ for line in json.loads(sys.argv[1]):
 print(json.dumps(list(sys.modules)))
 """
 KINEMATICS = {"pinocchio", "yourdfpy", "meshcat", "polars", "rich"}
-
-
-@pytest.mark.parametrize(
-    ("lines", "heavy"),
-    [
-        (("--help", "train --help", "query inverse --help", "babble --help", "robots"), HEAVY),
-        (("info MODEL",), KINEMATICS),
-        (("query inverse MODEL 0.1 0.4", "query forward MODEL 0.1 0.4"), KINEMATICS | {"scipy"}),
-    ],
-)
-def test_light_commands_import_nothing_heavy(model, lines, heavy):
-    words = json.dumps([line.replace("MODEL", str(model)) for line in lines])
-    script = [sys.executable, "-c", IMPORTS, words]
-    done = subprocess.run(script, capture_output=True, text=True, check=True, timeout=60)
-    assert heavy & set(json.loads(done.stdout.splitlines()[-1])) == set()
-
-
-def test_the_main_job_needs_no_pinocchio(run, tmp_path, monkeypatch):
-    """It has no wheel for Windows: all but collisions works without."""
-    monkeypatch.setitem(sys.modules, "pinocchio", None)
-    for robot, target in (("two_link", "0.3 0.3"), ("six_axis", "0.4 0.1 0.5")):
-        path = tmp_path / f"{robot}.calib"
-        assert run("train", robot, "--size", "8", "-n", "400", "-o", path).code == 0
-        assert run("query", "inverse", path, *target.split(), "--json").document["reachable"]
-    planned = run.done("plan", "six_axis", "-n", "5", "-o", tmp_path / "poses.csv")
-    assert "collision are not checked" in planned.err
-
-
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-
 # A command line that sends itself a signal when the function that is named is first called.
 AT = """
 import atexit, importlib, os, signal, sys
@@ -80,7 +50,6 @@ else:
     atexit.register(print, "taken apart")
 main()
 """
-
 STAGES = [
     "import calib_cli.app",
     "import scipy.spatial",
@@ -88,6 +57,38 @@ STAGES = [
     "os.fsync",
     "os.replace",
 ]
+STREAMS = [  # what a shell runs as "$@", with its code
+    ('cat q.csv | "$@" query forward m.calib --input -', 0),
+    ('"$@" query forward m.calib --input - <&-', 1),
+    ('"$@" query inverse m.calib 0.1 0.4 >/dev/full', 1),
+    ('"$@" info m.calib --json | true', 0),
+    ('COLUMNS=1 PYTHONIOENCODING=ascii "$@" info m.calib 2>/dev/full', 0),
+    ('PYTHONIOENCODING=ascii "$@" train two_link --lock é世=1 >&-', 1),
+]
+LIGHT = [
+    (("--help", "train --help", "query inverse --help", "babble --help", "robots"), HEAVY),
+    (("info MODEL",), KINEMATICS),
+    (("query inverse MODEL 0.1 0.4", "query forward MODEL 0.1 0.4"), KINEMATICS | {"scipy"}),
+]
+
+
+@pytest.mark.parametrize(("lines", "heavy"), LIGHT)
+def test_light_commands_import_nothing_heavy(model, lines, heavy):
+    words = json.dumps([line.replace("MODEL", str(model)) for line in lines])
+    script = [sys.executable, "-c", IMPORTS, words]
+    done = subprocess.run(script, capture_output=True, text=True, check=True, timeout=60)
+    assert heavy & set(json.loads(done.stdout.splitlines()[-1])) == set()
+
+
+def test_the_main_job_needs_no_pinocchio(run, tmp_path, monkeypatch):
+    """It has no wheel for Windows: all but collisions works without."""
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    for robot, target in (("two_link", "0.3 0.3"), ("six_axis", "0.4 0.1 0.5")):
+        path = tmp_path / f"{robot}.calib"
+        assert run("train", robot, "--size", "8", "-n", "400", "-o", path).code == 0
+        assert run("query", "inverse", path, *target.split(), "--json").document["reachable"]
+    planned = run.done("plan", "six_axis", "-n", "5", "-o", tmp_path / "poses.csv")
+    assert "collision are not checked" in planned.err
 
 
 @pytest.mark.parametrize(
@@ -103,16 +104,6 @@ def test_a_signal_at_any_stage_leaves_the_old_file_whole(stage, number, code, to
     assert (done.returncode, done.stdout, done.stderr) == (code, b"", told)
     assert [path.name for path in tmp_path.iterdir()] == ["two_link.calib"]
     assert (tmp_path / "two_link.calib").read_bytes() == b"old"
-
-
-STREAMS = [  # what a shell runs as "$@", with its code
-    ('cat q.csv | "$@" query forward m.calib --input -', 0),
-    ('"$@" query forward m.calib --input - <&-', 1),
-    ('"$@" query inverse m.calib 0.1 0.4 >/dev/full', 1),
-    ('"$@" info m.calib --json | true', 0),
-    ('COLUMNS=1 PYTHONIOENCODING=ascii "$@" info m.calib 2>/dev/full', 0),
-    ('PYTHONIOENCODING=ascii "$@" train two_link --lock é世=1 >&-', 1),
-]
 
 
 @pytest.mark.parametrize(("line", "code"), STREAMS)

@@ -17,10 +17,8 @@ import calib
 
 LENGTH = int(os.environ.get("CALIB_FUZZ", "1"))
 """How many times the usual number of inputs; more than once they are drawn anew."""
-
 LONGEST = 2_000
 """Characters of an error message."""
-
 _FORBIDDEN = ("socket.connect", "socket.getaddrinfo", "socket.sendto", "socket.bind",
               "urllib.Request", "http.client.connect", "ftplib.connect", "subprocess.Popen",
               "os.system", "os.exec", "os.posix_spawn", "os.fork", "webbrowser.open",
@@ -35,6 +33,40 @@ _FONTS = (str(Path.home() / ".cache"), str(Path.home() / ".config"),
           os.environ.get("MPLCONFIGDIR") or "/usr/share/fonts")  # fmt: skip
 _SYSTEM = (*_FONTS, _SPOOLED, "/usr/share/fonts", "/proc/", "/sys/", "/dev/", "/etc/localtime",
            "/usr/share/zoneinfo")  # fmt: skip
+NUMBERS = st.one_of(
+    st.floats().map(repr),
+    st.integers().map(str),
+    st.text("0123456789.eEx+-_,/ １٣∞", max_size=6),
+    st.sampled_from(("", "NaN", "-Infinity", "1e999", "9" * 400, "NA", "null", "true", "1d3")),
+)
+"""Numbers, and what is typed where numbers are expected."""
+NAMES = st.one_of(
+    st.text(max_size=8),
+    st.sampled_from((
+        "../../x", "/etc/passwd", "a\0b", "x" * 5000, "..", "/", "-", "--help", "$HOME", "%s%n",
+        "{0}", "a\nb", "\x1b[31m", "\u202eabc", "e\u0301", "🤖", "]]>", "a,b", "a=b", "CON.calib",
+        "universe", "tip", "z", "nan", "http://127.0.0.1:9/x", "\x1b]0;x\x07", "$\\foo$",
+    )),
+)  # fmt: skip
+"""Names that lead elsewhere, break lines or mean something to somebody."""
+PARTS = st.one_of(
+    st.binary(max_size=40),
+    NUMBERS.map(lambda text: text.encode()),
+    st.sampled_from((b"\0", b"\xfe\xff", b"\xef\xbb\xbf", b"\r", b'"', b";", b"[" * 50, b"\xed\xa0",
+                     b"PAR1")),
+)  # fmt: skip
+"""What may stand in the place of a part of a file."""
+WRAPPINGS = st.sampled_from((
+    *[bytes] * 9,
+    lambda data: gzip.compress(data, mtime=0),
+    lambda data: data.replace(b"\n", b"\r\n"),
+    lambda data: data.replace(b"\n", b""),
+    lambda data: bytes(len(data)),
+    lambda data: data + b"x" * 300_000,
+    lambda data: data.decode("utf-8", "replace").encode("utf-16"),
+    lambda data: data.decode("utf-8", "replace").encode("latin-1", "replace"),
+))  # fmt: skip
+"""What becomes of a file as a whole: mostly nothing."""
 
 
 def inputs(n: int) -> settings:
@@ -94,45 +126,6 @@ def answer(path: Path, data: bytes, read: Callable, refusal: type[Exception] = c
             return read(path)
     except refusal as error:
         return one_line(str(error))
-
-
-NUMBERS = st.one_of(
-    st.floats().map(repr),
-    st.integers().map(str),
-    st.text("0123456789.eEx+-_,/ １٣∞", max_size=6),
-    st.sampled_from(("", "NaN", "-Infinity", "1e999", "9" * 400, "NA", "null", "true", "1d3")),
-)
-"""Numbers, and what is typed where numbers are expected."""
-
-NAMES = st.one_of(
-    st.text(max_size=8),
-    st.sampled_from((
-        "../../x", "/etc/passwd", "a\0b", "x" * 5000, "..", "/", "-", "--help", "$HOME", "%s%n",
-        "{0}", "a\nb", "\x1b[31m", "\u202eabc", "e\u0301", "🤖", "]]>", "a,b", "a=b", "CON.calib",
-        "universe", "tip", "z", "nan", "http://127.0.0.1:9/x", "\x1b]0;x\x07", "$\\foo$",
-    )),
-)  # fmt: skip
-"""Names that lead elsewhere, break lines or mean something to somebody."""
-
-PARTS = st.one_of(
-    st.binary(max_size=40),
-    NUMBERS.map(lambda text: text.encode()),
-    st.sampled_from((b"\0", b"\xfe\xff", b"\xef\xbb\xbf", b"\r", b'"', b";", b"[" * 50, b"\xed\xa0",
-                     b"PAR1")),
-)  # fmt: skip
-"""What may stand in the place of a part of a file."""
-
-WRAPPINGS = st.sampled_from((
-    *[bytes] * 9,
-    lambda data: gzip.compress(data, mtime=0),
-    lambda data: data.replace(b"\n", b"\r\n"),
-    lambda data: data.replace(b"\n", b""),
-    lambda data: bytes(len(data)),
-    lambda data: data + b"x" * 300_000,
-    lambda data: data.decode("utf-8", "replace").encode("utf-16"),
-    lambda data: data.decode("utf-8", "replace").encode("latin-1", "replace"),
-))  # fmt: skip
-"""What becomes of a file as a whole: mostly nothing."""
 
 
 @st.composite

@@ -16,6 +16,12 @@ from hostile.guard import NAMES, NUMBERS, answer, damaged, inputs, one_line
 
 ARM = calib.load_arm("two_link")
 LARGEST = 1e15
+OPTIONS = st.sampled_from((
+    {"arm": ARM},
+    {"arm": ARM, "degrees": True},
+    {"joints": ("shoulder", "elbow")},
+    {"joints": ("shoulder", "elbow"), "prismatic": ("elbow",)},
+))  # fmt: skip
 
 
 @st.composite
@@ -93,14 +99,6 @@ def stands_in_the_file(log, data, columns, degrees):
         gap = np.where(turns, gap - 2 * np.pi * np.round(gap / (2 * np.pi)), gap)
         assert np.abs(gap).max() <= 1e-9 * max(1.0, np.abs(joints[place]).max())
         place += 1
-
-
-OPTIONS = st.sampled_from((
-    {"arm": ARM},
-    {"arm": ARM, "degrees": True},
-    {"joints": ("shoulder", "elbow")},
-    {"joints": ("shoulder", "elbow"), "prismatic": ("elbow",)},
-))  # fmt: skip
 
 
 def test_damaged_and_odd_tables_are_read_as_they_are_or_refused(tmp_path):

@@ -16,6 +16,11 @@ from safetensors.numpy import save as pack
 import calib
 from hostile.guard import NAMES, NUMBERS, answer, damaged, inputs
 
+PLAIN = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | NAMES | NUMBERS,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(NAMES, inner, max_size=2),
+)
+
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
@@ -72,12 +77,6 @@ def places(value):
         for key in value if isinstance(value, dict) else range(len(value)):
             found += [(value, key), *places(value[key])]
     return found
-
-
-PLAIN = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | NAMES | NUMBERS,
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(NAMES, inner, max_size=2),
-)
 
 
 @st.composite

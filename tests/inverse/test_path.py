@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import draw, log_of, trained, turning, two_link, two_link_inverse
+from models import draw, lengths, log_of, trained, turning, two_link, two_link_inverse
+from numpy.testing import assert_allclose, assert_array_equal
 from reference import pinocchio_pose
 
 import calib
@@ -42,7 +43,7 @@ def test_a_path_stays_on_the_branch_where_it_starts(model, sign):
     path = model.path(waypoints, start=start)
     assert len(path.jumps) == 0
     assert (np.sign(path.q[:, 1]) == sign).all()
-    np.testing.assert_allclose(path.q, two_link_inverse(path.target, sign), atol=1e-6)
+    assert_allclose(path.q, two_link_inverse(path.target, sign), atol=1e-6)
     assert steps(path, model).max() < 0.1
 
 
@@ -66,13 +67,13 @@ def test_a_jump_that_cannot_be_avoided_is_told_where_it_is(model):
 
 def test_rows_lie_on_the_lines_at_most_a_step_apart(model):
     path = model.path(SQUARE, step=0.007)
-    gaps = np.linalg.norm(np.diff(path.target, axis=0), axis=1)
+    gaps = lengths(np.diff(path.target, axis=0))
     assert gaps.max() <= 0.007 + 1e-12
     for k, waypoint in enumerate(SQUARE):
         last = np.flatnonzero(path.waypoint == k)[-1]
-        np.testing.assert_array_equal(path.target[last], waypoint)
+        assert_array_equal(path.target[last], waypoint)
     assert (np.diff(path.waypoint) >= 0).all()
-    np.testing.assert_allclose(two_link(path.q), path.target, atol=1e-8)
+    assert_allclose(two_link(path.q), path.target, atol=1e-8)
 
 
 def test_a_redundant_arm_follows_a_circle_without_a_jump():
@@ -82,7 +83,7 @@ def test_a_redundant_arm_follows_a_circle_without_a_jump():
     path = model.path(circle)
     assert len(path.jumps) == 0
     assert path.reachable.all()
-    assert np.linalg.norm(arm.forward(path.q) - path.target, axis=1).max() < 1e-7
+    assert lengths(arm.forward(path.q) - path.target).max() < 1e-7
     assert steps(path, model).max() < 0.1
 
 
@@ -113,7 +114,7 @@ def test_near_beyond_the_limits_of_several_turns_asks_for_the_turn_beside_them()
     x = two_link(np.array([[-0.383, 1.0]]))
     for query in (x, x[0]):
         answer = model.inverse(query, near=[8.4, 1.0])  # 2.5 from 5.9, and 8.8 from -.383
-        np.testing.assert_allclose(np.ravel(answer), [-0.383 + TURN, 1.0], atol=1e-6)
+        assert_allclose(np.ravel(answer), [-0.383 + TURN, 1.0], atol=1e-6)
 
 
 def test_a_path_of_the_base_frame_is_followed_by_pinocchios_arm():
@@ -126,8 +127,8 @@ def test_a_path_of_the_base_frame_is_followed_by_pinocchios_arm():
     path = model.path(ends, frame="base")
     assert path.reachable.all()
     assert len(path.jumps) == len(path.fast_turns) == 0
-    np.testing.assert_array_equal(path.target[[0, -1]], ends)
-    np.testing.assert_allclose(pinocchio_pose(arm, path.q)[0], path.target, atol=1e-9)
+    assert_array_equal(path.target[[0, -1]], ends)
+    assert_allclose(pinocchio_pose(arm, path.q)[0], path.target, atol=1e-9)
 
 
 @pytest.mark.parametrize("frame", ["sensor", "base"])

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from models import draw, six, trained, warm
-from reference import ROBOTS, needs_robots, pinocchio_forward
+from models import draw, lengths, six, trained, warm
+from numpy.testing import assert_allclose
+from reference import ROBOTS, needs_robots, pinocchio_forward, random_joints
 from refusals import refused
 
 import calib
@@ -11,6 +12,7 @@ from calib.arm.rotations import exponential, matrix_of, quaternion_of
 from calib.model.poses import solve_poses
 
 either_way = pytest.mark.parametrize("answering", [warm, lambda model: model], ids=["C", "batch"])
+HEIGHT, SIDE, UPPER, FORE, DROP, TOOL = 0.16, 0.20, 0.42, 0.38, 0.09, 0.08
 
 
 def inside(model, q):
@@ -60,13 +62,13 @@ def test_ways_of_a_calibrated_arm_are_named_once_the_nearest_first(answering):
         found = ways.q[ways.target == k]
         assert apart(model, found, q[k : k + 1]).min() < 1e-5
         place, turned = model.pose(found)
-        np.testing.assert_allclose(place, np.tile(position[k], (len(found), 1)), atol=1e-7)
-        np.testing.assert_allclose(np.abs(turned @ turn[k]), 1.0, atol=1e-7)
+        assert_allclose(place, np.tile(position[k], (len(found), 1)), atol=1e-7)
+        assert_allclose(np.abs(turned @ turn[k]), 1.0, atol=1e-7)
         among = apart(model, found, found) + np.eye(len(found))
         assert among.min() > 1e-5  # none is named twice
         away = scale.difference(scale.to_unit(found), scale.to_unit(near[k : k + 1]))
-        assert (np.diff(np.linalg.norm(away, axis=1)) >= 0).all()
-        np.testing.assert_allclose(nearest[k], found[0], atol=1e-5)
+        assert (np.diff(lengths(away)) >= 0).all()
+        assert_allclose(nearest[k], found[0], atol=1e-5)
 
 
 @either_way
@@ -77,14 +79,11 @@ def test_a_free_axis_leaves_the_turn_about_it_open(answering):
     spun = quaternion_of(matrix_of(turn) @ exponential([0.0, 0.0, 1.0])[None])
     joints = model.inverse_pose(position, spun, q, free="z")
     place, reached = model.pose(joints)
-    np.testing.assert_allclose(place, position, atol=1e-7)
+    assert_allclose(place, position, atol=1e-7)
     axes = matrix_of(reached)[:, :, 2]
-    np.testing.assert_allclose(axes, matrix_of(turn)[:, :, 2], atol=1e-7)
+    assert_allclose(axes, matrix_of(turn)[:, :, 2], atol=1e-7)
     assert np.abs(joints - q).max() < 0.3  # as the turn is free, they hardly have to move
     refused(calib.QueryError, "one of x, y, z", model.inverse_pose, position, spun, q, free="w")
-
-
-HEIGHT, SIDE, UPPER, FORE, DROP, TOOL = 0.16, 0.20, 0.42, 0.38, 0.09, 0.08
 
 
 def closed_form(position: np.ndarray, frame: np.ndarray, tip: np.ndarray) -> np.ndarray:
@@ -97,8 +96,6 @@ def closed_form(position: np.ndarray, frame: np.ndarray, tip: np.ndarray) -> np.
     wrist = position - TOOL * r[:, 1]
     out = []
     far = np.hypot(wrist[0], wrist[1])
-    if far < SIDE:
-        return np.empty((0, 6))
     for side in (np.arcsin(SIDE / far), np.pi - np.arcsin(SIDE / far)):
         q1 = np.arctan2(wrist[1], wrist[0]) - side
         back = exponential(np.array([0.0, 0.0, -q1]))
@@ -106,8 +103,6 @@ def closed_form(position: np.ndarray, frame: np.ndarray, tip: np.ndarray) -> np.
         for sign in (1, -1):
             q5 = sign * np.arccos(np.clip(m[1, 1], -1, 1))
             s5 = np.sin(q5)
-            if abs(s5) < 1e-9:
-                continue
             total = np.arctan2(-m[2, 1] / s5, m[0, 1] / s5)
             q6 = np.arctan2(-m[1, 2] / s5, -m[1, 0] / s5)
             x = w[0] + DROP * np.sin(total)
@@ -127,15 +122,15 @@ def test_every_reachable_pose_of_seven_joints_is_reached_and_none_is_invented(fi
     """A way that slid into a corner of the limits was given up, 1 and 4 of 80 poses."""
     arm = calib.load_arm(ROBOTS / f"{file}.urdf")
     model = calib.train(calib.babble(arm, 2000, seed=0), size=20)
-    q = np.random.default_rng(5).uniform(arm.lower, arm.upper, (80, arm.dof))
+    q = random_joints(arm, 80, seed=5)
     places, turns = arm.pose(q)
     for answers in (model.inverse(places), model.inverse_pose(places, turns)):
         assert np.isfinite(answers).all()
         assert ((answers >= arm.lower - 1e-9) & (answers <= arm.upper + 1e-9)).all()
         reached = pinocchio_forward(arm, answers)
-        np.testing.assert_allclose(reached, pinocchio_forward(arm, q), atol=1e-6)
+        assert_allclose(reached, pinocchio_forward(arm, q), atol=1e-6)
     turned = matrix_of(arm.pose(answers)[1])
-    np.testing.assert_allclose(turned, matrix_of(turns), atol=1e-5)
+    assert_allclose(turned, matrix_of(turns), atol=1e-5)
 
 
 @needs_robots
@@ -144,12 +139,12 @@ def test_what_lies_just_inside_of_the_edge_of_a_redundant_arm_is_reached():
     arm = calib.load_arm(ROBOTS / "g1_description/urdf/g1_29dof_rev_1_0.urdf")
     model = warm(calib.train(calib.babble(arm, 1500, seed=0), size=20))
     directions = np.random.default_rng(5).normal(size=(5, 3))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    directions /= lengths(directions)[:, None]
     middle = model.sensory.weights.mean(axis=0)
     far = middle + 5 * model.solver.extent * directions
     edge = model.forward(model.inverse(far, nearest=True))
     inside = edge + 1e-4 * (middle - edge)
-    np.testing.assert_allclose(arm.forward(model.inverse(inside)), inside, atol=1e-7)
+    assert_allclose(arm.forward(model.inverse(inside)), inside, atol=1e-7)
     # of the edge itself, to the last digit, most: once none
     assert np.isfinite(model.inverse(edge)).all(axis=1).mean() > 0.9
 

@@ -9,7 +9,9 @@ import models
 import numpy as np
 import pytest
 from chains import chain_urdf, turning
+from conftest import lengths
 from models import draw, in_pixels, in_space, log_of, needs_compiler, of_a_third, six, trained, warm
+from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refused
 
 import calib
@@ -18,8 +20,6 @@ from calib.kernel.compiled import Compiler
 from calib.model.header import Header
 
 ROBOTS = [entry.name for entry in calib.list_robots()]
-
-
 MODELS = {
     **{name: lambda name=name: trained(name, 600, 6) for name in ROBOTS},
     "measured": models.measured,
@@ -72,8 +72,8 @@ def test_joints_alone_and_together_are_answered_as_by_numpy(kind):
     for name in ("forward", "expected_error", "model_error", "jacobian"):
         expected = getattr(model, name)(q)
         one = np.array([getattr(fast, name)(row) for row in q])
-        np.testing.assert_allclose(one, expected, rtol=0, atol=atol)
-        np.testing.assert_allclose(getattr(fast, name)(q), expected, rtol=0, atol=atol)
+        assert_allclose(one, expected, rtol=0, atol=atol)
+        assert_allclose(getattr(fast, name)(q), expected, rtol=0, atol=atol)
         assert np.isnan(expected[-1]).all()
 
 
@@ -94,10 +94,10 @@ def test_one_inverse_reaches_its_target_on_the_nearest_branch(kind, away):
     known = np.isfinite(alone[:, 0])
     assert known.mean() > 0.9
     alone, together, x, near = alone[known], together[known], x[known], near[known]
-    gap, met = (np.linalg.norm(model.forward(joints) - x, axis=1) for joints in (alone, together))
+    gap, met = (lengths(model.forward(joints) - x) for joints in (alone, together))
     assert (gap <= np.maximum(met, 1e-9 * model.reach)).all()
     moves = (scale.difference(scale.to_unit(a), scale.to_unit(near)) for a in (alone, together))
-    further = np.subtract(*(np.linalg.norm(move, axis=1) for move in moves))
+    further = np.subtract(*(lengths(move) for move in moves))
     if spare and away > 1.0:  # of infinitely many ways either may find the nearer one
         assert further.mean() < 0.01
     else:
@@ -119,7 +119,7 @@ def test_a_position_that_nothing_reaches_is_answered_without_the_batch(kind):
     assert np.isnan(joints).all()
     assert np.isnan(fast.inverse(far, near=near)).all()
     close = fast.inverse(far, near=near, nearest=True)
-    np.testing.assert_allclose(close, together.q[0], atol=1e-6)
+    assert_allclose(close, together.q[0], atol=1e-6)
 
 
 def poses_in_millimetres():
@@ -143,13 +143,13 @@ def test_one_pose_is_that_of_the_batch_and_what_is_no_rotation_is_refused(made):
     together = model.inverse_pose(x, turns, near)
     for place, turn, beside, expected in zip(x, turns, near, together, strict=True):
         alone = fast.inverse_pose(place, turn, beside)
-        np.testing.assert_allclose(alone, expected, rtol=0, atol=1e-6)
+        assert_allclose(alone, expected, rtol=0, atol=1e-6)
         reached, turned = fast.pose(alone)
-        np.testing.assert_allclose(reached, place, rtol=0, atol=1e-9 * model.reach)
+        assert_allclose(reached, place, rtol=0, atol=1e-9 * model.reach)
         assert abs(abs(turned @ turn) - 1.0) < 1e-12
     # compiled C would answer for the direction of what is no rotation
     once = warm(model).inverse_pose
-    np.testing.assert_allclose(once(x[0], turns[0], q[0]), q[0], atol=1e-6)
+    assert_allclose(once(x[0], turns[0], q[0]), q[0], atol=1e-6)
     for length in (0.5, 1.1):
         refused(calib.QueryError, "expected length 1", once, x[0], length * turns[0], q[0])
 
@@ -177,8 +177,8 @@ def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond():
     assert "bounded search" in model.unanswered
     # without an orientation, or without `near`, too
     place = model.inverse_pose(position, near=q)
-    np.testing.assert_allclose(model.forward(place), position, atol=1e-7)
-    np.testing.assert_allclose(model.forward(model.inverse(position)), position, atol=1e-7)
+    assert_allclose(model.forward(place), position, atol=1e-7)
+    assert_allclose(model.forward(model.inverse(position)), position, atol=1e-7)
     assert np.isnan(model.inverse(position + 9.0)).all()
     assert "nothing reaches" in model.unanswered
     # what is no question has the words of the batch as its reason
@@ -208,9 +208,9 @@ def test_a_joint_of_several_turns_is_answered_on_the_turn_of_near():
     x = arm.forward(q)
     for aside in (0.1, -0.1):
         near = q + np.array([aside, 0.0])
-        np.testing.assert_allclose(model.inverse(x, near=near), q, atol=1e-6)
+        assert_allclose(model.inverse(x, near=near), q, atol=1e-6)
         alone = [fast.inverse(*pair) for pair in zip(x, near, strict=True)]
-        np.testing.assert_allclose(alone, q, atol=1e-6)
+        assert_allclose(alone, q, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_without_a_compiler_the_batch_answers(monkeypatch, name, value):
     assert not slow.warm
     refused(calib.OptionError, "strict", slow.warm_up, strict=True)
     q = draw(model, 1)
-    np.testing.assert_array_equal(slow.forward(q[0]), model.forward(q)[0])
+    assert_array_equal(slow.forward(q[0]), model.forward(q)[0])
 
 
 def test_a_small_posterior_is_as_sure_as_the_whole_where_rows_were():
@@ -234,12 +234,8 @@ def test_a_small_posterior_is_as_sure_as_the_whole_where_rows_were():
     model = calib.train(rows, size=4)
     ratio = model.expected_error(fresh) / model.body.bound(fresh)
     assert 0.85 < ratio.min() < ratio.max() < 1.25
-
-
-def test_a_small_posterior_of_noisy_samples_is_as_sure_as_the_whole():
-    # all geometry is known alike, so that a few directions are a part of the variance
-    arm = calib.load_arm("six_axis")
-    model = calib.train(calib.babble(arm, 500, noise=1e-3, seed=1), size=4)
+    # of noisy samples all geometry is known alike: a few directions are a part of the variance
+    model = trained("six_axis", 500, 4, 1e-3)
     q = draw(model, 200)
     ratio = model.model_error(q) / model.body.bound(q, noise=False)
     assert 0.95 < ratio.min() < ratio.max() < 1.05
@@ -256,7 +252,7 @@ def test_a_position_a_hair_beyond_a_limit_is_no_answer():
     assert np.isnan(fast.inverse(beyond, near=q)).all()
     alone = [fast.inverse(place, near=joints) for place, joints in zip(beyond, q, strict=True)]
     assert np.isnan(alone).all()
-    np.testing.assert_allclose(fast.inverse(x, near=q), q, atol=1e-8)
+    assert_allclose(fast.inverse(x, near=q), q, atol=1e-8)
 
 
 @needs_compiler

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.sparse import csr_array
 from small_maps import box, grid, network, points
 
@@ -35,19 +36,19 @@ def test_activity_is_equation_6_relative_to_the_winner(bandwidth):
     expected = np.exp(-square / (bandwidth * nodes.spacing) ** 2)
     expected /= expected.max(axis=1, keepdims=True)
     found = activity(nodes, u, bandwidth).toarray()
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-300)
+    assert_allclose(found, expected, rtol=1e-9, atol=1e-300)
 
 
 def test_a_local_bandwidth_is_that_of_each_node():
     even, u = grid(5), points(30)
-    np.testing.assert_allclose(
+    assert_allclose(
         activity(even, u, local=True).toarray(), activity(even, u).toarray(), rtol=1e-9, atol=1e-12
     )
     # nodes at 0, 1, 3: spacings 1, 1.5, 2
     uneven = network([[0.0], [1.0], [3.0]], (3,), box(False))
     a = activity(uneven, np.array([[1.2]]), 0.8, local=True).toarray()[0]
     z = (np.array([1.2, 0.2, 1.8]) / (0.8 * np.array([1.0, 1.5, 2.0]))) ** 2
-    np.testing.assert_allclose(a, np.exp(z.min() - z))
+    assert_allclose(a, np.exp(z.min() - z))
 
 
 def test_links_are_the_fixed_point_of_ojas_rule_but_for_weak_ones(pair):
@@ -55,7 +56,7 @@ def test_links_are_the_fixed_point_of_ojas_rule_but_for_weak_ones(pair):
     dense = a_motor.T @ a_sensory / (a_sensory**2).sum(axis=0)
     links = link(*pair).toarray()
     kept = links > 0
-    np.testing.assert_allclose(links[kept], dense[kept], rtol=1e-6)
+    assert_allclose(links[kept], dense[kept], rtol=1e-6)
     weakest = np.minimum(dense.max(axis=1)[:, None], dense.max(axis=0)[None])
     assert (dense[~kept] < 0.02 * weakest[~kept] * 1.001).all()
     assert kept.any(axis=0).all()
@@ -65,11 +66,11 @@ def test_links_are_the_fixed_point_of_ojas_rule_but_for_weak_ones(pair):
 def test_mutual_links_are_the_same_in_both_directions(pair):
     there = link(*pair, mutual=True).toarray()
     back = link(*pair[::-1], mutual=True).toarray()
-    np.testing.assert_allclose(there, back.T, rtol=1e-6)
+    assert_allclose(there, back.T, rtol=1e-6)
     # the cosine between the activities of two nodes, where they have been active enough
     i, j = (a.toarray() / np.linalg.norm(a.toarray(), axis=0) for a in pair)
     kept = there > 0
-    np.testing.assert_allclose(there[kept], (i.T @ j)[kept], rtol=1e-6)
+    assert_allclose(there[kept], (i.T @ j)[kept], rtol=1e-6)
 
 
 def test_a_node_that_was_hardly_active_has_hardly_a_link():
@@ -102,22 +103,20 @@ def active(u, nodes):
     return np.exp(-((u - nodes) ** 2) / (BANDWIDTH * (nodes[1] - nodes[0])) ** 2)
 
 
-def test_the_winner_answers_with_its_strongest_partner():
+def test_the_winner_answers_with_its_strongest_partner_and_activity_with_the_weighted_mean():
     said = FORKED.forward(np.array([[0.2], [0.7]]), "winner")
     assert said.tolist() == [[0.9, 0.0], [0.4, 0.0]]
     said = ONE_TO_ONE.inverses(np.array([[0.3, 0.0], [0.9, 0.0]]), np.full((2, 1), 0.5))["winner"]
     assert said.tolist() == [[0.5], [1.0]]
-
-
-def test_activity_answers_with_the_mean_of_the_partners_weighted_through_the_links():
+    # of the partners, through the links
     u = np.array([[0.3], [0.5]])
     shares = active(u, np.array([0.0, 1.0])) @ [[0.2, 0.0, 0.7], [0.4, 0.5, 0.0]]
     expected = shares @ [0.1, 0.4, 0.9] / shares.sum(axis=1)
-    np.testing.assert_allclose(FORKED.forward(u, "activity")[:, 0], expected, rtol=1e-12)
+    assert_allclose(FORKED.forward(u, "activity")[:, 0], expected, rtol=1e-12)
     nodes = np.array([0.0, 0.5, 1.0])
     a = active(0.25, nodes)
     said = ONE_TO_ONE.inverses(np.array([[0.25, 0.0]]), np.array([[0.5]]))["activity"]
-    np.testing.assert_allclose(said, [[a @ nodes / a.sum()]], rtol=1e-9)
+    assert_allclose(said, [[a @ nodes / a.sum()]], rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -136,8 +135,8 @@ def test_the_branch_near_to_the_wish_answers_and_branches_are_never_averaged(
     links[20, 1] = 1.0
     branching = linked(line(np.linspace(0, 1, 41)), line([0.2, 0.8], d=2), links)
     said = branching.inverses(np.array([[0.2, 0.0]] * 2), np.array(wishes)[:, None])
-    np.testing.assert_allclose(said["winner"], winner, rtol=1e-6)
-    np.testing.assert_allclose(said["activity"], activity, rtol=1e-6)
+    assert_allclose(said["winner"], winner, rtol=1e-6)
+    assert_allclose(said["activity"], activity, rtol=1e-6)
 
 
 def test_a_branch_across_the_seam_of_a_turn_is_one_branch():
@@ -152,7 +151,7 @@ def test_samples_at_one_place_leave_readouts_without_a_hole(rule):
     """All nodes of a map at one place have no spacing: nothing is divided by it."""
     q = points(200, seed=1)
     pair = SOM(4, rule=rule, epochs=1).fit_pair(q, np.ones_like(q))
-    np.testing.assert_allclose(pair.predict(q, "linear"), 1.0, atol=1e-9)
+    assert_allclose(pair.predict(q, "linear"), 1.0, atol=1e-9)
     v = pair.sensory.scale.to_unit(np.ones_like(q))
     for answer in pair.inverses(v, pair.motor.scale.to_unit(q)).values():
         assert np.isfinite(answer).all()

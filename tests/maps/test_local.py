@@ -1,9 +1,12 @@
 """Local models: what they reproduce exactly, and which nodes carry one."""
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from conftest import lengths
+from numpy.testing import assert_allclose, assert_array_equal
 from small_maps import grid, points
 
 from calib import SOM, Association
@@ -11,6 +14,10 @@ from calib.maps.blend import Blend
 from calib.maps.links import WIRINGS
 from calib.maps.local_models import correction, correction_slope, exponents, fit, model_weights
 from calib.maps.model_selection import SELECTION, follows_the_motion, select
+
+N, MOTOR = 6000, grid(20)
+SLIP = np.where(np.arange(N)[:, None] < 40, 2e-3, 0.0)
+"""What a tracker that slipped for forty rows adds: one stretch of the log alone shows it."""
 
 
 def fitted(motor, u, x, degree, samples):
@@ -46,8 +53,8 @@ def test_polynomials_of_the_models_degree_are_reproduced_with_their_slopes(d, de
     fresh = points(300, seed=1, d=d)
     blend = Blend(motor, fresh)
     said, tilt = correction(models, blend), correction_slope(models, blend)
-    np.testing.assert_allclose(said, value(fresh), atol=1e-6)
-    np.testing.assert_allclose(tilt, slope(fresh), atol=1e-4)
+    assert_allclose(said, value(fresh), atol=1e-6)
+    assert_allclose(tilt, slope(fresh), atol=1e-4)
 
 
 def test_models_join_at_the_seam_of_a_joint_that_turns_round():
@@ -61,8 +68,8 @@ def test_models_join_at_the_seam_of_a_joint_that_turns_round():
     y = np.linspace(0.05, 0.95, 50)
     before, after = (np.stack([np.full(50, x), y], axis=1) for x in (1 - 1e-9, 1e-9))
     low, high = (correction(models, Blend(motor, p)) for p in (before, after))
-    np.testing.assert_allclose(low, high, atol=1e-6)
-    np.testing.assert_allclose(high, truth(after), atol=5e-3)
+    assert_allclose(low, high, atol=1e-6)
+    assert_allclose(high, truth(after), atol=5e-3)
 
 
 @pytest.mark.parametrize(("degree", "samples"), [(0, 30), (1, 50), (2, 60)])
@@ -73,20 +80,20 @@ def test_each_node_has_the_least_squares_fit_with_weights_that_end_at_its_radius
     for node, found, radius in zip(motor.units, models.coefficients, models.radius, strict=True):
         z = (u - node) / radius
         square = np.sum(z**2, axis=1)
-        np.testing.assert_allclose(np.sort(square)[samples], 1.0)
+        assert_allclose(np.sort(square)[samples], 1.0)
         rows = np.argsort(square)[:samples]
         root = (1.0 - square[rows])[:, None]  # of the weight
         features = np.prod(z[rows, None] ** exponents(2, degree), axis=2)
         expected = np.linalg.lstsq(root * features, root * x[rows], rcond=None)[0]
-        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
+        assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
 
 
 def test_weights_have_slopes_where_many_nodes_stand_on_a_point():
     """Of 12 rows a map's nodes stand on these: 0 over 0 stopped `train --body none`."""
     place = np.array([[0.1, 0.1]])
     blend = Blend(replace(grid(5), units=np.repeat(place, 25, axis=0)), place)
-    np.testing.assert_allclose(blend.weight, 0.25)
-    np.testing.assert_array_equal(blend.tilt(), 0.0)
+    assert_allclose(blend.weight, 0.25)
+    assert_array_equal(blend.tilt(), 0.0)
 
 
 def test_nodes_with_models_count_smoothly_by_their_share():
@@ -94,7 +101,7 @@ def test_nodes_with_models_count_smoothly_by_their_share():
     speaking = np.tile([True, False], (5, 1))
     answers = model_weights(weight, speaking)[:, 0]
     ramp = 0.25**2 * (3 - 2 * 0.25)  # a quarter of the way from silent to full
-    np.testing.assert_allclose(answers, [0.0, ramp, 0.5, 1 - ramp, 1.0], atol=1e-12)
+    assert_allclose(answers, [0.0, ramp, 0.5, 1 - ramp, 1.0], atol=1e-12)
 
 
 def test_slopes_are_finite_differences_of_the_blended_value():
@@ -105,7 +112,7 @@ def test_slopes_are_finite_differences_of_the_blended_value():
     linear = Association.learn(grid(9), u, sensory, v, WIRINGS["reciprocal"]).linear
     u, h = 0.05 + 0.9 * points(300, seed=3), 1e-6
     value, slope = linear.value_and_slope(u)
-    np.testing.assert_allclose(value, linear.value(u), rtol=0, atol=1e-15)
+    assert_allclose(value, linear.value(u), rtol=0, atol=1e-15)
     for k in range(2):
         step = h * np.eye(2)[k]
         found = (linear.value(u + step) - linear.value(u - step)) / (2 * h)
@@ -113,21 +120,11 @@ def test_slopes_are_finite_differences_of_the_blended_value():
         assert np.quantile(np.abs(found - slope[:, :, k]), 0.99) < 1e-6
 
 
-N, MOTOR = 6000, grid(20)
-
-
-class Known:
-    """A smooth part that is right but for what the tests add: positions are the joints."""
-
-    def value(self, u):
-        return u
-
-    def value_and_slope(self, u):
-        return u, np.broadcast_to(np.eye(2), (len(u), 2, 2))
-
-
 def chosen(u, added):
-    return select(MOTOR, u, u + added, Known(), added)
+    """What is selected where a smooth part is right but for what is added to the joints."""
+    right = Mock(value=lambda u: u)
+    right.value_and_slope = lambda u: (u, np.broadcast_to(np.eye(2), (len(u), 2, 2)))
+    return select(MOTOR, u, u + added, right, added)
 
 
 def noise(n=N, size=1e-4, seed=7):
@@ -135,15 +132,11 @@ def noise(n=N, size=1e-4, seed=7):
 
 
 def inside(u):
-    return np.linalg.norm(u - 0.5, axis=1) < 0.15
+    return lengths(u - 0.5) < 0.15
 
 
 def bump(u):
     return 2e-3 * np.exp(-(((u - 0.5) / 0.08) ** 2).sum(axis=1))[:, None] * [1.0, -0.5]
-
-
-SLIP = np.where(np.arange(N)[:, None] < 40, 2e-3, 0.0)
-"""What a tracker that slipped for forty rows adds: one stretch of the log alone shows it."""
 
 
 @pytest.mark.parametrize(("size", "slip"), [(0.0, 0), (1e-4, 0), (1e-2, 0), (1e-4, SLIP)])
@@ -155,16 +148,16 @@ def test_a_defect_is_mended_and_nothing_is_said_far_from_it():
     u, fresh = points(N), points(4000, 1)
     predictor, held = chosen(u, bump(u) + noise())
     models = predictor.models
-    left = np.linalg.norm(predictor.value(fresh) - fresh - bump(fresh), axis=1)
-    before = np.linalg.norm(bump(fresh), axis=1)
+    left = lengths(predictor.value(fresh) - fresh - bump(fresh))
+    before = lengths(bump(fresh))
     near = inside(fresh)
     assert left[near].mean() < 0.3 * before[near].mean()
     assert left[~near].mean() < 3e-5
     has_model = (models.coefficients != 0.0).any(axis=(1, 2))
-    assert not has_model[np.linalg.norm(MOTOR.units - 0.5, axis=1) > 0.35].any()
+    assert not has_model[lengths(MOTOR.units - 0.5) > 0.35].any()
     # held-out residuals are those of the mended predictor
     mine = inside(u)
-    assert np.linalg.norm(held[mine], axis=1).mean() < 0.5 * before[near].mean()
+    assert lengths(held[mine]).mean() < 0.5 * before[near].mean()
 
 
 def test_what_a_late_clock_leaves_is_not_learned():

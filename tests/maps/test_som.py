@@ -6,16 +6,29 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from refusals import refused
 from small_maps import UNIT_BOX, box, network, points
 
 from calib import SOM, LogError
-from calib.common.rows import group_means, group_sums
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.vdsom import VDSOM, Layer, Rates
 
 BOUND = 0.377  # quantization error of the best (hexagonal) quantizer: 0.377 sqrt(A / N)
+NETWORKS = {  # nodes along a side, samples, quantization error over the best, topographic error
+    "som": (40, 10_000, 1.15, 0.05),
+    "vdsom": (40, 10_000, 1.4, 0.05),  # it spends nodes on the border
+    "gng": (10, 3000, 1.15, 0.05),
+    "dsom": (10, 4000, 1.6, 0.1),
+}
+shapes = st.lists(st.integers(2, 6), min_size=1, max_size=3).map(tuple)
+NO_SAMPLES = [
+    (np.zeros((0, 2)), r"samples of shape \(0, 2\)"),
+    (np.zeros((5, 0)), r"samples of shape \(5, 0\)"),
+    (np.zeros(5), r"samples of shape \(5,\)"),
+    ([[0.0, 1.0], [np.nan, 1.0]], "sample 1 is .*expected finite numbers"),
+]
 
 
 def batch_target(weights, lattice, x, gain=1.0):
@@ -32,7 +45,7 @@ def test_batch_weights_are_the_mean_of_the_samples_weighted_by_the_gain(strength
     heavy = np.where(x[:, 0] > 0.5, strength, 1.0)
     som = SOM((3, 3), lambda visit: heavy, epochs=200, sigma=(1.0, 1.0)).fit(x, scale=UNIT_BOX)
     expected = batch_target(som.units, som.lattice, x, heavy)
-    np.testing.assert_allclose(som.units, expected, atol=1e-9)
+    assert_allclose(som.units, expected, atol=1e-9)
     assert (som.units[:, 0].mean() > 0.6) == (strength > 1.0)
 
 
@@ -48,14 +61,6 @@ def test_the_online_rule_comes_to_rest_where_the_batch_rule_does():
     assert np.abs(start - settled.units).max() > 2e-2
 
 
-NETWORKS = {  # nodes along a side, samples, quantization error over the best, topographic error
-    "som": (40, 10_000, 1.15, 0.05),
-    "vdsom": (40, 10_000, 1.4, 0.05),  # it spends nodes on the border
-    "gng": (10, 3000, 1.15, 0.05),
-    "dsom": (10, 4000, 1.6, 0.1),
-}
-
-
 @pytest.mark.parametrize("name", NETWORKS)
 def test_a_map_is_ordered_and_close_to_the_best_quantizer(name):
     side, n, near, folded = NETWORKS[name]
@@ -69,15 +74,7 @@ def test_a_map_is_ordered_and_close_to_the_best_quantizer(name):
         assert som.history[0, 0] < som.history[-1, 0]
 
 
-@pytest.mark.parametrize(
-    ("x", "message"),
-    [
-        (np.zeros((0, 2)), r"samples of shape \(0, 2\)"),
-        (np.zeros((5, 0)), r"samples of shape \(5, 0\)"),
-        (np.zeros(5), r"samples of shape \(5,\)"),
-        ([[0.0, 1.0], [np.nan, 1.0]], "sample 1 is .*expected finite numbers"),
-    ],
-)
+@pytest.mark.parametrize(("x", "message"), NO_SAMPLES)
 def test_samples_that_are_none_are_refused_in_one_line(x, message):
     refused(LogError, message, SOM((3, 3)).fit, x)
     refused(LogError, message, SOM((3, 3), rule="online").fit_pair, x, x)
@@ -87,7 +84,7 @@ def test_the_winner_is_found_across_the_seam_of_a_whole_turn():
     ring = network([[0.05], [0.5], [0.95]], (3,), box(True))
     distance, index = ring.nearest(np.array([[0.99], [0.01], [1.02], [-0.03], [0.4]]))
     assert index[:, 0].tolist() == [2, 0, 0, 2, 1]
-    np.testing.assert_allclose(distance[:, 0], [0.04, 0.04, 0.03, 0.02, 0.1], atol=1e-12)
+    assert_allclose(distance[:, 0], [0.04, 0.04, 0.03, 0.02, 0.1], atol=1e-12)
 
 
 @pytest.mark.parametrize("turning", [[False, False], [True, False]])
@@ -101,14 +98,14 @@ def test_a_few_places_are_answered_without_scipy_as_by_its_tree(turning, monkeyp
     monkeypatch.delitem(sys.modules, "scipy.spatial")
     found = network(points, (6, 10), scale).nearest(places, 4)
     assert (found[1] == wanted[1]).all()
-    np.testing.assert_allclose(found[0], wanted[0], rtol=1e-12, atol=1e-15)
+    assert_allclose(found[0], wanted[0], rtol=1e-12, atol=1e-15)
 
 
 def test_history_ends_with_the_errors_of_the_map():
     x = points(300)
     som = SOM((8, 8), "som", epochs=100, sigma=(0.5, 0.5)).fit(x, scale=UNIT_BOX)
     errors = som.quantization_error(x), som.topographic_error(x)
-    np.testing.assert_allclose(som.history[-1, 2:], errors)
+    assert_allclose(som.history[-1, 2:], errors)
 
 
 def test_quantization_error_is_the_mean_distance_in_own_units():
@@ -127,9 +124,6 @@ def test_topographic_error_counts_samples_between_nodes_that_are_no_neighbours()
     assert folded.topographic_error([fold]) == 1.0
     assert folded.topographic_error([middle]) == 0.0
     assert folded.topographic_error([fold, middle, middle, middle]) == 0.25
-
-
-shapes = st.lists(st.integers(2, 6), min_size=1, max_size=3).map(tuple)
 
 
 @given(shapes)
@@ -152,13 +146,4 @@ def test_resampling_keeps_linear_functions_of_the_cell_middles(coarse, fine):
         return np.stack([middles @ slope, 1 - middles @ slope], axis=1)
 
     old, new = Lattice(coarse), Lattice(fine)
-    np.testing.assert_allclose(old.resample(plane(old), new), plane(new), atol=1e-12)
-
-
-def test_sums_and_means_by_group_keep_groups_without_rows():
-    x = np.array([[1.0, 10.0], [2.0, 20.0], [4.0, 40.0]])
-    group = np.array([2, 0, 2])
-    np.testing.assert_array_equal(group_sums(group, x, 4), [[2, 20], [0, 0], [5, 50], [0, 0]])
-    means = group_means(group, x[:, 0], 4)
-    np.testing.assert_array_equal(means, [2, np.nan, 2.5, np.nan])
-    assert group_sums(group[:0], x[:0], 2).tolist() == [[0, 0], [0, 0]]
+    assert_allclose(old.resample(plane(old), new), plane(new), atol=1e-12)

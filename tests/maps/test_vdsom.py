@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from refusals import refused
 from small_maps import UNIT_BOX, points
 
@@ -12,6 +13,17 @@ from calib.maps.density import GAINS, border, error, residual, rho
 from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS
 from calib.maps.vdsom import ONLINE, VDSOM, Layer, Rates, zeta
+
+X = points(600)
+WRONG = {
+    "shape": lambda n: np.ones(n + 1),
+    "a scalar": lambda n: 1.0,
+    "negative": lambda n: np.where(np.arange(n) == 3, -1.0, 1.0),
+    "nan": lambda n: np.full(n, np.nan),
+    "infinite": lambda n: np.full(n, np.inf),
+    "zeros": np.zeros,
+    "text": lambda n: "gain",
+}
 
 
 def rates(n, sigma, alpha, maps=1, eta=0.13, beta=1.0):
@@ -33,15 +45,15 @@ def test_a_step_is_eq_1_to_3(shape):
         wanted += a * h[:, None] * (sample - wanted)  # eq. 2
     net = VDSOM([Layer(w, lattice, UNIT_BOX)])
     (found,) = net.show([x], rates(5, sigma, alpha))
-    np.testing.assert_allclose(net.layers[0].weights, wanted, atol=5 * np.exp(-8.0))
-    np.testing.assert_allclose(found, distances, atol=5 * np.exp(-8.0))
+    assert_allclose(net.layers[0].weights, wanted, atol=5 * np.exp(-8.0))
+    assert_allclose(found, distances, atol=5 * np.exp(-8.0))
 
 
 def test_sigma_and_alpha_fall_as_eq_4_says():
     told = Rates.training(np.arange(100), (8.0, 0.5), 100, 2)
     T = 99 / np.log(8.0 / 0.5)  # the time constant at which it ends at half a node
-    np.testing.assert_allclose(told.sigma[0], 8.0 * np.exp(-np.arange(100) / T))
-    np.testing.assert_allclose(told.alpha, 0.5 * np.exp(-np.arange(100) / T))
+    assert_allclose(told.sigma[0], 8.0 * np.exp(-np.arange(100) / T))
+    assert_allclose(told.alpha, 0.5 * np.exp(-np.arange(100) / T))
 
 
 def test_eq_7_and_8_as_printed_step_by_step():
@@ -58,7 +70,7 @@ def test_eq_7_and_8_as_printed_step_by_step():
         rho = np.exp(-np.sum((w[winner] - w[beside]) ** 2))  # eq. 7
         h = (t / rho) ** 4 * np.exp(-t / sigma**2)  # eq. 8
         w = w + min(alpha * h, 1.0) * (sample - w)
-    np.testing.assert_allclose(net.layers[0].weights, w, atol=1e-12)
+    assert_allclose(net.layers[0].weights, w, atol=1e-12)
 
 
 def test_eq_8_as_printed_gathers_all_nodes_in_one_place_and_only_online():
@@ -85,7 +97,7 @@ def test_links_are_those_of_eq_5_and_11_step_by_step(beta):
         c = c + eta * (np.outer(i, j) - beta * c * j**2)
     none = np.zeros(n)
     net.show(samples, rates(n, none + 1, none, 2, eta, beta))
-    np.testing.assert_allclose(net.links, c, rtol=2e-3)
+    assert_allclose(net.links, c, rtol=2e-3)
 
 
 def test_zeta_is_the_mean_square_distance_to_the_winner():
@@ -125,65 +137,31 @@ def visit(progress, **values):
     return replace(plain, **{name: np.array(value) for name, value in values.items()})
 
 
-@pytest.mark.parametrize("name", sorted({*GAINS} - {"printed"}))
-def test_every_gain_is_1_at_the_start_of_the_training(name):
+def test_gains_are_1_at_the_start_of_the_training_and_then_those_by_hand():
     rng = np.random.default_rng(0)
     start = visit(0.0, weights=rng.random((9, 2)), distances=rng.random(9))
-    np.testing.assert_allclose(GAINS[name](start), 1.0, atol=1e-12)
-
-
-def test_border_is_largest_in_the_corners_and_1_inside():
-    g = border(visit(1 / 3)).reshape(3, 3)  # of a small lattice the strength is 1.5
+    for name in {*GAINS} - {"printed"}:
+        assert_allclose(GAINS[name](start), 1.0, atol=1e-12)
+    # of a small lattice the strength of the border is 1.5
     corner, edge = np.exp(0.75 * 5 / 8), np.exp(0.75 * 3 / 8)
     expected = [[corner, edge, corner], [edge, 1, edge], [corner, edge, corner]]
-    np.testing.assert_allclose(g, expected)
-
-
-def test_error_is_the_squared_distance_over_its_mean():
+    assert_allclose(border(visit(1 / 3)).reshape(3, 3), expected)
+    # the squared distance over its mean
     g = error(visit(1.0, winners=[0, 1, 2], distances=[1.0, 2.0, 3.0]))
-    np.testing.assert_allclose(g, np.array([1.0, 4.0, 9.0]) / (14 / 3), atol=1e-5)
-
-
-def test_rho_is_equations_7_and_8_with_a_factor():
-    """1 + (t mean(rho) / (rho T))^4 over the whole lattice, by hand."""
+    assert_allclose(g, np.array([1.0, 4.0, 9.0]) / (14 / 3), atol=1e-5)
+    # equations 7 and 8 over the whole lattice, with a factor: 1 + (t mean(rho) / (rho T))^4
     v = visit(0.7, weights=points(9, seed=3))
     total = ((v.weights[:, None] - v.weights) ** 2).sum(axis=(1, 2))
     sparse = np.exp(-total / total.mean())
-    np.testing.assert_allclose(rho(v), 1 + (0.7 * sparse.mean() / sparse) ** 4)
-
-
-def test_the_default_is_the_border_times_where_a_smooth_model_is_wrong():
+    assert_allclose(rho(v), 1 + (0.7 * sparse.mean() / sparse) ** 4)
+    # the default: the border times where a smooth model is wrong
     plain = visit(1.0)
     wrong = np.array([0.0, 0, 0, 0, 4.0, 0, 0, 0, 5.0])
     told = visit(1.0, residual=wrong)
-    np.testing.assert_allclose(residual(plain), border(plain) ** (2 / 3))
+    assert_allclose(residual(plain), border(plain) ** (2 / 3))
     share = np.clip(wrong / wrong.mean(), 0.05, 50)
-    np.testing.assert_allclose(residual(told), border(plain) ** (2 / 3) * share)
-    np.testing.assert_allclose(residual(replace(told, progress=0.0)), 1.0)
-
-
-X = points(600)
-
-
-def test_a_gain_draws_nodes():
-    def right(visit: calib.Visit):
-        assert visit.weights.shape == (64, 2)
-        return 1.0 + 20.0 * visit.progress * (visit.weights[visit.winners, 0] > 0.7)
-
-    drawn = calib.SOM((8, 8), map=right).fit(X)
-    plain = calib.SOM((8, 8), map="som").fit(X)
-    assert (drawn.units[:, 0] > 0.7).sum() > 1.3 * (plain.units[:, 0] > 0.7).sum()
-
-
-WRONG = {
-    "shape": lambda n: np.ones(n + 1),
-    "a scalar": lambda n: 1.0,
-    "negative": lambda n: np.where(np.arange(n) == 3, -1.0, 1.0),
-    "nan": lambda n: np.full(n, np.nan),
-    "infinite": lambda n: np.full(n, np.inf),
-    "zeros": np.zeros,
-    "text": lambda n: "gain",
-}
+    assert_allclose(residual(told), border(plain) ** (2 / 3) * share)
+    assert_allclose(residual(replace(told, progress=0.0)), 1.0)
 
 
 @pytest.mark.parametrize("wrong", WRONG.values(), ids=WRONG)

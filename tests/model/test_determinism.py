@@ -20,7 +20,6 @@ RECIPES = {
     "online adaptation": {"adapt": "online"},
 }
 """Options of training, and what is done afterwards."""
-
 WORK = """
 import hashlib, importlib, json, pathlib, sys, tempfile
 import calib
@@ -46,7 +45,6 @@ def made(robot="two_link", log=100, adapt="", **options):
 recipes = json.loads(sys.argv[1])
 print(json.dumps([made(**recipe) for recipe in recipes]))
 """
-
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 

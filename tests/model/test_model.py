@@ -4,10 +4,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import draw, log, trained, turning, two_link
+from models import draw, lengths, log, trained, turning, two_link
 from refusals import refused
 
 import calib
+
+NO_QUERIES = [
+    (lambda m: m.forward([0.1]), r"joint values of shape \(1,\): expected \(2,\) or \(n, 2\)"),
+    (lambda m: m.forward([[0.1, 0.2, 0.3]]), "one column each for shoulder, elbow"),
+    (lambda m: m.forward(np.zeros((2, 2, 2))), r"shape \(2, 2, 2\)"),
+    (lambda m: m.inverse([0.1, np.nan]), r"\[0.1, nan\] is not finite"),
+    (lambda m: m.inverse([[0, 0.3], [0, np.inf]]), "positions in row 1: .* is not finite"),
+    (lambda m: m.inverse([0.1]), r"positions of shape \(1,\)"),
+    (lambda m: m.expected_error([1, 2, 3]), "joint values of shape"),
+    (lambda m: m.inverse([0.3, 0.3], near=[0.1]), "near of shape"),
+    (lambda m: m.inverse([[0.3, 0.3]] * 3, near=[[0.1, 1]] * 2), "near has 2 rows for 3"),
+    (lambda m: m.inverse([0.3, 0.3], near=[9, 1]), "near has shoulder = 9: expected a value"),
+    (lambda m: m.path([[0.3, 0.3]]), "2 waypoints or more, got 1"),
+    (lambda m: m.path([[0.3, 0.3], [np.nan, 0.1]]), "row 1"),
+    (lambda m: m.path([[0.3, 0.3], [0.2, 0.3]], start=[9.0, 0.0]), "shoulder = 9"),
+    (lambda m: m.path([[0.3, 0.3], [0.2, 0.3]], step=0.0), "greater than zero"),
+    (lambda m: m.path([[0.3, 0.3], [0.2, 0.3]], step=1e-9), "give a longer one"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +69,7 @@ def test_outside_of_the_range_of_a_joint_there_is_no_answer(model):
 def with_a_hole(size):
     """A model of a log of two_link with 1 mm noise that leaves out a middle; its rows."""
     s = log(1500, 1e-3)
-    kept = s.take(np.linalg.norm((s.q - [0.8, 1.4]) / (s.upper - s.lower), axis=1) > size)
+    kept = s.take(lengths((s.q - [0.8, 1.4]) / (s.upper - s.lower)) > size)
     return calib.train(replace(kept, arm=None), size=14, body="none"), kept
 
 
@@ -71,29 +89,10 @@ def test_without_a_body_there_is_no_answer_far_from_every_row():
     known = np.isfinite(said[:, 0])
     assert 0.6 < known.mean() < 0.95
     assert (np.isfinite(bound) == known).all()
-    assert np.mean(np.linalg.norm(said - x, axis=1)[known] <= bound[known]) >= 0.93
+    assert np.mean(lengths(said - x)[known] <= bound[known]) >= 0.93
 
 
-@pytest.mark.parametrize(
-    ("query", "message"),
-    [
-        (lambda m: m.forward([0.1]), r"joint values of shape \(1,\): expected \(2,\) or \(n, 2\)"),
-        (lambda m: m.forward([[0.1, 0.2, 0.3]]), "one column each for shoulder, elbow"),
-        (lambda m: m.forward(np.zeros((2, 2, 2))), r"shape \(2, 2, 2\)"),
-        (lambda m: m.inverse([0.1, np.nan]), r"\[0.1, nan\] is not finite"),
-        (lambda m: m.inverse([[0, 0.3], [0, np.inf]]), "positions in row 1: .* is not finite"),
-        (lambda m: m.inverse([0.1]), r"positions of shape \(1,\)"),
-        (lambda m: m.expected_error([1, 2, 3]), "joint values of shape"),
-        (lambda m: m.inverse([0.3, 0.3], near=[0.1]), "near of shape"),
-        (lambda m: m.inverse([[0.3, 0.3]] * 3, near=[[0.1, 1]] * 2), "near has 2 rows for 3"),
-        (lambda m: m.inverse([0.3, 0.3], near=[9, 1]), "near has shoulder = 9: expected a value"),
-        (lambda m: m.path([[0.3, 0.3]]), "2 waypoints or more, got 1"),
-        (lambda m: m.path([[0.3, 0.3], [np.nan, 0.1]]), "row 1"),
-        (lambda m: m.path([[0.3, 0.3], [0.2, 0.3]], start=[9.0, 0.0]), "shoulder = 9"),
-        (lambda m: m.path([[0.3, 0.3], [0.2, 0.3]], step=0.0), "greater than zero"),
-        (lambda m: m.path([[0.3, 0.3], [0.2, 0.3]], step=1e-9), "give a longer one"),
-    ],
-)
+@pytest.mark.parametrize(("query", "message"), NO_QUERIES)
 def test_what_is_no_query_is_refused_in_one_line(model, query, message):
     assert isinstance(refused(calib.QueryError, message, query, model), calib.CalibError)
 
@@ -114,7 +113,7 @@ def test_beyond_a_turn_or_without_a_number_there_is_no_arm(far):
 def test_bounds_of_maps_alone_hold_for_95_percent():
     model = trained("two_link", 3000, 15, 1e-3, body="none")
     q = draw(model, 8000, seed=99)
-    covered = np.linalg.norm(model.forward(q) - two_link(q), axis=1) <= model.expected_error(q)
+    covered = lengths(model.forward(q) - two_link(q)) <= model.expected_error(q)
     assert 0.93 <= covered.mean() <= 0.97
 
 
@@ -127,11 +126,11 @@ def test_bounds_of_a_simulation_hold_in_both_directions(robot, noise, all_points
     arm, rng = calib.load_arm(robot), np.random.default_rng(99)
     q = rng.uniform(arm.lower, arm.upper, (8000, arm.dof))
     x = arm.forward(q)
-    forward = np.linalg.norm(model.forward(q) - x, axis=1) <= model.expected_error(q)
+    forward = lengths(model.forward(q) - x) <= model.expected_error(q)
     answer = model.solve(x, near=q[rng.permutation(len(q))])
     reached = answer.reachable
     assert reached.mean() > 0.99
-    away = np.linalg.norm(arm.forward(answer.q) - x, axis=1)
+    away = lengths(arm.forward(answer.q) - x)
     inverse = (away <= answer.expected_error)[reached]
     if noise == 0.0:  # errors of rounding: of the map, and of the search that ends beside a target
         assert forward.all()
@@ -156,6 +155,6 @@ def test_a_logs_bound_on_what_the_sensor_will_read_holds_for_95_percent(rows):
         bound = model.expected_error(fresh.q)
         known = np.isfinite(bound)
         assert known.mean() > 0.95
-        miss = np.linalg.norm(model.forward(fresh.q) - fresh.x, axis=1)
+        miss = lengths(model.forward(fresh.q) - fresh.x)
         held.append(np.mean((miss <= bound)[known]))
     assert 0.93 <= np.mean(held) <= 0.98

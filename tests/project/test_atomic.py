@@ -3,6 +3,7 @@
 import errno
 import os
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from refusals import refused
@@ -10,28 +11,21 @@ from refusals import refused
 import calib
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and permissions of POSIX")
-
 LOG = calib.babble(calib.load_arm("two_link"), 5)
+FAILURES = [
+    (KeyboardInterrupt(), None),
+    (ValueError(), None),
+    (OSError(errno.ENOSPC, "No space left on device"), "the disk is full"),
+    (OSError(errno.EDQUOT, "Quota"), "the disk is full"),
+    (OSError(errno.EIO, "Input/output error"), "Input/output error"),
+]
 
 
-@pytest.mark.parametrize(
-    ("error", "words"),
-    [
-        (KeyboardInterrupt(), None),
-        (ValueError(), None),
-        (OSError(errno.ENOSPC, "No space left on device"), "the disk is full"),
-        (OSError(errno.EDQUOT, "Quota"), "the disk is full"),
-        (OSError(errno.EIO, "Input/output error"), "Input/output error"),
-    ],
-)
+@pytest.mark.parametrize(("error", "words"), FAILURES)
 def test_a_failure_half_way_keeps_the_old_file(tmp_path, monkeypatch, error, words):
     path = tmp_path / "a.csv"
     path.write_bytes(b"old")
-
-    def fail(_number):
-        raise error
-
-    monkeypatch.setattr(os, "fsync", fail)
+    monkeypatch.setattr(os, "fsync", Mock(side_effect=error))
     refused(calib.CalibError if words else type(error), words, calib.write_log, LOG, path)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]

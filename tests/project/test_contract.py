@@ -14,7 +14,6 @@ from touching import World
 import calib
 from calib.arm.rotations import exponential, quaternion_of
 from calib.body.spatial import structure_of
-from calib.samples.sockets import Touches
 
 NOISE = 1e-4  # [m]
 PIXELS = 0.2  # [px]
@@ -130,8 +129,7 @@ def two_sensors(scale=1.0):
 
 def touches():
     world = World(2, each=21)
-    touch = Touches(world.number, tuple(("", name) for name in "ABCD"), tuple(world.known((0, 1))))
-    log = log_of(world.arm, world.q, np.zeros((len(world.q), 3)), touch=touch)
+    log = world.log(known=world.known((0, 1)))
     fresh = np.arange(len(log)) % 3 == 2
     return log.take(~fresh), log.take(fresh)
 

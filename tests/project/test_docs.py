@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import versions
 from models import sensed
-from pages import PAGES, ROOT, SHARED, anchors, blocks, links, run_page
+from pages import PAGES, ROOT, anchors, blocks, links, run_page
 from reference import ROBOTS, write_columns
 from rendering import Camera
 
@@ -41,6 +41,8 @@ REMARKS = {  # of what does not run as it stands
      "against stand-ins for ROS's modules."),
     ("docs/howto/ros.md", "Run by the tests against a stand-in for `robot`, never with LeRobot."),
 }  # fmt: skip
+REAL_URDF = next(ROBOTS.rglob("ur10_robot.urdf"), None)
+"""The UR10 of the package example-robot-data, where it is installed."""
 
 
 @pytest.fixture
@@ -70,10 +72,6 @@ def pictures():
     return dict(zip((*arm.joint_names, "u", "v"), np.hstack([log.q, log.x]).T, strict=True))
 
 
-REAL_URDF = next(ROBOTS.rglob("ur10_robot.urdf"), None)
-"""The UR10 of the package example-robot-data, where it is installed."""
-
-
 def needed(text: str) -> None:
     """Put the files in place that not every computer can make."""
     if "ur10.urdf" in text:
@@ -88,7 +86,7 @@ def needed(text: str) -> None:
         shutil.copy(next(Path("recording").rglob("*.mcap")), "run.mcap")
 
 
-def test_the_readmes_commands_run_in_order_and_its_code_does_what_it_says(tmp_path, monkeypatch):
+def test_the_readmes_commands_run_and_its_code_does_what_it_says(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     lines = [line for line in README.splitlines() if line.startswith("    ")]
     typed = [part.strip() for line in lines for part in line.split("#")[0].split("&&")]
@@ -104,7 +102,7 @@ def test_the_readmes_commands_run_in_order_and_its_code_does_what_it_says(tmp_pa
                 continue
             shutil.copy(REAL_URDF, "ur10.urdf")
         shown = ["--html", "page.html"] if words[1] == "preview" else []  # no server, no browser
-        done = SHARED.run([*words[1:], *shown], tmp_path)
+        done = run(*words[1:], *shown)
         expected = 3 if words[1] == "check" else 0  # the README says so: it has drifted
         assert done.code == expected, (command, done.err)
     made = {"two_link.calib", "arm.calib", "two_link.adapted.calib", "joints.csv", "q2.csv"}
@@ -126,20 +124,20 @@ def test_the_readmes_two_commands_are_what_is_checked_on_every_change():
 
 
 @pytest.mark.parametrize("name", RUN)
-def test_commands_and_code_run_and_print_what_the_page_shows(name, folder):
+def test_commands_and_code_run_and_print_what_the_page_shows(run, name, folder):
     text = TEXTS[name]
     if not any(block.language in ("console", "python") for block in blocks(text)):
         return
     needed(text)
     for line in EARLIER.get(name, ()):
-        assert SHARED.run(line.split(), folder).code == 0
+        run.done(line)
     names: dict[str, object] = {}
     if name == "docs/howto/ros.md":
         robot = Mock()  # for LeRobot's follower
         shutil.copy("two_link.adapted.calib", "so101.calib")
         action = {"shoulder_lift.pos": 30.0, "elbow_flex.pos": 60.0, "gripper.pos": 5.0}
         names = {"robot": robot, "action": action}
-    run_page(ROOT / name, folder, names)
+    run_page(ROOT / name, names)
     if name == "docs/howto/ros.md":
         adapted = calib.load("two_link.adapted.calib")
         (q,) = np.degrees(calib.correct(adapted, np.radians([[30.0, 60.0]])).q)
@@ -147,17 +145,15 @@ def test_commands_and_code_run_and_print_what_the_page_shows(name, folder):
         assert robot.send_action.call_args.args == (pytest.approx(expected),)
 
 
-def test_what_does_not_run_is_known():
-    found = {(name, block.remark) for name, text in TEXTS.items() for block in blocks(text)}
-    assert {entry for entry in found if "un by the tests" in entry[1]} == REMARKS
-
-
 @pytest.mark.parametrize("name", TEXTS)
-def test_blocks_are_of_a_kind_that_is_run_or_is_no_code(name):
-    kinds = [block.language for block in blocks(TEXTS[name])]
-    assert TEXTS[name].count("\n```") == 2 * len(kinds)  # no fence that the test would not find
+def test_blocks_are_of_a_kind_that_is_run_or_are_known_to_be_no_code(name):
+    found = list(blocks(TEXTS[name]))
+    assert TEXTS[name].count("\n```") == 2 * len(found)  # no fence that the test would not find
+    remarks = {(name, block.remark) for block in found if "un by the tests" in block.remark}
+    assert remarks == {entry for entry in REMARKS if entry[0] == name}
     compiled = {"c"} if name == "docs/apply.md" else set()  # by test_export_c.py
-    assert name == "docs/api.md" or set(kinds) <= {"console", "python", "text"} | compiled
+    kinds = {block.language for block in found}
+    assert name == "docs/api.md" or kinds <= {"console", "python", "text"} | compiled
 
 
 @pytest.mark.parametrize("name", TEXTS)
@@ -196,26 +192,6 @@ def test_commands_that_can_say_no_tell_so_in_the_reference():
         assert "xit code 3" in sections[name], name
 
 
-def few_measured_poses_mend_the_model_of_a_urdf(out):
-    before, after = map(float, re.search(r"poses: ([\d.]+) -> ([\d.]+) mm", out).groups())
-    truth = float(re.search(r"truth: ([\d.]+) mm", out)[1])
-    assert truth < after < before / 10  # readings have 0.5 mm of noise, the truth has none
-    assert "still calibrated: True" in out
-
-
-def a_loop_over_the_camera_ends_below_its_noise(out):
-    at = {int(n): float(mm) for n, mm in re.findall(r"after +(\d+) steps +([\d.]+) mm", out)}
-    noise = float(re.search(r"noise +([\d.]+) mm", out)[1])
-    assert at[1] > 10 * noise
-    assert max(at[16], at[40]) < noise
-
-
-FIGURES = {
-    "urdf_then_real": few_measured_poses_mend_the_model_of_a_urdf,
-    "closed_loop": a_loop_over_the_camera_ends_below_its_noise,
-}
-
-
 @pytest.mark.parametrize("name", sorted(path.stem for path in ROOT.glob("examples/*.py")))
 def test_an_example_runs_by_itself_and_shows_figures(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -227,8 +203,16 @@ def test_an_example_runs_by_itself_and_shows_figures(name, tmp_path, monkeypatch
         pytest.skip(str(end.code))
     out = capsys.readouterr().out
     assert re.search(r"\d", out)
-    if name in FIGURES:
-        FIGURES[name](out)
+    if name == "urdf_then_real":
+        before, after = map(float, re.search(r"poses: ([\d.]+) -> ([\d.]+) mm", out).groups())
+        truth = float(re.search(r"truth: ([\d.]+) mm", out)[1])
+        assert truth < after < before / 10  # readings have 0.5 mm of noise, the truth has none
+        assert "still calibrated: True" in out
+    if name == "closed_loop":
+        at = {int(n): float(mm) for n, mm in re.findall(r"after +(\d+) steps +([\d.]+) mm", out)}
+        noise = float(re.search(r"noise +([\d.]+) mm", out)[1])
+        assert at[1] > 10 * noise
+        assert max(at[16], at[40]) < noise
 
 
 def test_every_script_that_a_page_names_is_there_and_every_script_is_named():

@@ -18,27 +18,25 @@ MODULES = ["calib"] + [
     if not m.name.endswith("__main__") and "._robots" not in m.name
 ]
 FINDER = doctest.DocTestFinder(exclude_empty=True)
-
-
-@pytest.mark.parametrize("name", MODULES)
-def test_examples_of(name, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
-    said = []
-    for test in FINDER.find(importlib.import_module(name), name):
-        runner.run(test, out=said.append)
-    assert not runner.failures, "".join(said)
-
-
-def test_there_are_examples_of_the_main_functions():
-    for thing in (calib, calib.train, calib.Model.forward):
-        assert any(t.examples for t in FINDER.find(thing)), thing
-
-
 SOURCE = "".join(p.read_text(encoding="utf-8") for p in Path(calib.__path__[0]).rglob("*.py"))
 _ITEM = re.compile(r"^(\w+(?:, \w+)*) : (.*(?:\n(?:    .*|$))*)", re.MULTILINE)
 _QUOTED = re.compile(r'"([a-z][\w:-]*)"')
 _ROLE = re.compile(r":(?:func|class|meth|mod|data):`~?([\w.]+)`")
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_are_true_and_references_lead_somewhere(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    module = importlib.import_module(name)
+    for reference in set(_ROLE.findall(inspect.getsource(module))):
+        if reference.startswith("calib"):
+            assert pydoc.locate(reference) is not None, reference
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    said = []
+    for test in FINDER.find(module, name):
+        runner.run(test, out=said.append)
+    assert not runner.failures, "".join(said)
+    assert runner.tries or name not in ("calib", "calib.training.train", "calib.model.model")
 
 
 def public():
@@ -68,11 +66,3 @@ def test_docstrings_name_parameters_and_choices_that_exist(name):
         for choice in _QUOTED.findall(text):
             kinds = [f'"{part}"' in SOURCE for part in choice.split(":")]
             assert all(kinds), (parameters, choice)
-
-
-@pytest.mark.parametrize("name", MODULES)
-def test_references_in_docstrings_lead_somewhere(name):
-    module = importlib.import_module(name)
-    for reference in set(_ROLE.findall(inspect.getsource(module))):
-        if reference.startswith("calib"):
-            assert pydoc.locate(reference) is not None, reference

@@ -14,6 +14,13 @@ ARM = calib.load_arm("two_link")
 FULL = calib.load_arm("two_link_full")
 SIX = calib.load_arm("six_axis")
 POSE = (*"xyz", "qx", "qy", "qz", "qw")
+MISREAD = {  # of a planar log: joints, positions, what the refusal says
+    "pixels": (lambda q, x: (q, 640 + 450 * x), "unit='px'"),
+    "exchanged": (lambda q, x: (q[:, ::-1], x), "exchanged"),
+    "exchanged beyond limits": (lambda q, x: (drawn()[0][:, ::-1], drawn()[1]), "of this joint"),
+    "negative": (lambda q, x: (q * [1.0, -1.0], x), "its sign"),
+    "degrees": (lambda q, x: (np.degrees(q), x), "degrees=True"),
+}
 
 
 def drawn(arm=ARM, n=120, seed=0):
@@ -55,15 +62,6 @@ def test_other_units_of_length_are_recognised(read, tmp_path, unit, factor):
 @pytest.mark.parametrize("arm", [ARM, SIX])
 def test_radians_that_are_said_to_be_degrees_are_told(read, arm):
     refused(calib.LogError, "leave out `degrees`", read, arm, *drawn(arm), degrees=True)
-
-
-MISREAD = {  # of a planar log: joints, positions, what the refusal says
-    "pixels": (lambda q, x: (q, 640 + 450 * x), "unit='px'"),
-    "exchanged": (lambda q, x: (q[:, ::-1], x), "exchanged"),
-    "exchanged beyond limits": (lambda q, x: (drawn()[0][:, ::-1], drawn()[1]), "of this joint"),
-    "negative": (lambda q, x: (q * [1.0, -1.0], x), "its sign"),
-    "degrees": (lambda q, x: (np.degrees(q), x), "degrees=True"),
-}
 
 
 @pytest.mark.parametrize("case", MISREAD)

@@ -9,7 +9,8 @@ import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reference import write_columns
+from numpy.testing import assert_allclose, assert_array_equal
+from reference import random_joints, write_columns
 from refusals import refused
 from scipy.spatial.transform import Rotation
 
@@ -20,13 +21,53 @@ GOOD = "a,b,x,y\n0.1,0.2,1,2\n0.2,0.4,3,4\n0.3,0.1,5,6\n"
 MODEL = b"9" * 8 + b'{"__metadata__":{"calib":"{}"}}'
 TURN = 2 * math.pi
 DEGREES = 180 / math.pi
+ROWS = st.lists(st.tuples(*[st.floats(-1e12, 1e12)] * 3), min_size=2, unique=True)
+BAD = [  # what a file holds, what is asked of it, and what the refusal says
+    ("", {}, "is empty"),
+    ("1,2,2,3e-1\n2,3,4,5\n", {}, "has no header: expected the columns' names"),
+    ("a,b,x,y\n", {}, "has no rows below its header"),
+    ("a,b,x,y\n1,2,3,4\n", {}, "one usable row"),
+    ("a,b,x\n1,2,3\n", {}, "no column 'y': choose from a, b, x"),
+    ("a,b\n0.1,0.2\n0.2,0.4\n", {}, "has no positions: expected columns x, y and z"),
+    ("a,bb,x,y\n1,2,3,4\n", {}, "did you mean bb"),
+    ("a,b,b,x,y\n1,2,2,3,4\n", {}, "several columns 'b'"),
+    ("a,b,x,y\n1,\u0661,3,4\n", {}, "1 of 1 rows miss a finite number .* of b"),
+    ("a;b;x;y\n1;0,5;.3;4\n", {}, r"1 of 1 rows miss a finite number \(2.5, not 2,5\) of b"),
+    ("a,b,x,y\n1,2,3,4\n0,5,0,6,3,4\n", {}, "row 2 has 6 values, the header 4"),
+    ("# May\na,b,x,y\n1,2,3,4\n", {}, "4 values, the header 1 .*: expected the columns' names"),
+    ("a,b,x,y\n1,2,,4\n2,3,,5\n", {}, "2 of 2 rows miss a finite number .* of x"),
+    ("a,b,x,y\n1,,3,4\n,3,3,5\n", {}, "2 of 2 rows miss a finite number .* of a, b"),
+    ("a,b,x,y\n1,2,3,4\n1,3,4,5\n", {}, "a is 1 in every row"),
+    ("a,b,x,y\n1,2,3,4\n2,3,3,5\n", {}, "x is 3 in every row"),
+    ("a,b,x,y,sensor\n1,2,3,4,l\n2,3,4,5,r\n", {}, "several sensors, l, r: expected a log of one"),
+    (b"a,b,x,y,c\n1,2,3,4,\xb0\n", {}, "UTF-8"),
+    (b"PAR1 and nothing else", {}, "cannot be read"),
+    (MODEL, {}, "is a model, not a log; .log. takes a log .CSV or Parquet."),
+    (b"a" * (1 << 20), {}, "no positions"),
+    ('a,b,x,y\n1,2,3,"4\n' + "5" * 200_000, {}, "cannot be read"),
+    (GOOD, {"joints": None}, "choices: 'a', 'b'; name them in .joints"),
+    (GOOD, {"joints": ["b", "b"]}, "taken twice"),
+    (GOOD, {"joints": ["b", "x"]}, "taken twice"),
+    (GOOD, {"prismatic": ["c"]}, "prismatic. of c: expected some"),
+    (GOOD, {"columns": {"q": "a"}}, "'q' is neither"),
+    (GOOD, {"columns": {"a": "b"}}, "taken twice"),
+]
+SPATIAL = load_arm("spatial_three")
+HEADERS = [
+    ("Time [ms],SHOULDER,Elbow,X,Y", (1, 1, 1), "m", False),
+    ("time,shoulder (deg),elbow [deg],x [mm],y (mm)", (DEGREES, DEGREES, 1e3), "mm", True),
+    ("time,shoulder [rad],elbow [°],X(cm),Y(cm)", (1, DEGREES, 100), "cm", False),
+    ("time,shoulder,elbow,u [px],V [px]", (1, 1, 1), "px", False),
+]
+CLOCKS = [
+    lambda k: f"2024-03-01T12:00:00.{20 * k:03d}Z",
+    lambda k: 1709294400000 + 20 * k,
+    lambda k: 1709294400000000000 + 20_000_000 * k,
+]
 
 
 def unread(path, words, error=LogError, **options):
     refused(error, words, read_log, path, **({"joints": ["a", "b"]} | options))
-
-
-ROWS = st.lists(st.tuples(*[st.floats(-1e12, 1e12)] * 3), min_size=2, unique=True)
 
 
 @given(ROWS, st.sampled_from([".csv", ".parquet"]))
@@ -61,38 +102,6 @@ def test_times_that_are_not_used_are_told(file):
     assert "the column time is not used, it has no number in 1 rows: row 2" in log.notes
 
 
-BAD = [  # what a file holds, what is asked of it, and what the refusal says
-    ("", {}, "is empty"),
-    ("1,2,2,3e-1\n2,3,4,5\n", {}, "has no header: expected the columns' names"),
-    ("a,b,x,y\n", {}, "has no rows below its header"),
-    ("a,b,x,y\n1,2,3,4\n", {}, "one usable row"),
-    ("a,b,x\n1,2,3\n", {}, "no column 'y': choose from a, b, x"),
-    ("a,b\n0.1,0.2\n0.2,0.4\n", {}, "has no positions: expected columns x, y and z"),
-    ("a,bb,x,y\n1,2,3,4\n", {}, "did you mean bb"),
-    ("a,b,b,x,y\n1,2,2,3,4\n", {}, "several columns 'b'"),
-    ("a,b,x,y\n1,\u0661,3,4\n", {}, "1 of 1 rows miss a finite number .* of b"),
-    ("a;b;x;y\n1;0,5;.3;4\n", {}, r"1 of 1 rows miss a finite number \(2.5, not 2,5\) of b"),
-    ("a,b,x,y\n1,2,3,4\n0,5,0,6,3,4\n", {}, "row 2 has 6 values, the header 4"),
-    ("# May\na,b,x,y\n1,2,3,4\n", {}, "4 values, the header 1 .*: expected the columns' names"),
-    ("a,b,x,y\n1,2,,4\n2,3,,5\n", {}, "2 of 2 rows miss a finite number .* of x"),
-    ("a,b,x,y\n1,,3,4\n,3,3,5\n", {}, "2 of 2 rows miss a finite number .* of a, b"),
-    ("a,b,x,y\n1,2,3,4\n1,3,4,5\n", {}, "a is 1 in every row"),
-    ("a,b,x,y\n1,2,3,4\n2,3,3,5\n", {}, "x is 3 in every row"),
-    ("a,b,x,y,sensor\n1,2,3,4,l\n2,3,4,5,r\n", {}, "several sensors, l, r: expected a log of one"),
-    (b"a,b,x,y,c\n1,2,3,4,\xb0\n", {}, "UTF-8"),
-    (b"PAR1 and nothing else", {}, "cannot be read"),
-    (MODEL, {}, "is a model, not a log; .log. takes a log .CSV or Parquet."),
-    (b"a" * (1 << 20), {}, "no positions"),
-    ('a,b,x,y\n1,2,3,"4\n' + "5" * 200_000, {}, "cannot be read"),
-    (GOOD, {"joints": None}, "choices: 'a', 'b'; name them in .joints"),
-    (GOOD, {"joints": ["b", "b"]}, "taken twice"),
-    (GOOD, {"joints": ["b", "x"]}, "taken twice"),
-    (GOOD, {"prismatic": ["c"]}, "prismatic. of c: expected some"),
-    (GOOD, {"columns": {"q": "a"}}, "'q' is neither"),
-    (GOOD, {"columns": {"a": "b"}}, "taken twice"),
-]
-
-
 @pytest.mark.parametrize(("content", "options", "message"), BAD)
 def test_bad_files_are_refused_in_one_line(file, content, options, message):
     unread(file(content), message, OptionError if options else LogError, **options)
@@ -119,22 +128,14 @@ def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(file):
     assert log.x.tolist() == [[3, 4], [6, 8]]
 
 
-@pytest.mark.parametrize(
-    ("header", "factors", "unit", "degrees"),
-    [
-        ("Time [ms],SHOULDER,Elbow,X,Y", (1, 1, 1), "m", False),
-        ("time,shoulder (deg),elbow [deg],x [mm],y (mm)", (DEGREES, DEGREES, 1e3), "mm", True),
-        ("time,shoulder [rad],elbow [°],X(cm),Y(cm)", (1, DEGREES, 100), "cm", False),
-        ("time,shoulder,elbow,u [px],V [px]", (1, 1, 1), "px", False),
-    ],
-)
+@pytest.mark.parametrize(("header", "factors", "unit", "degrees"), HEADERS)
 def test_headers_have_units_in_brackets_and_any_case(arm, file, header, factors, unit, degrees):
     log = babble(arm, 20)
     q = log.q * factors[:2]
     rows = np.column_stack([20 * np.arange(20), q, log.x * factors[2]]).tolist()
     again = read_log(file("\n".join([header, *(",".join(map(repr, row)) for row in rows)])), arm)
-    np.testing.assert_allclose(again.q, log.q, rtol=1e-15)
-    np.testing.assert_allclose(again.x, log.x * factors[2])
+    assert_allclose(again.q, log.q, rtol=1e-15)
+    assert_allclose(again.x, log.x * factors[2])
     assert (again.unit, again.degrees) == (unit, degrees)
     assert again.time[1] == (0.02 if "ms" in header else 20.0)
 
@@ -152,19 +153,12 @@ def test_a_header_says_that_a_joint_slides_or_contradicts(arm, file):
     refused(LogError, "'shoulder .mm.' is in mm, expected rad, deg, ", read_log, slides, arm)
 
 
-@pytest.mark.parametrize(
-    "time",
-    [
-        lambda k: f"2024-03-01T12:00:00.{20 * k:03d}Z",
-        lambda k: 1709294400000 + 20 * k,
-        lambda k: 1709294400000000000 + 20_000_000 * k,
-    ],
-)
+@pytest.mark.parametrize("time", CLOCKS)
 def test_times_of_clocks_are_seconds(file, time):
     rows = [f"{time(k)},{k % 5},{k % 7},{k},{k * k}" for k in range(12)]
     table = file("\n".join(["stamp,a,b,x,y", *rows]))
     log = read_log(table, joints=["a", "b"], columns={"time": "stamp"})
-    np.testing.assert_allclose(log.time, 1709294400 + 0.02 * np.arange(12), rtol=0, atol=1e-6)
+    assert_allclose(log.time, 1709294400 + 0.02 * np.arange(12), rtol=0, atol=1e-6)
 
 
 def test_a_sensor_that_holds_its_last_value_is_told_and_one_of_whole_pixels_is_not(arm, tmp_path):
@@ -292,13 +286,13 @@ def test_degrees_are_read_as_radians_and_counts_of_an_encoder_are_neither(arm, f
     q = np.deg2rad([[10, 20], [80, 140], [90, 150], [0, 15]])
     path = file("shoulder,elbow,x,y\n10,20,1,2\n80,140,2,3\n90,150,2,5\n0,15,6,6\n")
     log = read_log(path, arm, degrees=True)
-    np.testing.assert_allclose(log.q, q, atol=1e-15)
+    assert_allclose(log.q, q, atol=1e-15)
     assert log.notes == ()
-    np.testing.assert_allclose([log.lower, log.upper], [arm.lower, arm.upper], atol=1e-12)
+    assert_allclose([log.lower, log.upper], [arm.lower, arm.upper], atol=1e-12)
     unread(path, "give `degrees=True`", arm=arm, joints=None)
     unread(path, "90 rad.*3.14.*degrees=True", joints=["shoulder"])
     log = read_log(file(GOOD), joints="a,b", degrees=True, prismatic=["b"])
-    np.testing.assert_allclose(log.q[:, 0], np.deg2rad([0.1, 0.2, 0.3]))
+    assert_allclose(log.q[:, 0], np.deg2rad([0.1, 0.2, 0.3]))
     assert log.q[:, 1].tolist() == [0.2, 0.4, 0.1]  # a sliding joint's are metres
     assert log.revolute == (True, False)
 
@@ -306,7 +300,7 @@ def test_degrees_are_read_as_radians_and_counts_of_an_encoder_are_neither(arm, f
 def test_a_chosen_range_goes_before_the_limits(arm, file):
     path = file("shoulder,elbow,x,y\n0.1,0.5,1,2\n0.2,1,2,3\n0.3,3,3,4\n0.4,7,3,5\n")
     log = read_log(path, arm, ranges={"elbow": (0.6, 3.1)})
-    np.testing.assert_allclose(log.q[:, 1], [1, 3, 7 - TURN])
+    assert_allclose(log.q[:, 1], [1, 3, 7 - TURN])
     assert log.q[:, 0].tolist() == [0.2, 0.3, 0.4]
     assert (log.lower[1], log.upper[1]) == (0.6, 3.1)
     assert any("1 of 4 rows have elbow outside" in note for note in log.notes)
@@ -321,18 +315,15 @@ def test_more_than_one_turn_becomes_one(file):
     columns = {"a": a, "b": np.cos(a), "x": a, "y": a**2}
     log = read_log(file(pl.DataFrame(columns).write_csv()), joints=["a", "b"])
     assert (log.lower[0], log.upper[0]) == (-math.pi, math.pi)
-    np.testing.assert_allclose(np.exp(1j * log.q[:, 0]), np.exp(1j * a), atol=1e-12)
+    assert_allclose(np.exp(1j * log.q[:, 0]), np.exp(1j * a), atol=1e-12)
     assert "wrapped" in log.notes[0]
     assert (log.q[:, 0] == a)[np.abs(a) <= math.pi].all()
-
-
-SPATIAL = load_arm("spatial_three")
 
 
 @pytest.fixture
 def posed(tmp_path):
     """What writes a log of an arm in space and returns its path; positions and orientations."""
-    q = np.random.default_rng(0).uniform(SPATIAL.lower, SPATIAL.upper, (40, 3))
+    q = random_joints(SPATIAL, 40)
     x, turns = SPATIAL.pose(q)
 
     def write(positions=x, **more):
@@ -351,19 +342,19 @@ def quaternion(turns):
 def test_positions_and_orientations_are_read_and_written(posed, tmp_path):
     write, x, turns = posed
     log = read_log(write(**quaternion(-turns)), SPATIAL)  # the same orientations
-    np.testing.assert_array_equal(log.x, x)
-    np.testing.assert_allclose(log.orientation, turns, atol=1e-15)
+    assert_array_equal(log.x, x)
+    assert_allclose(log.orientation, turns, atol=1e-15)
     assert log.plane is None
     write_log(log, tmp_path / "b.csv")
     again = read_log(tmp_path / "b.csv", SPATIAL)
-    np.testing.assert_array_equal(again.x, log.x)
-    np.testing.assert_allclose(again.orientation, log.orientation, atol=1e-15)
+    assert_array_equal(again.x, log.x)
+    assert_allclose(again.orientation, log.orientation, atol=1e-15)
     assert again.take([3, 5]).orientation.shape == (2, 4)
     angles = np.random.default_rng(1).uniform(-1, 1, (40, 3))
     more = dict(zip(("roll", "pitch", "yaw"), angles.T, strict=True))  # as in a URDF
     rotation = Rotation.from_quat(read_log(write(**more), SPATIAL).orientation)
     expected = Rotation.from_euler("xyz", angles).as_matrix()
-    np.testing.assert_allclose(rotation.as_matrix(), expected, atol=1e-12)
+    assert_allclose(rotation.as_matrix(), expected, atol=1e-12)
     turned = {name: np.degrees(values) for name, values in more.items()}
     unread(write(**turned), "give `degrees=True`", arm=SPATIAL, joints=None)
 
@@ -384,13 +375,13 @@ def test_without_an_arm_positions_in_a_plane_are_planar_unless_an_arm_is_in_spac
     log = read_log(path, joints=names)
     assert log.x.shape == (40, 2)
     assert log.plane is not None
-    np.testing.assert_allclose(read_log(path, joints=names, outputs=3).x, x * (1, 1, 1e-4))
+    assert_allclose(read_log(path, joints=names, outputs=3).x, x * (1, 1, 1e-4))
     path.write_text(path.read_text().replace("x,y,z", "x,y,height"))
     refused(LogError, "two coordinates", read_log, path, joints=names, outputs=3)
 
 
 def test_of_a_very_long_log_evenly_spread_rows_are_held(tmp_path, arm):
-    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (400_000, 2))
+    q = random_joints(arm, 400_000)
     columns = dict(zip([*arm.joint_names, *"xy"], np.hstack([q, arm.forward(q)]).T, strict=True))
     pl.DataFrame(columns).write_parquet(tmp_path / "long.parquet")
     log = read_log(tmp_path / "long.parquet", arm)

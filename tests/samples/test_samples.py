@@ -10,6 +10,39 @@ from refusals import refused
 
 import calib
 
+JOINTS = np.array([[0.3, 1.0], [0.5, 1.4], [0.9, 2.0]])
+SWAPPED = {
+    "dict": lambda q: {"elbow": q[:, 1], "shoulder": q[:, 0]},
+    "polars": lambda q: pl.DataFrame({"elbow": q[:, 1], "t": q[:, 0], "shoulder": q[:, 0]}),
+    "pandas": lambda q: Pandas(elbow=q[:, 1], shoulder=q[:, 0]),
+    "record": lambda q: np.rec.fromarrays([q[:, 1], q[:, 0]], names="elbow,shoulder"),
+}
+MISFITS = [
+    ({"q": np.zeros((4, 3))}, r"q of shape \(4, 3\): expected"),
+    ({"x": np.zeros((3, 2))}, r"x has shape \(3, 2\), expected \(4, 2\)"),
+    ({"orientation": np.zeros((4, 3))}, r"orientation has shape \(4, 3\)"),
+    ({"time": [0.0, 1.0]}, r"time has shape \(2,\), expected \(4,\)"),
+    ({"time": [0.0, 1.0, np.nan, 2.0]}, "time is not finite"),
+    ({"covariance": np.zeros((4, 3, 3))}, r"covariance has shape \(4, 3, 3\)"),
+    ({"upper": [1.0, np.inf]}, "'b' has the range 0:inf"),
+    ({"lower": [0.0, 1.0]}, "'b' has the range 1:1"),
+    ({"joint_names": ("a", "a")}, "different names"),
+    ({"q": np.zeros((0, 2)), "x": np.zeros((0, 2))}, "no rows"),
+    ({"q": [["a", "b"]] * 4}, "expected numbers"),
+    ({"x": [[0, 0], [0, np.nan], [0, 0], [0, 0]]}, r"x of row 2"),
+]
+NO_NUMBERS = [
+    ({"elbow": [1.0]}, "no column 'shoulder'"),
+    ({"elbow": [1.0], "sholder": [1.0]}, "did you mean sholder"),
+    (np.ma.masked_array(JOINTS, mask=JOINTS > 1.9), "masked"),
+    (np.array([["2024-01-01", "2024-01-02"]], dtype="datetime64[s]"), "datetime64"),
+    (np.array([[1, 2]], dtype="timedelta64[s]"), "timedelta64"),
+    (JOINTS + 0j, "complex"),
+    (JOINTS > 1, "bool"),
+    ([["a", "b"]], "numbers"),
+    ({"shoulder": [1.0, 2.0], "elbow": [1.0]}, "one length"),
+]
+
 
 def make(n=4, **changes):
     rng = np.random.default_rng(0)
@@ -28,23 +61,7 @@ def test_arrays_are_float_contiguous_and_read_only():
             array[0] = 1
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"q": np.zeros((4, 3))}, r"q of shape \(4, 3\): expected"),
-        ({"x": np.zeros((3, 2))}, r"x has shape \(3, 2\), expected \(4, 2\)"),
-        ({"orientation": np.zeros((4, 3))}, r"orientation has shape \(4, 3\)"),
-        ({"time": [0.0, 1.0]}, r"time has shape \(2,\), expected \(4,\)"),
-        ({"time": [0.0, 1.0, np.nan, 2.0]}, "time is not finite"),
-        ({"covariance": np.zeros((4, 3, 3))}, r"covariance has shape \(4, 3, 3\)"),
-        ({"upper": [1.0, np.inf]}, "'b' has the range 0:inf"),
-        ({"lower": [0.0, 1.0]}, "'b' has the range 1:1"),
-        ({"joint_names": ("a", "a")}, "different names"),
-        ({"q": np.zeros((0, 2)), "x": np.zeros((0, 2))}, "no rows"),
-        ({"q": [["a", "b"]] * 4}, "expected numbers"),
-        ({"x": [[0, 0], [0, np.nan], [0, 0], [0, 0]]}, r"x of row 2"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), MISFITS)
 def test_what_does_not_fit_is_refused_in_one_line(changes, message):
     refused(calib.LogError, message, make, **changes)
 
@@ -56,23 +73,12 @@ def test_each_joint_came_from_the_side_of_its_last_motion_and_rows_at_one_pose_s
     assert rows.pose_index.tolist() == [0, 1, 2, 0, 0]
 
 
-JOINTS = np.array([[0.3, 1.0], [0.5, 1.4], [0.9, 2.0]])
-
-
 class Pandas(dict):
     """As much of a pandas table as is needed: `columns` and columns by name."""
 
     @property
     def columns(self):
         return list(self)
-
-
-SWAPPED = {
-    "dict": lambda q: {"elbow": q[:, 1], "shoulder": q[:, 0]},
-    "polars": lambda q: pl.DataFrame({"elbow": q[:, 1], "t": q[:, 0], "shoulder": q[:, 0]}),
-    "pandas": lambda q: Pandas(elbow=q[:, 1], shoulder=q[:, 0]),
-    "record": lambda q: np.rec.fromarrays([q[:, 1], q[:, 0]], names="elbow,shoulder"),
-}
 
 
 @pytest.mark.parametrize("kind", SWAPPED)
@@ -88,20 +94,7 @@ def test_named_columns_are_taken_by_name_wherever_joint_values_go(kind):
     np.testing.assert_array_equal(s.q, JOINTS)
 
 
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"elbow": [1.0]}, "no column 'shoulder'"),
-        ({"elbow": [1.0], "sholder": [1.0]}, "did you mean sholder"),
-        (np.ma.masked_array(JOINTS, mask=JOINTS > 1.9), "masked"),
-        (np.array([["2024-01-01", "2024-01-02"]], dtype="datetime64[s]"), "datetime64"),
-        (np.array([[1, 2]], dtype="timedelta64[s]"), "timedelta64"),
-        (JOINTS + 0j, "complex"),
-        (JOINTS > 1, "bool"),
-        ([["a", "b"]], "numbers"),
-        ({"shoulder": [1.0, 2.0], "elbow": [1.0]}, "one length"),
-    ],
-)
+@pytest.mark.parametrize(("values", "words"), NO_NUMBERS)
 def test_what_is_no_table_of_numbers_is_refused_in_one_line(values, words):
     for take in (trained("two_link").forward, calib.load_arm("two_link").forward):
         refused(calib.QueryError, words, take, values)
@@ -129,18 +122,17 @@ def test_clean_logs_lose_no_row(robot, noise, n):
     assert screen(bare(robot, n, 1, noise=noise)) == (0, [])
 
 
-@pytest.mark.parametrize(("n", "share"), [(300, 0.01), (300, 0.15), (2000, 0.05)])
+@pytest.mark.parametrize(("n", "share"), [(300, 0.01), (300, 0.15), (2000, 0.05), (300, 0.3)])
 def test_rows_wrong_by_centimetres_are_found_and_no_others(n, share):
     log, wrong = spoiled(bare("two_link", n, 1, noise=1e-3), share)
     count, notes = screen(log)
+    if share > 0.25:  # all are believed
+        assert (count, notes) == (0, [])
+        return
     assert count == wrong.sum()
     assert f"{wrong.sum():,} of {n:,} rows" in notes[0]
     first = np.flatnonzero(wrong)[:3] + 1
     assert all(str(row) in notes[0] for row in first)
-
-
-def test_where_more_than_a_quarter_of_the_rows_are_wrong_all_are_believed():
-    assert screen(spoiled(bare("two_link", 300, 1, noise=1e-3), 0.3)[0]) == (0, [])
 
 
 def test_a_patch_that_bends_away_or_a_row_far_from_all_others_is_no_outlier():

@@ -25,6 +25,23 @@ OPTIONS = """--headless --disable-gpu --disable-quic --no-first-run --disable-ex
     --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --enable-logging=stderr
     --force-prefers-reduced-motion --force-device-scale-factor=1
     --proxy-server=http://127.0.0.1:9 --proxy-bypass-list=127.0.0.1"""
+DATA = Path(__file__).parents[1] / "data"
+MEASURE = (DATA / "measure.js").read_text()
+"""What of a page's words overlaps, how far it scrolls sideways, where parts end [px]."""
+START = (DATA / "start.html").read_text()
+OUTER = (DATA / "outer.html").read_text()
+SIZE = (900, 700)
+PANEL = 280  # pixels that the page's panel covers
+NARROW = (390, 844)
+full = partial(trained, "two_link_full", n=3000, size=24, noise=1e-3)
+REPORTED = {
+    "simulated": full,
+    "in-space": in_space,
+    "few-rows": lambda: measured(n=30),
+    "two-sensors": seen_by_two,
+    "rig": lambda: World(2).solve(),
+    "maps-alone": lambda: trained("two_link", n=400, size=4, body="none"),
+}
 
 
 def chromium() -> str:
@@ -35,17 +52,17 @@ def chromium() -> str:
     return found
 
 
-def command(folder: Path, size: tuple[int, int]) -> list[str]:
-    """Command line of a Chromium that reaches nothing but this computer."""
-    options = OPTIONS.split()
-    options += [
+def opened(page: Path, folder: Path, size: tuple[int, int], *words: str):
+    """Open a page in a Chromium that reaches nothing but this computer; how that ended."""
+    options = [
         "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
         f"--user-data-dir={folder / 'profile'}",
         f"--window-size={size[0]},{size[1]}",
     ]
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         options.append("--no-sandbox")  # Chromium refuses to run as root with it
-    return [chromium(), *options]
+    words = (chromium(), *OPTIONS.split(), *options, *words, page.resolve().as_uri())
+    return subprocess.run(words, capture_output=True, text=True, check=False, timeout=180)
 
 
 def look(page: Path, folder: Path, size: tuple[int, int]) -> tuple[np.ndarray, list[str]]:
@@ -53,25 +70,13 @@ def look(page: Path, folder: Path, size: tuple[int, int]) -> tuple[np.ndarray, l
     from PIL import Image
 
     picture = folder / "seen.png"
-    words = ["--virtual-time-budget=6000", f"--screenshot={picture}", page.resolve().as_uri()]
-    done = finished([*command(folder, size), *words])
+    words = ("--virtual-time-budget=6000", f"--screenshot={picture}")
+    done = opened(page, folder, size, *words)
     assert picture.exists(), done.stderr[-2000:]
     pixels = np.asarray(Image.open(io.BytesIO(picture.read_bytes())).convert("RGB"))
     lines = re.findall(r":CONSOLE(?::\d+|\(\d+\))?\]\s*(.*)", done.stderr)
     console = [line for line in lines if not any(word in line for word in NOISE)]
     return pixels.astype(int), console
-
-
-def finished(words: list[str]) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(words, capture_output=True, text=True, check=False, timeout=180)
-
-
-DATA = Path(__file__).parents[1] / "data"
-MEASURE = (DATA / "measure.js").read_text()
-"""What of a page's words overlaps, how far it scrolls sideways, where parts end [px]."""
-
-START = (DATA / "start.html").read_text()
-OUTER = (DATA / "outer.html").read_text()
 
 
 def measured_pages(
@@ -93,8 +98,8 @@ def measured_pages(
             frames.append(f'<iframe name="{label}" src="{inner.name}" style="{style}"></iframe>')
     outer = folder / "outer.html"
     outer.write_text(OUTER % "".join(frames), encoding="utf-8")
-    words = ["--virtual-time-budget=8000", "--dump-dom", outer.resolve().as_uri()]
-    done = finished([*command(folder, (1400, 1000)), *words])
+    words = ("--virtual-time-budget=8000", "--dump-dom")
+    done = opened(outer, folder, (1400, 1000), *words)
     measures = {}
     for line in re.findall(r"<pre>(\{.*?\})</pre>", done.stdout, re.DOTALL):
         measure = json.loads(html.unescape(line))
@@ -102,22 +107,6 @@ def measured_pages(
         measures[name, (int(width), int(height))] = measure
     assert len(measures) == len(frames), done.stdout[-500:] + done.stderr[-500:]
     return measures
-
-
-SIZE = (900, 700)
-PANEL = 280  # pixels that the page's panel covers
-NARROW = (390, 844)
-
-full = partial(trained, "two_link_full", n=3000, size=24, noise=1e-3)
-
-REPORTED = {
-    "simulated": full,
-    "in-space": in_space,
-    "few-rows": lambda: measured(n=30),
-    "two-sensors": seen_by_two,
-    "rig": lambda: World(2).solve(),
-    "maps-alone": lambda: trained("two_link", n=400, size=4, body="none"),
-}
 
 
 @pytest.fixture(scope="module")

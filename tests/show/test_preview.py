@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 from boards import World
-from models import in_space, trained
+from models import in_space, lengths, trained
 from refusals import refused
 from scenes import data_of, objects, page_of, tracks
 
@@ -17,7 +17,6 @@ import calib
 
 MAPS = ["Sensory map", "Motor map", "Hebbian links"]
 LAYERS = ["Arm", *MAPS, "Reach", "Rows", "Measured tip", "Predicted tip"]
-
 small = partial(trained, n=400, size=8)
 
 
@@ -46,11 +45,11 @@ def test_an_arm_in_space_has_its_reach_its_rows_and_no_maps_until_they_are_asked
     places = {path: transforms[:, :3, 3] for path, transforms in tracks(data).items()}
     held = np.linalg.norm(model.body.beta[model.body.structure.groups["tool"]])
     away = places["Predicted tip/ball"] - places[f"Arm/{calib.load_arm('spatial_three').tip}"]
-    assert np.linalg.norm(away, axis=1) == pytest.approx(held, abs=5e-3)
+    assert lengths(away) == pytest.approx(held, abs=5e-3)
     # Play goes through the rows in their order
     moved = places["Measured tip/ball"]
     rows = found["Rows/positions"]["points"]
-    steps = [np.linalg.norm(rows - place, axis=1).argmin() for place in moved]
+    steps = [lengths(rows - place).argmin() for place in moved]
     assert steps == sorted(steps)
     assert len(set(steps)) == len(moved) == 60
     assert data["step"] > 1

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boards import World
-from models import babbled, bare, in_pixels, in_space, log, measured, no_arm, trained
+from models import babbled, bare, in_pixels, in_space, lengths, log, measured, no_arm, trained
 from refusals import refused
 from scenes import seen_by_two
 from scipy.special import stdtrit
@@ -16,8 +16,12 @@ from scipy.special import stdtrit
 import calib
 
 WHY = ["where", "coverage", "joints", "arrows"]
-
 simulated = partial(trained, "two_link")
+CAUSES = [  # [mm or deg]
+    ("two_link", "elbow.offset=0.02", "elbow: zero", np.degrees(0.02)),
+    ("six_axis", "elbow.offset=0.01", "elbow: zero", np.degrees(0.01)),
+    ("spatial_three", "shoulder_lift.length=+2%", "elbow: origin along x", 6.0),
+]
 
 
 def report(model, given=None) -> str:
@@ -109,14 +113,7 @@ def test_words_of_other_models():
     assert "noise included" not in maps_alone
 
 
-@pytest.mark.parametrize(
-    ("robot", "change", "cause", "size"),  # [mm or deg]
-    [
-        ("two_link", "elbow.offset=0.02", "elbow: zero", np.degrees(0.02)),
-        ("six_axis", "elbow.offset=0.01", "elbow: zero", np.degrees(0.01)),
-        ("spatial_three", "shoulder_lift.length=+2%", "elbow: origin along x", 6.0),
-    ],
-)
+@pytest.mark.parametrize(("robot", "change", "cause", "size"), CAUSES)
 def test_the_largest_cause_is_the_change_within_its_interval(robot, change, cause, size):
     """Of a link 6 mm longer a report told an origin 46 m off along its own axis."""
     page = words(calib.train(bare(robot, 80, 0, change, noise=1e-4), size=4))
@@ -172,7 +169,7 @@ def test_bars_have_the_interval_of_ten_blocks_and_the_noise_of_readings():
         calib.figures(model)["accuracy"].axes[0].texts[k].get_text()
         for model, k in ((measured(), -1), (simulated(noise=1e-3), 1))
     )
-    distance = np.linalg.norm(measured().rows.held_out, axis=1)
+    distance = lengths(measured().rows.held_out)
     means = [block.mean() for block in np.array_split(distance, 10)]
     half = stdtrit(9, 0.975) * np.std(means, ddof=1) / np.sqrt(10)
     assert held_out == f"on rows held out: {1e3 * distance.mean():.3f} ± {1e3 * half:.3f} mm"

@@ -6,7 +6,7 @@ from functools import cache, partial
 import models
 import numpy as np
 import pytest
-from models import arm, babbled, error, model, trained, two_link
+from models import arm, babbled, error, lengths, model, trained, two_link
 from reference import random_joints
 from refusals import refused
 from small_maps import UNIT_BOX
@@ -27,7 +27,7 @@ def test_the_report_of_the_online_rule_is_of_blocks_that_it_never_saw(monkeypatc
     assert found.correction == "maps and Hebbian links trained online"
     held = np.concatenate(blocks(700, 10)[4::10])
     for one, figures in ((small(), found.before), (found.model, found.after)):
-        gap = np.linalg.norm(one.forward(samples.q) - samples.x, axis=1)[held]
+        gap = lengths(one.forward(samples.q) - samples.x)[held]
         assert figures["mean"] == pytest.approx(gap.mean(), rel=1e-6)
     assert found.after["mean"] < 0.05 * found.before["mean"]
     event = found.model.history[0]
@@ -62,6 +62,9 @@ def test_schedules_are_equations_10_and_12():
     start = np.exp(np.log(sigma[0] / 0.5) / (1 - t[0] / 800)) * 0.5
     np.testing.assert_allclose(sigma, start * (0.5 / start) ** (t / 800))
     assert start > 0.5
+    # the threshold grows with the lattice
+    steps, _ = followed(small(), babbled("sensor.scale=1.5", n=1500, noise=0.0), 800)
+    assert steps[-1].threshold > 2.0 * steps[0].threshold
 
 
 def test_distortion_is_the_running_mean_of_equation_9_and_a_calm_stream_changes_nothing():
@@ -74,7 +77,7 @@ def test_distortion_is_the_running_mean_of_equation_9_and_a_calm_stream_changes_
         now = np.array([
             np.mean(motor.nearest(motor.scale.to_unit(q))[0] ** 2),
             np.mean(sensory.nearest(sensory.scale.to_unit(x))[0] ** 2),
-            np.linalg.norm(small().forward(q[::5], "activity") - x[::5], axis=1).mean(),
+            lengths(small().forward(q[::5], "activity") - x[::5]).mean(),
         ])  # fmt: skip
         mean = now if mean is None else 0.5 * mean + 0.5 * now
         told = [step.zeta_motor, step.zeta_sensory, step.error]
@@ -101,14 +104,9 @@ def test_a_calm_stream_is_no_change_to_a_model_of_few_rows(path, late):
 
 @pytest.mark.parametrize("offset", [0.0, 0.003, 0.1])
 def test_maps_too_coarse_for_many_joints_follow_what_a_bound_tells(offset):
+    one = calib.train(models.bare("spatial_three", 60, 0), size=2)
     samples = models.bare("spatial_three", 200, 5, f"elbow.offset={offset}")
-    steps, _ = followed(in_three(), samples, 1500)
-    assert steps[0].adapting == (offset > 0.0)
-
-
-@cache
-def in_three():
-    return calib.train(models.bare("spatial_three", 60, 0), size=2)
+    assert followed(one, samples, 1500)[0][0].adapting == (offset > 0.0)
 
 
 def test_between_two_epochs_the_radius_is_interpolated_geometrically():
@@ -132,8 +130,7 @@ def test_distortion_falls_back_under_its_threshold():
     truth = samples.simulation.exact(q)
     for readout, factor in (("local", 1.2), ("activity", 2.0)):
         after, best = (
-            np.linalg.norm(m.forward(q, readout) - truth, axis=1).mean()
-            for m in (adapter.model(), fresh)
+            lengths(m.forward(q, readout) - truth).mean() for m in (adapter.model(), fresh)
         )
         assert after < factor * best + 1e-6
     assert error(adapter.model(), samples) < 1e-5
@@ -144,17 +141,10 @@ def test_a_short_stream_links_maps_by_what_its_body_predicts():
     adapted = followed(model(), samples, 3000)[1].model()
     q = random_joints(arm(), 1000, seed=7)
     off = adapted.forward(q, "activity") - samples.simulation.exact(q)
-    assert np.linalg.norm(off, axis=1).mean() < 7.5e-3
+    assert lengths(off).mean() < 7.5e-3
     assert 0.3 < adapted.visited.mean() < 0.9
-
-
-def test_a_change_that_stays_inside_of_the_map_is_noticed_by_the_links():
+    # a change that stays inside of the map is noticed by the links
     assert followed(model(), babbled("sensor.mirror=x", n=600, seed=3, noise=0.0), 3000)[1].adapting
-
-
-def test_the_threshold_grows_with_the_lattice():
-    steps, _ = followed(small(), babbled("sensor.scale=1.5", n=1500, noise=0.0), 800)
-    assert steps[-1].threshold > 2.0 * steps[0].threshold
 
 
 def test_rows_from_before_a_change_within_a_block_are_not_learned():
@@ -240,14 +230,9 @@ def test_an_arm_that_dwells_shows_its_models_error_once(offset, times, wrong, la
     assert monitor.state.delay == pytest.approx(late, abs=0.1)
 
 
-def test_a_window_shows_a_tenth_of_a_degree_at_a_millimetre_of_noise():
+def test_a_tenth_of_a_degree_at_a_millimetre_of_noise_is_an_alarm_until_it_is_undone():
     monitor = calib.monitor(model(1e-3))
     assert states(monitor, babbled("elbow.offset=0.0017", n=600, seed=0))[-1].drifted
-
-
-def test_an_alarm_ends_when_the_change_is_undone():
-    monitor = calib.monitor(model(1e-3))
-    assert states(monitor, babbled("elbow.length=+5%", n=100))[-1].drifted
     assert not states(monitor, babbled(n=1000, seed=3))[-1].drifted
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import bare, log, measured, papers, trained
+from models import bare, lengths, log, measured, papers, trained
 from refusals import refused
 from scipy.spatial.transform import Rotation
 
@@ -30,7 +30,7 @@ def test_another_log_is_compared_row_by_row():
     missed = model.forward(fresh.q) - fresh.x
     back = np.abs(model.inverse(fresh.x, near=fresh.q, nearest=True) - fresh.q)
     for readout, column, error in (
-        ("forward", "distance", np.linalg.norm(missed, axis=1)),
+        ("forward", "distance", lengths(missed)),
         ("forward", "y", np.abs(missed[:, 1])),
         ("inverse", "elbow", back[:, 1]),
     ):
@@ -39,7 +39,7 @@ def test_another_log_is_compared_row_by_row():
     assert (evaluation.rows, evaluation.left_out) == (400, 0)
     assert evaluation.source == "measured rows of the log"
     learned = measured()
-    off = np.linalg.norm(learned.forward(fresh.q) - fresh.x, axis=1)
+    off = lengths(learned.forward(fresh.q) - fresh.x)
     covered = np.mean(off <= learned.expected_error(fresh.q))
     assert calib.evaluate(learned, fresh).within["covered"] == covered
     assert calib.evaluate(learned, replace(fresh, left_out=3)).left_out == 3  # by who read it
@@ -58,13 +58,13 @@ def test_errors_of_orientations_are_what_a_tracker_adds():
     assert told == pytest.approx(noise[80:].magnitude().mean(), rel=0.1)
 
 
-def test_a_log_of_which_a_model_keeps_some_rows_is_learned_as_a_whole():
+def test_rows_outside_of_what_was_learned_and_repeated_ones_are_counted():
     rows = measured().rows
     some = replace(rows, q=rows.q[::2], x=rows.x[::2], held_out=rows.held_out[::2])
     assert calib.evaluate(replace(measured(), rows=some), log(1200, 1e-3)).learned == 1200
-
-
-def test_rows_outside_of_what_was_learned_are_left_out_and_counted():
+    repeated = log(8, 1e-3, seed=5).take(np.repeat(np.arange(8), 15))
+    evaluation = calib.evaluate(papers(1e-3), repeated)
+    assert (evaluation.rows, evaluation.notes) == (8, ("112 repeated rows count once",))
     arm = calib.load_arm("two_link")
     narrow = calib.train(calib.babble(arm.with_range({"elbow": (1.0, 2.0)}), 1000), size=10)
     fresh = log(500, seed=5)
@@ -97,10 +97,3 @@ def test_a_frame_that_moved_is_told_and_can_be_found_anew():
     assert kept.verdict.changed
     assert any("found anew" in note for note in free.notes)
     assert not any("frame" in note for note in calib.evaluate(model, fresh).notes)
-
-
-def test_repeated_rows_count_once_where_they_are_few_too():
-    repeated = log(8, 1e-3, seed=5).take(np.repeat(np.arange(8), 15))
-    evaluation = calib.evaluate(papers(1e-3), repeated)
-    assert evaluation.rows == 8
-    assert evaluation.notes == ("112 repeated rows count once",)

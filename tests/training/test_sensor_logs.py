@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import polars as pl
 import pytest
-from models import built, draw, log_of, sensed
+from models import built, draw, lengths, log_of, sensed
 from refusals import refused
 
 import calib
@@ -63,7 +63,7 @@ def test_a_second_sensor_helps_the_first_and_both_bounds_hold(logs, two):
     q = np.random.default_rng(9).uniform(alone.about.lower, alone.about.upper, (300, 3))
 
     def miss(model, truth):
-        return np.linalg.norm(model.forward(q) - truth(q), axis=1)
+        return lengths(model.forward(q) - truth(q))
 
     assert miss(two, logs[0][1]).mean() < 0.9 * miss(alone, logs[0][1]).mean()
     for log, truth in logs:
@@ -77,7 +77,7 @@ def test_sensors_whose_scales_disagree_are_told_and_leave_the_first_one_as_good(
     model = calib.train([left, replace(right, x=1.003 * right.x)], size=3)
     assert any(note.startswith("right: lengths that it reads are +0.3") for note in model.notes)
     q = draw(model, 300)
-    assert np.linalg.norm(model.forward(q) - truth(q), axis=1).mean() < 1e-4
+    assert lengths(model.forward(q) - truth(q)).mean() < 1e-4
     fresh, _ = seen_from("left", 40, 7, 0.0)
     assert not calib.check(model, fresh).drifted
 
@@ -127,7 +127,7 @@ def test_two_sensors_see_a_planar_arm_from_both_sides_in_units_of_their_own(run,
     fresh = rng.uniform(arm.lower, arm.upper, (100, 2))
     for name, _, axes in sides:
         missed = both.by(name).forward(fresh) / axes - arm.forward(fresh) - 0.1
-        assert np.linalg.norm(missed, axis=1).max() < 1e-4
+        assert lengths(missed).max() < 1e-4
     both.save(tmp_path / "both.calib")
     calib.write_log(replace(rows[1], x=np.add(rows[1].x, (5.0, 0.0))), tmp_path / "back.csv")
     words = (tmp_path / "both.calib", "--data", tmp_path / "back.csv", "--json")
@@ -212,7 +212,7 @@ def test_a_log_is_judged_as_its_sensor_sees_the_arm(two):
     assert adapted.improved, adapted.notes
     assert adapted.model.sensors == ("left", "right")
     moved = adapted.model.forward(turned.q, sensor="right") - two.by("right").forward(q)
-    assert np.median(np.linalg.norm(moved, axis=1)) < 3e-4
+    assert np.median(lengths(moved)) < 3e-4
     # a bound alone that became wider has no event for the others to take over
     right = replace(two.by("right"), bounds=2.0 * two.by("right").bounds)
     wider = two.with_sensor(right)

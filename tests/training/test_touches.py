@@ -1,11 +1,12 @@
 """Touches through the public face: a log of sockets becomes a model like any other."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import polars as pl
 import pytest
-from models import log_of
+from conftest import lengths
 from refusals import refused
 from touching import World, touching
 
@@ -14,11 +15,14 @@ from calib import LogError, OptionError
 from calib.arm.rotations import similarity
 from calib.samples.sockets import Touches
 
+CHANGES = [("offset", 2, 0.0, ""), ("offset", 2, 6e-3, "elbow"), ("tool", 0, 2e-3, "tool")]
 
-def samples(world, q, number):
-    """Touches as a log holds them."""
-    touch = Touches(number, tuple(("", "ABCD"[k]) for k in range(number.max() + 1)))
-    return log_of(world.arm, q, np.zeros((len(q), 3)), touch=touch)
+
+@cache
+def learned():
+    """A world, and a model of its touches."""
+    world = World(0, each=15)
+    return world, calib.train(world.log(), size=5)
 
 
 def errors(model, q, true):
@@ -26,7 +30,7 @@ def errors(model, q, true):
     tips = model.forward(q)
     turn, _, _ = similarity(true, tips)
     turned = true @ turn.T
-    return np.linalg.norm(tips - turned - (tips - turned).mean(axis=0), axis=1)
+    return lengths(tips - turned - (tips - turned).mean(axis=0))
 
 
 def rows(world, q, **more):
@@ -41,7 +45,7 @@ def test_a_model_is_learned_evaluated_and_asked(tmp_path, run):
     setups = [("front", "left")[number // 2] for number in world.number]
     points = ["AB"[number % 2] for number in world.number]
     rows(world, q, setup=setups, point=points).write_csv(path)
-    distance = np.linalg.norm(world.points[::2] - world.points[1::2], axis=1).mean()
+    distance = lengths(world.points[::2] - world.points[1::2]).mean()
     known = ["--distance", f"A,B={1e3 * distance}mm+-200mm"]
     done = run.done(
         "train", "six_axis", "--data", path, "-o", model, "--size", "5", "--json", *known
@@ -65,77 +69,61 @@ def test_a_model_is_learned_evaluated_and_asked(tmp_path, run):
     assert run("adapt", model, "--data", path, "-o", tmp_path / "new.calib").code == 3
 
 
-def test_an_arm_that_changed_is_found_and_mended_by_touches(tmp_path):
-    """Other sockets, of which nobody says where they are, tell a joint and a tip that moved."""
-    world = World(0, each=15)
-    model = calib.train(samples(world, world.q, world.number), size=5)
-    model.save(tmp_path / "arm.calib")
-    again = calib.load(tmp_path / "arm.calib")
-    assert (again.expected_error(world.q) == model.expected_error(world.q)).all()
+@pytest.mark.parametrize(("group", "place", "change", "name"), CHANGES)
+def test_a_change_is_found_and_mended_by_touches_of_other_sockets(group, place, change, name):
+    """Nobody says where those are, which is as open as before: the bound says so."""
+    world, model = learned()
     rng = np.random.default_rng(1)
     points = world.points.mean(axis=0) + 0.15 * rng.uniform(-1, 1, (2, 3))
-    groups = world.truth.groups
-    cases = ((0, 0.0, ""), (groups["offset"][2], 6e-3, "elbow"), (groups["tool"][0], 2e-3, "tool"))
-    for index, change, name in cases:
-        beta = world.beta.copy()
-        beta[index] += change
-        log = samples(world, *touching(world, beta, points, 15, 0.1e-3, rng))
-        found, made = calib.check(model, log), calib.adapt(model, log)
-        assert found.drifted is bool(name)
-        assert bool(made.improved) is bool(name)
-        if name:
-            assert name in found.explanations[0]
-            before, after = (calib.evaluate(m, log).touch["scatter"] for m in (model, made.model))
-            assert after["mean"] < 0.2e-3 < 0.8e-3 < before["mean"]
-
-
-def test_the_bound_after_a_change_holds_where_no_socket_is():
-    """Where sockets are is as open after a change as before: the bound says so."""
-    world = World(0, each=15)
-    model = calib.train(samples(world, world.q, world.number), size=5)
-    rng = np.random.default_rng(1)
-    points = world.points.mean(axis=0) + 0.15 * rng.uniform(-1, 1, (2, 3))
+    beta = world.beta.copy()
+    beta[world.truth.groups[group][place]] += change
+    log = world.log(*touching(world, beta, points, 15, 0.1e-3, rng))
+    found, made = calib.check(model, log), calib.adapt(model, log)
+    assert found.drifted is bool(name)
+    assert bool(made.improved) is bool(name)
+    if not name:
+        return
+    assert name in found.explanations[0]
+    before, after = (calib.evaluate(m, log).touch["scatter"] for m in (model, made.model))
+    assert after["mean"] < 0.2e-3 < 0.8e-3 < before["mean"]
+    # the bound holds where no socket is
     q = rng.uniform(*world.limits, (300, 6))
-    groups = world.truth.groups
-    for index, change in ((groups["offset"][2], 6e-3), (groups["tool"][0], 2e-3)):
-        beta = world.beta.copy()
-        beta[index] += change
-        log = samples(world, *touching(world, beta, points, 15, 0.1e-3, rng))
-        adapted = calib.adapt(model, log).model
-        true = world.truth.predict(q, beta)
-        before = errors(model, q, true)
-        after = errors(adapted, q, true)
-        assert after.mean() < 0.3 * before.mean()
-        assert np.mean(after < adapted.model_error(q)) > 0.95
-        # no touch tells a frame, which there is no sensor to have
-        offsets = calib.adapt(model, log, free="offsets").model
-        assert np.median(offsets.model_error(q)) < 0.03
+    true = world.truth.predict(q, beta)
+    left = errors(made.model, q, true)
+    assert left.mean() < 0.3 * errors(model, q, true).mean()
+    assert np.mean(left < made.model.model_error(q)) > 0.95
+    # no touch tells a frame, which there is no sensor to have
+    offsets = calib.adapt(model, log, free="offsets").model
+    assert np.median(offsets.model_error(q)) < 0.03
 
 
-def test_a_touch_that_is_logged_again_counts_once():
+def test_a_touch_that_is_logged_again_counts_once(tmp_path):
     """An arm that rests in a socket while a logger writes shows nothing new."""
     world = World(2, each=15)
-    log = samples(world, world.q, world.number)
+    log = world.log()
     thrice = log.take(np.repeat(np.arange(len(log)), 3))
     once, repeated = calib.train(log, size=3), calib.train(thrice, size=3)
     np.testing.assert_allclose(repeated.forward(world.q), once.forward(world.q), atol=1e-12)
     np.testing.assert_allclose(repeated.model_error(world.q), once.model_error(world.q), rtol=1e-6)
     assert "120 touches" in " ".join(repeated.about.notes)
+    once.save(tmp_path / "once.calib")
+    again = calib.load(tmp_path / "once.calib").expected_error(world.q)
+    assert (again == once.expected_error(world.q)).all()
 
 
 def test_most_touches_are_not_left_out():
     """Touches of an arm with play, and a third under wrong names, are no strays of a few good."""
     world = World(2, each=15)
-    model = calib.train(samples(world, world.q, world.number), size=3)
+    model = calib.train(world.log(), size=3)
     wrong = world.number.copy()
     wrong[::3] = (wrong[::3] + 1) % 4
-    found = calib.evaluate(model, samples(world, world.q, wrong))
+    found = calib.evaluate(model, world.log(number=wrong))
     assert found.left_out == 0
     assert found.touch["scatter"]["mean"] > 0.05
     side = np.sign(np.diff(world.q[:, 1], prepend=0.0))
     with_play = world.q.copy()
     with_play[:, 1] += 3e-3 * side
-    assert calib.train(samples(world, with_play, world.number), size=3).about.left_out == 0
+    assert calib.train(world.log(with_play), size=3).about.left_out == 0
 
 
 def test_positions_of_a_sensor_stand_beside_touches(tmp_path, run):
@@ -154,18 +142,18 @@ def test_positions_of_a_sensor_stand_beside_touches(tmp_path, run):
     model = calib.train(log, size=5)
     fresh = rng.uniform(*world.limits, (200, 6))
     true = world.truth.predict(fresh, world.beta) @ turn.T + shift
-    off = np.linalg.norm(model.forward(fresh) - true, axis=1)
+    off = lengths(model.forward(fresh) - true)
     assert off.mean() < 1e-3
     assert np.mean(off < model.expected_error(fresh)) > 0.9
     readings = true + 0.2e-3 * rng.standard_normal(true.shape)
-    off = np.linalg.norm(model.forward(fresh) - readings, axis=1)
+    off = lengths(model.forward(fresh) - readings)
     assert np.mean(off < model.expected_error(fresh)) > 0.9
     assert calib.evaluate(model, log).touch["scatter"]["mean"] < 0.5e-3
     apart = 1.01e3 * np.linalg.norm(world.points[0] - world.points[1])
     stated = replace(log, touch=log.touch.stated([f"A,B={apart}mm"]))
     beside = calib.train(stated, size=3)
     assert "by the sensor's size they are" in " ".join(beside.about.notes)
-    off = np.linalg.norm(beside.forward(fresh) - true, axis=1)
+    off = lengths(beside.forward(fresh) - true)
     assert np.mean(off < beside.model_error(fresh)) > 0.9
 
 
@@ -185,7 +173,7 @@ def test_points_of_a_plane_are_stated_on_the_command_line(tmp_path, run):
 def test_touches_that_tell_nothing_or_are_wrong_are_told():
     """Wrong names, a row beside its socket, one point, postures all alike, joints in degrees."""
     world = World(4, each=12)
-    good = samples(world, world.q, world.number)
+    good = world.log()
     named = good.touch.number.copy()
     named[5] = 2  # the wrong socket's name
     model = calib.train(replace(good, touch=replace(good.touch, number=named)), size=5)

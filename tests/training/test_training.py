@@ -4,12 +4,39 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import draw, log, log_of, measured, of_a_third, papers, trained, two_link
+from models import draw, lengths, log, log_of, measured, of_a_third, papers, trained, two_link
+from reference import random_joints
 from refusals import refused
 
 import calib
 
 MM = 1e-3
+MISFITS = {  # of a log in space: joints, positions, orientations, what the refusal says
+    "still": (lambda q, x, r: (q, 0 * x + 0.1, None), "same in every row"),
+    "shuffled": (lambda q, x, r: (q, x[::-1], None), "does not explain"),
+    "exchanged": (lambda q, x, r: (q[:, ::-1], x, None), "explain|exchanged"),
+    "mirrored": (lambda q, x, r: (q, x[:, [1, 0, 2]], None), "does not explain"),
+    "turned": (lambda q, x, r: (q, x, r[::-1]), "do not turn as the joints do"),
+}
+IMPOSSIBLE = [
+    ({"size": 0}, "size 0x0: a lattice needs at least 2"),
+    ({"size": 100_000}, "10,000,000,000 nodes are more than"),
+    ({"size": 7.5}, "expected whole numbers"),
+    ({"size": "70x"}, "expected whole numbers"),
+    ({"size": (5, 5, 5)}, "5x5x5: expected at most 2 numbers"),
+    ({"sensory_size": (5, 5, 5)}, "sensory size 5x5x5: expected at most 2 numbers"),
+    ({"seed": -1}, "seed is -1, expected a whole number"),
+    ({"map": "vsom"}, "map 'vsom': expected one of som, vdsom"),
+    ({"rule": "magic"}, "rule 'magic': expected one of batch, online"),
+    ({"epochs": 0}, "epochs 0: at least 1"),
+    *(
+        ({"sigma": sigma}, "sigma .*: give .START, END. in nodes with START")
+        for sigma in [(1.0, 2.0), (np.nan, 1.0), (2, -1), (5,), 3.0, ("wide", 1)]
+    ),
+    ({"body": "some"}, "body 'some': expected one of auto, none"),
+    ({"view": "sideways"}, "view 'sideways': expected one of auto, base, rigid"),
+    ({"view": "base"}, "view 'base' needs a measured log and the planar robot"),
+]
 
 
 def mean_error(model, n=3000, seed=50, margin=0.0):
@@ -17,13 +44,13 @@ def mean_error(model, n=3000, seed=50, margin=0.0):
     said = model.forward(q)
     known = np.isfinite(said[:, 0])
     assert known.mean() > 0.9
-    return float(np.linalg.norm(said[known] - two_link(q[known]), axis=1).mean())
+    return float(lengths(said[known] - two_link(q[known])).mean())
 
 
 def test_the_papers_arm_is_learned_far_below_the_papers_errors_and_noise_is_averaged_out():
     model = papers()
     q = draw(model, 10_000, seed=50)
-    gap = np.linalg.norm(model.forward(q) - two_link(q), axis=1)
+    gap = lengths(model.forward(q) - two_link(q))
     assert gap.mean() <= 0.002 * MM
     assert gap.max() <= 0.05 * MM
     back = np.degrees(np.abs(model.inverse(two_link(q), near=q) - q))
@@ -75,7 +102,7 @@ def test_ripples_of_a_gear_are_learned_by_the_local_models():
     model = calib.train(replace(s, x=rippled(s.q), simulation=None, arm=None), size=16)
     assert model.predictor.models.degree >= 1
     q = draw(model, 1000, seed=1)
-    assert np.linalg.norm(model.forward(q) - rippled(q), axis=1).mean() < 0.2 * MM
+    assert lengths(model.forward(q) - rippled(q)).mean() < 0.2 * MM
     q = draw(model, 300, seed=2, margin=0.05)
     x = rippled(q)
     assert np.abs(model.forward(model.inverse(x, near=q)) - x).max() < 1e-8
@@ -100,8 +127,8 @@ def test_both_bounds_hold_where_no_row_was():
     other = asked.take(asked.q[:, 1] >= 1.4)
     said = model.forward(other.q)
     assert np.isfinite(said).all()
-    reading = np.linalg.norm(said - other.x, axis=1) <= model.expected_error(other.q)
-    position = np.linalg.norm(said - two_link(other.q), axis=1) <= model.model_error(other.q)
+    reading = lengths(said - other.x) <= model.expected_error(other.q)
+    position = lengths(said - two_link(other.q)) <= model.model_error(other.q)
     assert reading.mean() >= 0.93
     assert position.mean() >= 0.93
     assert model.model_error(other.q).max() < 0.1 * model.reach
@@ -118,7 +145,7 @@ def test_every_network_and_rule_trains_maps_that_read_out_well(name, rule):
     assert model.about.options["rule"] == rule
     most = 0.03 if rule == "batch" else 0.07
     q = draw(model, 2000, seed=50)
-    assert np.linalg.norm(model.forward(q, "activity") - two_link(q), axis=1).mean() < most
+    assert lengths(model.forward(q, "activity") - two_link(q)).mean() < most
 
 
 def test_a_simulated_hobby_arm_is_learned_wherever_random_chains_end():
@@ -141,7 +168,7 @@ def test_a_drawing_that_is_trusted_leaves_zeros_and_frame(name):
 
     def miss(free):
         model = calib.train(log, size=4, free=free)
-        error = np.linalg.norm(model.forward(q[12:]) - seen[12:], axis=1)
+        error = lengths(model.forward(q[12:]) - seen[12:])
         assert np.mean(error <= model.model_error(q[12:])) >= 0.95
         return error.mean()
 
@@ -150,28 +177,7 @@ def test_a_drawing_that_is_trusted_leaves_zeros_and_frame(name):
     refused(calib.OptionError, "trusts the drawing", calib.train, no_drawing, free="offsets")
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"size": 0}, "size 0x0: a lattice needs at least 2"),
-        ({"size": 100_000}, "10,000,000,000 nodes are more than"),
-        ({"size": 7.5}, "expected whole numbers"),
-        ({"size": "70x"}, "expected whole numbers"),
-        ({"size": (5, 5, 5)}, "5x5x5: expected at most 2 numbers"),
-        ({"sensory_size": (5, 5, 5)}, "sensory size 5x5x5: expected at most 2 numbers"),
-        ({"seed": -1}, "seed is -1, expected a whole number"),
-        ({"map": "vsom"}, "map 'vsom': expected one of som, vdsom"),
-        ({"rule": "magic"}, "rule 'magic': expected one of batch, online"),
-        ({"epochs": 0}, "epochs 0: at least 1"),
-        *(
-            ({"sigma": sigma}, "sigma .*: give .START, END. in nodes with START")
-            for sigma in [(1.0, 2.0), (np.nan, 1.0), (2, -1), (5,), 3.0, ("wide", 1)]
-        ),
-        ({"body": "some"}, "body 'some': expected one of auto, none"),
-        ({"view": "sideways"}, "view 'sideways': expected one of auto, base, rigid"),
-        ({"view": "base"}, "view 'base' needs a measured log and the planar robot"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), IMPOSSIBLE)
 def test_impossible_options_are_refused_in_one_line(options, message):
     samples = calib.babble(calib.load_arm("two_link"), 200)
     refused(calib.OptionError, message, calib.train, samples, **{"size": 5, **options})
@@ -193,7 +199,7 @@ def test_a_joint_that_never_moved_is_refused_or_ignored():
     # beside the rows the bound tells where the answers end, in batches and one by one
     beside = np.stack([np.full(81, 0.5), 1.0 + np.linspace(-0.05, 0.05, 81)], axis=1)
     bound, x = model.model_error(beside), model.forward(beside)
-    error = np.linalg.norm(x - two_link(beside), axis=1)
+    error = lengths(x - two_link(beside))
     known = np.isfinite(bound)
     assert 2 < known.sum() < 80
     assert (bound[known] <= 0.1 * model.reach).all()
@@ -211,19 +217,10 @@ def test_maps_that_did_not_unfold_are_refused_in_one_line():
         calib.train(samples, size=4, map="som", epochs=3, sigma=(1e9, 1e9))
 
 
-MISFITS = {  # of a log in space: joints, positions, orientations, what the refusal says
-    "still": (lambda q, x, r: (q, 0 * x + 0.1, None), "same in every row"),
-    "shuffled": (lambda q, x, r: (q, x[::-1], None), "does not explain"),
-    "exchanged": (lambda q, x, r: (q[:, ::-1], x, None), "explain|exchanged"),
-    "mirrored": (lambda q, x, r: (q, x[:, [1, 0, 2]], None), "does not explain"),
-    "turned": (lambda q, x, r: (q, x, r[::-1]), "do not turn as the joints do"),
-}
-
-
 @pytest.mark.parametrize("case", MISFITS)
 def test_rows_that_no_arm_in_space_explains_are_refused_in_one_line(case):
     arm = calib.load_arm("spatial_three")
-    q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (60, 3))
+    q = random_joints(arm, 60, seed=1)
     change, words = MISFITS[case]
     q, x, orientation = change(q, *arm.pose(q))
     refused(calib.LogError, words, calib.train, log_of(arm, q, x, orientation=orientation), size=3)
@@ -232,7 +229,7 @@ def test_rows_that_no_arm_in_space_explains_are_refused_in_one_line(case):
 @pytest.mark.parametrize(("drawn", "words"), [(False, "orientations are not used"), (True, "")])
 def test_orientations_of_an_arm_that_nothing_draws_are_told_to_be_of_no_use(drawn, words):
     arm = calib.load_arm("spatial_three")
-    q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (60, 3))
+    q = random_joints(arm, 60, seed=1)
     x, orientation = arm.pose(q)
     log = calib.Samples(q, x, arm.joint_names, arm=arm if drawn else None, orientation=orientation)
     notes = " ".join(calib.train(log, size=3).notes)
@@ -245,8 +242,8 @@ def test_without_a_drawing_a_chain_in_space_is_found(n, noise, most):
     arm = calib.load_arm("spatial_three")
     rows = replace(calib.babble(arm, n, noise=noise), arm=None)
     model = calib.train(rows if noise == 0.0 else replace(rows, simulation=None), size=3)
-    q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (100, 3))
-    error = np.linalg.norm(model.forward(q) - arm.forward(q), axis=1)
+    q = random_joints(arm, 100, seed=1)
+    error = lengths(model.forward(q) - arm.forward(q))
     assert error.mean() < most
     assert noise == 0.0 or np.mean(error <= model.model_error(q)) > 0.9
 
@@ -255,7 +252,7 @@ def test_rows_held_out_of_few_without_a_drawing_do_not_contradict_a_bound_that_h
     # what is left without a block of 24 rows knows such an arm worse than all of them do
     rows, exact, q = of_a_third(24, 1e-3, seed=1)
     model = calib.train(rows, size=4)
-    missed = np.linalg.norm(model.forward(q) - exact(q), axis=1)
+    missed = lengths(model.forward(q) - exact(q))
     assert (missed <= model.expected_error(q)).mean() > 0.9
     assert model.about.bound_holds
     assert model.about.within["covered"] > 0.9

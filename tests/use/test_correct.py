@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import arm, babbled, bare, model, of_the_drawing, six, wide
+from models import arm, babbled, bare, lengths, model, of_the_drawing, six, wide
 from refusals import refused
 
 import calib
@@ -23,9 +23,9 @@ def test_the_real_arm_goes_where_the_nominal_one_would(changes):
     adapted = calib.adapt(model(), samples, cause="joints").model
     truth = samples.simulation.exact
     wanted = arm().forward(Q)
-    assert np.linalg.norm(truth(Q) - wanted, axis=1).mean() > 2e-3
+    assert lengths(truth(Q) - wanted).mean() > 2e-3
     found = calib.correct(adapted, Q)
-    assert np.linalg.norm(truth(found.q) - wanted, axis=1).max() < 1e-4
+    assert lengths(truth(found.q) - wanted).max() < 1e-4
 
 
 def test_a_sensor_that_moved_is_no_fault_of_the_arm():
@@ -124,11 +124,11 @@ def test_the_frame_of_a_tracker_is_not_corrected():
     assert "first joint's offset is taken as zero; if the log is in the" in found.notes[0]
     pixels = calib.correct(calib.train(replace(seen, unit="px"), size=12), Q)
     assert pixels.notes[0].endswith("taken as zero")
-    assert np.linalg.norm(truth(found.q) - arm().forward(Q), axis=1).max() < 1e-3
+    assert lengths(truth(found.q) - arm().forward(Q)).max() < 1e-3
     assert np.abs(found.change).max() < np.radians(3.0)
     based = calib.correct(calib.train(replace(changed, simulation=None), size=12, view="base"), Q)
     assert based.notes == ()
-    assert np.linalg.norm(truth(based.q) - arm().forward(Q), axis=1).max() < 1e-3
+    assert lengths(truth(based.q) - arm().forward(Q)).max() < 1e-3
 
 
 def test_six_joints_keep_the_tools_orientation():
@@ -178,5 +178,5 @@ def test_a_correction_meets_a_nearly_singular_wrist_and_no_stop():
     wrist = [28, 45, 561]  # whose joints change by 0.02 to 0.06 rad
     assert corrected.reachable[wrist].all()
     reached = calib.Simulation(arm, changes=changes).exact(corrected.q[wrist])
-    assert np.linalg.norm(reached - arm.forward(q[wrist]), axis=1).max() < 2e-4
+    assert lengths(reached - arm.forward(q[wrist])).max() < 2e-4
     assert corrected.angle[wrist].max() < 1e-6

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from conftest import run_in_process
+from conftest import lengths, run_in_process
 from models import arm, draw, in_space, needs_compiler, of_the_drawing, sensed, six, two_link
 from scipy.spatial.transform import Rotation
 
@@ -110,7 +110,7 @@ def test_a_corrected_command_brings_the_tip_to_the_nominal_place(single, tmp_pat
     assert known.sum() > 1000
     assert np.isnan(fixed[np.isnan(m.forward(q)[:, 0])]).all()
     wanted = calib.correct(m, q[known]).target
-    gap = np.linalg.norm(m.body.predict(fixed[known]) - wanted, axis=1)
+    gap = lengths(m.body.predict(fixed[known]) - wanted)
     assert gap.max() < (1e-3 if single else 1e-8) * m.reach
     # 0.02 rad of offset, 2 mrad of waves: the compensation is of that size
     assert 0.01 < np.median(np.abs(fixed[known] - q[known])[:, 1]) < 0.03
@@ -138,7 +138,7 @@ def test_six_joints_are_corrected_to_the_nominal_pose(tmp_path):
     fixed = answers(m, q, tmp_path)[3]
     (real, turned), (_, before) = (m.body.structure.pose(rows, beta) for rows in (fixed, q))
     wanted, aim = m.body.structure.pose(q, of_the_drawing(m.body))
-    assert np.linalg.norm(real - wanted, axis=1).max() < 1e-9
+    assert lengths(real - wanted).max() < 1e-9
     after, off = (
         Rotation.from_matrix(matrices @ np.swapaxes(aim, 1, 2)).magnitude()
         for matrices in (turned, before)

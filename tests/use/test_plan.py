@@ -4,28 +4,28 @@ import numpy as np
 import pytest
 from boards import SPEC, Rig
 from models import in_pixels
+from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refused
 from scipy.spatial.transform import Rotation
 
 import calib
 from calib import OptionError
 
+START = (0.0, 0.7, 1.0, 0.0, 1.0, 0.0)
+SIX = calib.load_arm("six_axis")
 
-@pytest.mark.parametrize("robot", ["three_link", "polar"])
-def test_poses_keep_their_margin_and_touch_it(robot):
+
+@pytest.mark.parametrize(("robot", "start"), [("two_link", [1.0, 1.0]), ("polar", [0.1, 0.1])])
+def test_poses_keep_their_margin_and_touch_it_and_their_travel_is_short(robot, start):
     arm = calib.load_arm(robot)
-    plan = calib.plan(arm, 40)
+    plan = calib.plan(arm, 60, start=start)
     margin = np.minimum(np.radians(1.0), 0.02 * (arm.upper - arm.lower))
-    np.testing.assert_allclose(plan.q.min(axis=0), arm.lower + margin, atol=1e-12)
-    np.testing.assert_allclose(plan.q.max(axis=0), arm.upper - margin, atol=1e-12)
-    np.testing.assert_allclose(plan.x, arm.forward(plan.q), atol=1e-12)
-
-
-def test_travel_is_that_of_the_rows_and_short(arm):
-    plan = calib.plan(arm, 60, start=[1.0, 1.0])
-    np.testing.assert_array_equal(plan.start, [1.0, 1.0])
+    assert_allclose(plan.q.min(axis=0), arm.lower + margin, atol=1e-12)
+    assert_allclose(plan.q.max(axis=0), arm.upper - margin, atol=1e-12)
+    assert_allclose(plan.x, arm.forward(plan.q), atol=1e-12)
+    assert_array_equal(plan.start, start)
     moves = np.abs(np.diff(np.vstack([plan.start, plan.q]), axis=0))
-    np.testing.assert_allclose(plan.travel, moves.sum(axis=0))
+    assert_allclose(plan.travel, moves.sum(axis=0))
     assert plan.length == pytest.approx((moves / (arm.upper - arm.lower)).max(axis=1).sum())
     # a move in a random order is about half a range long
     assert plan.length < 0.3 * 0.5 * 60
@@ -37,8 +37,8 @@ def test_a_written_plan_is_no_log_by_mistake(arm, tmp_path):
     plan.write(path)
     refused(calib.LogError, "has no positions", calib.read_log, path, arm)
     log = calib.read_log(path, arm, columns={"x": "expected_x", "y": "expected_y"})
-    np.testing.assert_array_equal(log.q, plan.q)
-    np.testing.assert_array_equal(log.x, plan.x)
+    assert_array_equal(log.q, plan.q)
+    assert_array_equal(log.x, plan.x)
 
 
 def test_a_plan_for_a_camera_keeps_the_tip_in_its_picture():
@@ -47,10 +47,6 @@ def test_a_plan_for_a_camera_keeps_the_tip_in_its_picture():
     assert ((plan.x > 0) & (plan.x < (model.about.picture or (1280, 960)))).all()
     assert any("links that hide the tip" in note for note in plan.notes)
     assert not any(note.startswith("0") for note in plan.notes)
-
-
-START = (0.0, 0.7, 1.0, 0.0, 1.0, 0.0)
-SIX = calib.load_arm("six_axis")
 
 
 def test_the_tip_is_at_the_point_in_many_postures():
