@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from ..body.belief import Body
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.rows import row_lengths, spread_rows
 from ..common.scale import Scale
 from ..maps.local_models import NO_MODELS, LocalModels
@@ -147,7 +147,7 @@ def unchanged_adaptation(
         correction=correction,
         changed=tuple(changed),
         kept=kept,
-        coverage=_coverage(rows.u),
+        coverage=_coverage(rows),
         notes=verdict.notes,
         everywhere=rows.across > ADAPTING.wide,
         left_out=verdict.left_out,
@@ -155,16 +155,27 @@ def unchanged_adaptation(
     )
 
 
-def _coverage(u: Array) -> float:
+def _coverage(rows: LogRows) -> float:
     """Share of the learned range that rows visit: of cells of a fifth, over pairs of joints."""
-    inside = np.clip(u, 0.0, 1.0 - 1e-12)
-    cells = (inside * ADAPTING.cells).astype(int)
-    joints = cells.shape[1]
+    visited = _cells(rows.u)
+    learned = None if rows.learned_u is None else _cells(rows.learned_u)
+    joints = visited.shape[1]
     shares = []
     for pair in combinations(range(joints), min(joints, 2)):
-        visited = np.unique(cells[:, pair], axis=0)
-        shares.append(len(visited) / ADAPTING.cells ** len(pair))
+        cells = {*map(tuple, visited[:, pair].tolist())}
+        count = ADAPTING.cells ** len(pair)
+        if learned is not None:
+            cells_of_model = {*map(tuple, learned[:, pair].tolist())}
+            cells &= cells_of_model
+            count = len(cells_of_model)
+        shares.append(len(cells) / count)
     return float(np.mean(shares))
+
+
+def _cells(u: Array) -> Index:
+    """Cells (n, dof) along each joint of points of the unit box (n, dof)."""
+    inside = np.clip(u, 0.0, 1.0 - 1e-12)
+    return (inside * ADAPTING.cells).astype(int)
 
 
 def adaptation_with(

@@ -131,18 +131,44 @@ class LogRows(RowArrays):
         """Share (dof,) of each joint's learned range that the rows cover."""
         return np.asarray(np.ptp(self.u, axis=0))
 
+    @cached_property
+    def learned_u(self) -> Array | None:
+        """Joints (k, dof) in the unit box that a model of a log has learned; None: all of it.
+
+        An adapted model keeps the rows of its adaptation alone.
+        """
+        measured = self.model.rows
+        if measured is None or self.model.history:
+            return None
+        return self.model.motor.scale.to_unit(measured.q)
+
+    @property
+    def shares(self) -> Array:
+        """Share (dof,) of what was learned of each joint that the rows cover."""
+        if self.learned_u is None:
+            return self.widths
+        learned = np.ptp(self.learned_u, axis=0)
+        return np.asarray(self.widths / np.maximum(learned, 1e-12))
+
     @property
     def across(self) -> float:
-        """Least spread of the rows in any direction, over that of rows all over the range."""
-        # uniform joints have a variance of 1 / 12 in every direction
+        """Least spread of the rows in any direction, over that of what was learned."""
         spread = np.atleast_2d(np.cov(self.u.T))
-        least = float(np.linalg.eigvalsh(spread)[0])
-        return math.sqrt(12.0 * max(least, 0.0))
+        dof = len(spread)
+        # uniform joints have a variance of 1 / 12 in every direction
+        learned = np.eye(dof) / 12.0
+        if self.learned_u is not None:
+            learned = np.atleast_2d(np.cov(self.learned_u.T)) + 1e-9 * np.eye(
+                dof
+            )
+        root = np.linalg.inv(np.linalg.cholesky(learned))
+        least = float(np.linalg.eigvalsh(root @ spread @ root.T)[0])
+        return math.sqrt(max(least, 0.0))
 
     @property
     def widespread(self) -> bool:
-        """Whether every joint moves over half of its learned range, and not along a line."""
-        wide = bool((self.widths > ROWS.corner).all())
+        """Whether every joint moves over half of what was learned, and not along a line."""
+        wide = bool((self.shares > ROWS.corner).all())
         return wide and self.across > ROWS.line
 
     @property
@@ -273,22 +299,13 @@ def _misreadings(rows: LogRows) -> list[str]:
         findings = diagnose(log, model.forward, pose)
         notes = refuse_mistakes([f for f in findings if f.kind in _MISREAD])
     names = model.about.joint_names
-    for name, share in zip(names, _shares(rows).tolist(), strict=True):
+    for name, share in zip(names, rows.shares.tolist(), strict=True):
         if share < ROWS.corner:
             notes.append(
                 f"the log covers {100 * share:.0f} % of the learned range of {name}: the result "
                 "says little about the rest"
             )
     return notes
-
-
-def _shares(rows: LogRows) -> Array:
-    """Share (dof,) of what was learned of each joint that a log covers: measured, or its range."""
-    measured = rows.model.rows
-    if measured is None:
-        return rows.widths
-    learned = np.ptp(rows.model.motor.scale.to_unit(measured.q), axis=0)
-    return np.asarray(rows.widths / np.maximum(learned, 1e-12))
 
 
 def _refuse_degrees(model: Model, log: Samples) -> None:

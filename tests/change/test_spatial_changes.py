@@ -44,6 +44,28 @@ def test_what_ten_rows_left_open_is_no_change(seed):
     assert not calib.check(model, log).drifted
 
 
+def test_rows_all_over_what_a_log_taught_are_all_over_the_range():
+    """Part of each joint's range was a corner: a real arm's bound was fifteen errors."""
+    model = calib.train(log_within(0.4, 1), size=4)
+    adapted = calib.adapt(model, log_within(0.4, 2, moved=True))
+    assert adapted.everywhere
+    assert adapted.coverage > 0.9
+    corner = calib.adapt(model, log_within(0.1, 3, moved=True))
+    assert not corner.everywhere
+    assert corner.coverage < 0.5
+
+
+def log_within(share, seed, *, moved=False):
+    """Rows within a share of each joint's range of `six_axis`; the sensor may be elsewhere."""
+    rng = np.random.default_rng(seed)
+    middle = (SIX.lower + SIX.upper) / 2
+    q = middle + share * (SIX.upper - middle) * rng.uniform(-1.0, 1.0, (100, 6))
+    x = SIX.forward(q)
+    if moved:
+        x = x @ FRAME.T + (1.0, 0.5, 0.2)
+    return models.log_of(SIX, q, x + rng.normal(0.0, NOISE, x.shape), unit="m")
+
+
 @cache
 def simulated():
     return calib.train(calib.babble(SIX, 1500), size=4)
