@@ -187,29 +187,37 @@ def _residuals(
     return residuals, np.minimum(1.0, far / lengths)
 
 
+def without_errors(
+    products: Array, noise: Noise, size: int
+) -> tuple[Array, Array, Array]:
+    """Products of the s unknowns at each motion, less what its errors explain (Schur complement).
+
+    products : (n, s + e, s + e), see :func:`information`;  size : s
+    Returns them (n, s, s), the gain (n, s, e) and the covariance (n, e, e) of the errors.
+    """
+    across = products[:, :size, size:]
+    precision = np.diag(noise.error**-2.0)
+    spread: Array = np.linalg.inv(products[:, size:, size:] + precision)
+    gain: Array = across @ spread
+    return products[:, :size, :size] - gain @ across.mT, gain, spread
+
+
 def _step(
     bundle: Bundle,
     prior: CornerPrior,
     fit: CornerFit,
     predicted: PredictedCorners,
 ) -> Step:
-    """A step in which the motions' errors are eliminated (Schur complement)."""
+    """A step in which the motions' errors are eliminated."""
     noise = fit.noise
     size = bundle.layout.size
     products, pulls = information(bundle, noise, predicted)
+    of_unknowns, gain, spread = without_errors(products, noise, size)
+    error_pulls = pulls[:, size:] - noise.error**-2.0 * fit.unknowns.errors
 
-    # errors (n, e) of each motion where the unknowns stay
-    error_precision = noise.error**-2.0
-    error_products = products[:, size:, size:] + np.diag(error_precision)
-    spread = np.linalg.inv(error_products)
-    error_pulls = pulls[:, size:] - error_precision * fit.unknowns.errors
-
-    # normal equations (s, s) of the unknowns, less what the errors explain
-    across = products[:, :size, size:]
-    gain = across @ spread
+    # normal equations (s, s) of the unknowns
     precision = noise.prior**-2.0
-    normal = products[:, :size, :size].sum(axis=0) + np.diag(precision)
-    normal -= np.tensordot(gain, across, ([0, 2], [0, 2]))
+    normal = of_unknowns.sum(axis=0) + np.diag(precision)
     target = pulls[:, :size].sum(axis=0)
     target -= np.einsum("nij,nj->i", gain, error_pulls)
     target -= precision * (fit.unknowns.values - prior.mean)

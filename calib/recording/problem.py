@@ -18,7 +18,7 @@ from ..common.arrays import Array, Index, Mask
 from ..common.scale import METRES
 from ..common.wording import listing, two_digits
 from ..errors import LogError
-from ..samples.motion import pose_index
+from ..samples.motion import label_numbers, pose_index
 from .board_pictures import LEAST
 from .bundle import Bundle, CornerLayout, Motions, Unknowns, shape_slopes
 from .fit import CornerFit, CornerPrior, Noise, Scale, solve
@@ -249,11 +249,8 @@ def _by_pose(views: Sequence[View], poses: Array) -> tuple[list[View], Index]:
     for view in views:
         elsewhere[view.rows] |= _are_elsewhere(view, first[pose])
     pose[elsewhere] = len(pose) + np.flatnonzero(elsewhere)
-    # numbered by their first rows
-    _, first, place = np.unique(pose, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    pose = np.argsort(order)[place]
-    first = first[order]
+    pose = label_numbers(pose)
+    first = np.unique(pose, return_index=True)[1]
     if len(first) < LEAST:
         raise LogError(
             f"the pictures are of {len(first)} poses of the arm: expected {LEAST} or more",
@@ -286,7 +283,7 @@ def turning(poses: Array) -> tuple[Array, Array]:
     vectors = logarithm(nearest_rotation(turns.sum(axis=0)).T @ turns)
     vectors -= vectors.mean(axis=0)
     _, sizes, axes = np.linalg.svd(vectors, full_matrices=False)
-    return np.asarray(sizes / np.sqrt(len(vectors))), axes
+    return sizes / np.sqrt(len(vectors)), axes
 
 
 def _problem(views: Sequence[View], motions: Motions) -> Problem:

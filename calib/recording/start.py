@@ -193,7 +193,7 @@ def _usual(misses: Array) -> Array:
     misses : (m, n)
     """
     beyond = min(3, misses.shape[1] - 1)
-    return np.asarray(np.median(np.sort(misses, axis=1)[:, beyond:], axis=1))
+    return np.median(np.sort(misses, axis=1)[:, beyond:], axis=1)
 
 
 def _robust_closed_form(
@@ -265,7 +265,7 @@ def _least_squares(rows: Array, targets: Array, least: float) -> Array:
     least : share of the largest singular value, below which one counts as nothing
     """
     inverses = np.linalg.pinv(rows, least)
-    return np.asarray((inverses @ targets[..., None])[..., 0])
+    return (inverses @ targets[..., None])[..., 0]
 
 
 def _half_turned(motions: Array, boards: Array, half_turn: Array) -> Mask:
