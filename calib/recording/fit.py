@@ -197,7 +197,8 @@ def without_errors(
     """
     across = products[:, :size, size:]
     precision = np.diag(noise.error**-2.0)
-    spread: Array = np.linalg.inv(products[:, size:, size:] + precision)
+    of_errors = products[:, size:, size:] + precision
+    spread = np.asarray(np.linalg.inv(of_errors), float)
     gain: Array = across @ spread
     return products[:, :size, :size] - gain @ across.mT, gain, spread
 
@@ -297,7 +298,6 @@ def _corner_noise(
     # variance along the turns and shifts of each picture's board
     pose_squares = np.zeros(cameras)
     directions = np.zeros(cameras)
-    products = []
     for rows in bundle.pictures:
         camera = bundle.camera[rows[0]]
         slope = by_flange[rows].reshape(-1, POSE)
@@ -305,33 +305,20 @@ def _corner_noise(
         move = np.linalg.lstsq(slope, residual, rcond=1e-9)[0]
         pose_squares[camera] += float(residual @ slope @ move)
         directions[camera] += POSE
-        products.append(slope.T @ slope / noise.corner[camera] ** 2)
-    freedoms = freedom * _shares_of_motions(bundle, noise, np.array(products))
+    # each camera determines the motions by as much as its corners weigh
+    counts = np.bincount(bundle.camera)
+    shares = counts / noise.corner**2
+    freedoms = freedom * shares / shares.sum()
     numbers = np.maximum(directions - freedoms - 12, 0.1 * directions)
 
     # variance where corners err independently
     squares = np.bincount(bundle.camera, (residuals**2).sum(axis=1))
-    counts = 2 * np.bincount(bundle.camera)
     parameters = freedoms + len(noise.prior) / cameras
-    independent = squares / np.maximum(counts - parameters, 0.2 * counts)
+    least = 0.4 * counts
+    independent = squares / np.maximum(2 * counts - parameters, least)
     square = np.maximum(independent, pose_squares / numbers)
     sizes = _next_size(noise.corner, square, 1.0)
     return np.maximum(sizes, CORNER_FIT.least_corner)
-
-
-def _shares_of_motions(bundle: Bundle, noise: Noise, products: Array) -> Array:
-    """The part (c,) of the motions' errors that each camera determines.
-
-    products : (p, 6, 6), information of each picture about the error of its motion
-    """
-    first = [rows[0] for rows in bundle.pictures]
-    motions = bundle.motion[first]
-    precision = np.zeros((bundle.motions.count, POSE, POSE))
-    precision += np.diag(noise.error[:POSE] ** -2.0)
-    np.add.at(precision, motions, products)
-    parts = np.einsum("pij,pji->p", np.linalg.inv(precision)[motions], products)
-    explained = np.bincount(bundle.camera[first], parts)
-    return np.asarray(explained / explained.sum())
 
 
 def _next_size(sd: Array, squares: ArrayLike, rate: float) -> Array:
