@@ -22,9 +22,6 @@ class AgreementSettings:
 
     # times the median miss of a picture, or the noise of corners: a picture of another motion
     far: float = 6.0
-    # the same by the closed form, whose own error of 12 px hid two exchanged pictures of 15 that
-    # missed by 44 and 50
-    near: float = 3.0
     rounds: int = 5
     half: int = 8  # motions that one half of the pictures has at least
     # [rad, m], noise of motions from which some pictures are tried alone
@@ -75,12 +72,7 @@ def consensus(problem: Problem) -> tuple[CornerFit, Mask]:
     number = np.arange(problem.count)
     agreements = _agreements(problem, [number >= 0])
     if not agreements or agreements[0].is_doubtful:
-        # without pictures that the closed form contradicts
-        misses = problem.bundle.usual_misses(problem.predict(problem.start))
-        some = [
-            misses < AGREEMENT.near * np.median(misses),
-            _agreeing_start(problem),
-        ]
+        some = [_agreeing_start(problem)]
         # a board that was moved once leaves one half whole
         half = problem.count // 2
         if half >= AGREEMENT.half:

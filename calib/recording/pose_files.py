@@ -371,7 +371,7 @@ def _is_pose(row: Array) -> bool:
 
 def _are_turns(turns: Array) -> bool:
     """Whether matrices (.., k, 3) are rotations, or quaternions (1, 4) of length 1."""
-    products = turns @ turns.swapaxes(-1, -2)
+    products = turns @ turns.mT
     return np.allclose(products, np.eye(turns.shape[-2]), atol=_ROUNDED)
 
 
