@@ -38,8 +38,7 @@ class CornerFitSettings:
     # sd of the log of a focal length: less is below the noise of corners, and cost .003 mm of .032
     least_focus: float = 1e-4
     most_focus: float = 0.01  # beyond, a lens was zoomed
-    settled: float = 0.01  # change of the log of corners' and motions' noise
-    nearly: float = 0.1  # the same of priors
+    settled: float = 0.01  # change of the log of each size
 
 
 CORNER_FIT = CornerFitSettings()
@@ -330,8 +329,7 @@ def _next_size(sd: Array, squares: ArrayLike, rate: float) -> Array:
 def _is_settled(before: Noise, after: Noise) -> bool:
     """Whether no size changes much."""
     is_sized = np.isfinite(before.prior)
-    slow = after.prior[is_sized] / before.prior[is_sized]
-    fast = np.append(after.corner / before.corner, after.error / before.error)
-    is_nearly_settled = np.abs(np.log(slow)).max() < CORNER_FIT.nearly
-    is_settled = np.abs(np.log(fast)).max() < CORNER_FIT.settled
-    return bool(is_settled and is_nearly_settled)
+    priors = after.prior[is_sized] / before.prior[is_sized]
+    ratios = [priors, after.corner / before.corner, after.error / before.error]
+    changes = np.abs(np.log(np.concatenate(ratios)))
+    return bool(changes.max() < CORNER_FIT.settled)
