@@ -16,6 +16,11 @@ def median_length(x: Array) -> float:
     return float(np.median(row_lengths(x)))
 
 
+def rms(values: Array) -> float:
+    """Return the root of the mean square of values."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
 def finite_rows(x: Array) -> Mask:
     """Return which rows of values (n, m) have finite numbers alone."""
     return np.asarray(np.isfinite(x).all(axis=1))

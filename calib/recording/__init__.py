@@ -10,7 +10,8 @@ Hand-eye (camera and board from pictures and motions), in the order of the flow:
     lens              a camera's lens
     view              the pictures of one camera, its lens, its board
     start             camera and board in closed form
-    readings          what the numbers of poses and joints mean
+    readings          what the numbers of poses mean
+    refusals          joints and poses that are not of the pictures
     problem           all pictures, priors and the start
     bundle            predicted pixels and their slopes
     joint_motions     the flange by joints and a drawn arm

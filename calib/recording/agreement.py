@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import radians
 
 import numpy as np
 
 from ..common.arrays import Array, Mask
+from ..common.rows import rms
 from ..errors import LogError
 from .board_pictures import LEAST
 from .fit import CornerFit
@@ -20,13 +22,10 @@ class AgreementSettings:
 
     # times the median miss of a picture, or the noise of corners: a picture of another motion
     far: float = 6.0
-    # the same by the closed form, whose own error of 12 px hid two exchanged pictures of 15 that
-    # missed by 44 and 50
-    near: float = 3.0
     rounds: int = 5
     half: int = 8  # motions that one half of the pictures has at least
     # [rad, m], noise of motions from which some pictures are tried alone
-    doubtful: tuple[float, float] = (float(np.radians(0.2)), 1e-3)
+    doubtful: tuple[float, float] = (radians(0.2), 1e-3)
     # share of the misses that some alone have at most
     better: float = 0.3
     share: float = 0.4  # of the pictures that must agree
@@ -43,7 +42,7 @@ class AgreementSettings:
     same: float = 0.1
     # noise that no picture and no arm has [px, rad, m]
     corner: float = 5.0
-    turn: float = float(np.radians(3.0))
+    turn: float = radians(3.0)
     shift: float = 0.03
 
 
@@ -73,12 +72,7 @@ def consensus(problem: Problem) -> tuple[CornerFit, Mask]:
     number = np.arange(problem.count)
     agreements = _agreements(problem, [number >= 0])
     if not agreements or agreements[0].is_doubtful:
-        # without pictures that the closed form contradicts
-        misses = problem.bundle.usual_misses(problem.predict(problem.start))
-        some = [
-            misses < AGREEMENT.near * np.median(misses),
-            _agreeing_start(problem),
-        ]
+        some = [_agreeing_start(problem)]
         # a board that was moved once leaves one half whole
         half = problem.count // 2
         if half >= AGREEMENT.half:
@@ -112,17 +106,9 @@ def _best_predicting(problem: Problem, agreement: Agreement) -> CornerFit:
     ratio = other.noise.turn / fit.noise.turn
     if abs(np.log(ratio)) < AGREEMENT.same:
         return fit
-    miss = _held_out_rms(problem, fit, agreeing)
-    if _held_out_rms(problem, other, agreeing) < AGREEMENT.clearly * miss:
-        return other
-    return fit
-
-
-def _held_out_rms(problem: Problem, fit: CornerFit, agreeing: Mask) -> float:
-    """Rms miss [px] of agreeing motions (n,) by fits that did not use them."""
-    pixels = held_out_pixels(problem, fit, agreeing)
-    misses = problem.bundle.misses(pixels)[agreeing]
-    return float(np.sqrt(np.mean(misses**2)))
+    miss = rms(held_out_misses(problem, fit, agreeing)[agreeing])
+    other_miss = rms(held_out_misses(problem, other, agreeing)[agreeing])
+    return other if other_miss < AGREEMENT.clearly * miss else fit
 
 
 def _agreeing_start(problem: Problem) -> Mask:
@@ -165,12 +151,11 @@ def _agreement(problem: Problem, agreeing: Mask) -> Agreement | None:
     share = before.mean()
     if not is_arm or not is_sharp.all() or share < AGREEMENT.share:
         return None
-    rms = np.sqrt(np.mean(misses[before] ** 2))
-    return Agreement(fit, before, float(rms / share))
+    return Agreement(fit, before, rms(misses[before]) / share)
 
 
-def held_out_pixels(problem: Problem, fit: CornerFit, agreeing: Mask) -> Array:
-    """Pixels (N, 2) of all corners by fits that did not use their motions.
+def held_out_misses(problem: Problem, fit: CornerFit, agreeing: Mask) -> Array:
+    """Rms miss (n,) [px] of the corners at each motion by fits that did not use it.
 
     Motions that do not agree are predicted by the fit itself.
     """
@@ -182,4 +167,4 @@ def held_out_pixels(problem: Problem, fit: CornerFit, agreeing: Mask) -> Array:
         others = problem.solve(rows[~is_out], fit, learn=False)
         corners = np.isin(problem.bundle.motion, rows[is_out])
         pixels[corners] = problem.predict(others)[corners]
-    return pixels
+    return problem.bundle.misses(pixels)

@@ -20,10 +20,10 @@ from ..arm.rotations import quaternion_of
 from ..body.covariance import Z95
 from ..body.sensor_pose import SensorPose, hand_pose
 from ..common.arrays import Array, Index, Mask
-from ..common.rows import row_lengths
+from ..common.rows import rms, row_lengths
 from ..samples.lens import Lens
 from ..samples.samples import Samples
-from .agreement import consensus, held_out_pixels
+from .agreement import consensus, held_out_misses
 from .bundle import CornerLayout, shape_slopes
 from .fit import CornerFit
 from .joint_motions import ArmBelief, JointMotions
@@ -68,10 +68,7 @@ class RigFit:
         covariance = slope @ self.frame_covariance(frames) @ slope.T
 
         # errors of motions, by fits without them
-        misses = bundle.misses(
-            held_out_pixels(problem, self.fit, self.agreeing)
-        )
-        squares = misses[self.agreeing] ** 2
+        misses = held_out_misses(problem, self.fit, self.agreeing)
         choice = problem.choice
         noise = self.fit.noise
         return HandEye(
@@ -87,7 +84,7 @@ class RigFit:
             repeatability={"position": noise.shift, "rotation": noise.turn},
             square=self.square(),
             board={"text": first.board.text, "points": self.board().tolist()},
-            held_out={"rms": float(np.sqrt(np.mean(squares)))},
+            held_out={"rms": rms(misses[self.agreeing])},
             left_out=problem.pictures_at(~self.agreeing),
             cameras=tuple(map(self.camera, range(len(problem.views)))),
             convention=None if choice is None else choice.convention,
@@ -217,8 +214,8 @@ class RigFit:
         """The lens of a camera."""
         places = self.layout.lenses[number]
         size = self.problem.views[number].size
-        rms = float(np.sqrt(2.0) * self.fit.noise.corner[number])
-        lens = Lens.of(size, self.values[places], rms)
+        distance = float(np.sqrt(2.0) * self.fit.noise.corner[number])
+        lens = Lens.of(size, self.values[places], distance)
         return replace(lens, covariance=self.covariance(places))
 
     def lens_facts(self, number: int) -> LensFacts:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..arm.rigid import adjoint, inverse, shift_of, step_from, turn_of
 from ..common.arrays import Array, Index
-from ..common.rows import row_lengths
+from ..common.rows import group_means, row_lengths
 from ..samples.lens import Lens
 from ..samples.motion import RowArrays
 from .pictures import opencv
@@ -166,16 +166,15 @@ class Bundle(RowArrays):
     def misses(self, pixels: Array) -> Array:
         """Rms distance (n,) [px] of the corners at each motion from predicted pixels (N, 2)."""
         squares = ((self.pixels - pixels) ** 2).sum(axis=1)
-        total = np.bincount(self.motion, squares)
-        return np.sqrt(total / np.bincount(self.motion))
+        return np.sqrt(group_means(self.motion, squares))
 
     def usual_misses(self, pixels: Array) -> Array:
         """Median distance (n,) [px] of the corners at each motion, which one wrong hardly moves."""
+        from scipy.ndimage import median
+
         distances = row_lengths(self.pixels - pixels)
-        motions = range(self.motions.count)
-        return np.array(
-            [np.median(distances[self.motion == k]) for k in motions]
-        )
+        numbers = np.arange(self.motions.count)
+        return np.array(median(distances, self.motion, numbers))
 
     def predict(self, unknowns: Unknowns) -> PredictedCorners:
         """Pixels of all corners and their slopes at some values of the unknowns."""

@@ -43,7 +43,7 @@ class Clocks:
 
     def joints_time(self, time: Array) -> Array:
         """Return the joints' times of the sensor's times [s]."""
-        return np.asarray(time + self.offset + self.rate * (time - self.middle))
+        return time + self.offset + self.rate * (time - self.middle)
 
     def is_peak_of(self, other: Clocks) -> bool:
         """Whether two offsets are those of one peak."""

@@ -38,8 +38,7 @@ class CornerFitSettings:
     # sd of the log of a focal length: less is below the noise of corners, and cost .003 mm of .032
     least_focus: float = 1e-4
     most_focus: float = 0.01  # beyond, a lens was zoomed
-    settled: float = 0.01  # change of the log of corners' and motions' noise
-    nearly: float = 0.1  # the same of priors
+    settled: float = 0.01  # change of the log of each size
 
 
 CORNER_FIT = CornerFitSettings()
@@ -187,29 +186,38 @@ def _residuals(
     return residuals, np.minimum(1.0, far / lengths)
 
 
+def without_errors(
+    products: Array, noise: Noise, size: int
+) -> tuple[Array, Array, Array]:
+    """Products of the s unknowns at each motion, less what its errors explain (Schur complement).
+
+    products : (n, s + e, s + e), see :func:`information`;  size : s
+    Returns them (n, s, s), the gain (n, s, e) and the covariance (n, e, e) of the errors.
+    """
+    across = products[:, :size, size:]
+    precision = np.diag(noise.error**-2.0)
+    of_errors = products[:, size:, size:] + precision
+    spread = np.asarray(np.linalg.inv(of_errors), float)
+    gain: Array = across @ spread
+    return products[:, :size, :size] - gain @ across.mT, gain, spread
+
+
 def _step(
     bundle: Bundle,
     prior: CornerPrior,
     fit: CornerFit,
     predicted: PredictedCorners,
 ) -> Step:
-    """A step in which the motions' errors are eliminated (Schur complement)."""
+    """A step in which the motions' errors are eliminated."""
     noise = fit.noise
     size = bundle.layout.size
     products, pulls = information(bundle, noise, predicted)
+    of_unknowns, gain, spread = without_errors(products, noise, size)
+    error_pulls = pulls[:, size:] - noise.error**-2.0 * fit.unknowns.errors
 
-    # errors (n, e) of each motion where the unknowns stay
-    error_precision = noise.error**-2.0
-    error_products = products[:, size:, size:] + np.diag(error_precision)
-    spread = np.linalg.inv(error_products)
-    error_pulls = pulls[:, size:] - error_precision * fit.unknowns.errors
-
-    # normal equations (s, s) of the unknowns, less what the errors explain
-    across = products[:, :size, size:]
-    gain = across @ spread
+    # normal equations (s, s) of the unknowns
     precision = noise.prior**-2.0
-    normal = products[:, :size, :size].sum(axis=0) + np.diag(precision)
-    normal -= np.tensordot(gain, across, ([0, 2], [0, 2]))
+    normal = of_unknowns.sum(axis=0) + np.diag(precision)
     target = pulls[:, :size].sum(axis=0)
     target -= np.einsum("nij,nj->i", gain, error_pulls)
     target -= precision * (fit.unknowns.values - prior.mean)
@@ -289,7 +297,6 @@ def _corner_noise(
     # variance along the turns and shifts of each picture's board
     pose_squares = np.zeros(cameras)
     directions = np.zeros(cameras)
-    products = []
     for rows in bundle.pictures:
         camera = bundle.camera[rows[0]]
         slope = by_flange[rows].reshape(-1, POSE)
@@ -297,33 +304,20 @@ def _corner_noise(
         move = np.linalg.lstsq(slope, residual, rcond=1e-9)[0]
         pose_squares[camera] += float(residual @ slope @ move)
         directions[camera] += POSE
-        products.append(slope.T @ slope / noise.corner[camera] ** 2)
-    freedoms = freedom * _shares_of_motions(bundle, noise, np.array(products))
+    # each camera determines the motions by as much as its corners weigh
+    counts = np.bincount(bundle.camera)
+    shares = counts / noise.corner**2
+    freedoms = freedom * shares / shares.sum()
     numbers = np.maximum(directions - freedoms - 12, 0.1 * directions)
 
     # variance where corners err independently
     squares = np.bincount(bundle.camera, (residuals**2).sum(axis=1))
-    counts = 2 * np.bincount(bundle.camera)
     parameters = freedoms + len(noise.prior) / cameras
-    independent = squares / np.maximum(counts - parameters, 0.2 * counts)
+    least = 0.4 * counts
+    independent = squares / np.maximum(2 * counts - parameters, least)
     square = np.maximum(independent, pose_squares / numbers)
     sizes = _next_size(noise.corner, square, 1.0)
     return np.maximum(sizes, CORNER_FIT.least_corner)
-
-
-def _shares_of_motions(bundle: Bundle, noise: Noise, products: Array) -> Array:
-    """The part (c,) of the motions' errors that each camera determines.
-
-    products : (p, 6, 6), information of each picture about the error of its motion
-    """
-    first = [rows[0] for rows in bundle.pictures]
-    motions = bundle.motion[first]
-    precision = np.zeros((bundle.motions.count, POSE, POSE))
-    precision += np.diag(noise.error[:POSE] ** -2.0)
-    np.add.at(precision, motions, products)
-    parts = np.einsum("pij,pji->p", np.linalg.inv(precision)[motions], products)
-    explained = np.bincount(bundle.camera[first], parts)
-    return np.asarray(explained / explained.sum())
 
 
 def _next_size(sd: Array, squares: ArrayLike, rate: float) -> Array:
@@ -335,8 +329,7 @@ def _next_size(sd: Array, squares: ArrayLike, rate: float) -> Array:
 def _is_settled(before: Noise, after: Noise) -> bool:
     """Whether no size changes much."""
     is_sized = np.isfinite(before.prior)
-    slow = after.prior[is_sized] / before.prior[is_sized]
-    fast = np.append(after.corner / before.corner, after.error / before.error)
-    is_nearly_settled = np.abs(np.log(slow)).max() < CORNER_FIT.nearly
-    is_settled = np.abs(np.log(fast)).max() < CORNER_FIT.settled
-    return bool(is_settled and is_nearly_settled)
+    priors = after.prior[is_sized] / before.prior[is_sized]
+    ratios = [priors, after.corner / before.corner, after.error / before.error]
+    changes = np.abs(np.log(np.concatenate(ratios)))
+    return bool(changes.max() < CORNER_FIT.settled)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
 from ..common.atomic import FilePath
@@ -80,7 +80,7 @@ def calibrate_lens(
             score = count * np.log(max(rms, 1e-3) ** 2) + terms * np.log(count)
             if score < least:
                 least = score
-                lens = Lens.of(size, _parameters(matrix, bends), float(rms))
+                lens = Lens.of(size, lens_parameters(matrix, bends), float(rms))
                 covariance = _covariance(objects, lens, terms, *poses)
                 doubt = float(np.sqrt(covariance[0, 0]) / lens.focal[0])
     if not doubt <= _DOUBT or not lens.focal.max() <= 50 * max(size):
@@ -101,7 +101,7 @@ def _flags_by_terms(pictures: int) -> dict[int, int]:
     return flags
 
 
-def _parameters(matrix: Array, bends: Array) -> Array:
+def lens_parameters(matrix: Array, bends: ArrayLike) -> Array:
     """Parameters (9,) of a camera matrix (3, 3) and up to five terms of distortion."""
     terms = np.append(bends, np.zeros(_TERMS))[:_TERMS]
     return np.concatenate([np.diag(matrix)[:2], matrix[:2, 2], terms])
@@ -170,7 +170,7 @@ def _lens_of_file(path: Path) -> Lens:
         )
     sides = np.append(_numbers(document, WIDTH), _numbers(document, HEIGHT))
     size = (int(sides[0]), int(sides[1])) if len(sides) == 2 else UNSTATED
-    return Lens.of(size, _parameters(matrix, bent))
+    return Lens.of(size, lens_parameters(matrix, bent))
 
 
 def lens_of_model(model: Model) -> Lens:

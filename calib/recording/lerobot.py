@@ -45,7 +45,7 @@ class Rests:
     window: float = 0.2  # of which the slowest frame is taken [s]
     speed: float = 0.05  # [rad/s]
     # [rad]; two rests at one place count as one
-    distance: float = float(np.radians(1.0))
+    distance: float = math.radians(1.0)
     most: int = 80  # frames that are taken
     least: int = 12  # frames, below which it hardly rests
 

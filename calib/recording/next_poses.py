@@ -25,8 +25,9 @@ from ..common.arrays import Array, Index, Mask
 from ..errors import OptionError
 from ..samples.lens import Lens
 from .bundle import LENS, POSE, SHAPE, Bundle, CornerLayout, Motions, Unknowns
-from .fit import Noise, information
+from .fit import Noise, information, without_errors
 from .joint_motions import JointMotions
+from .lens import lens_parameters
 from .rig import HandEye, frame_of
 
 
@@ -92,8 +93,8 @@ class ExpectedRig:
         corner = DRAW.careful * max(rig.reprojection["mean"], 0.1)
         facts = rig.lens
         width, height = facts["size"]
-        focal = np.diag(facts["matrix"])[:2]
-        parameters = np.array([*focal, *facts["centre"], *facts["distortion"]])
+        matrix = np.array(facts["matrix"])
+        parameters = lens_parameters(matrix, facts["distortion"])
         return ExpectedRig(
             in_hand,
             frames,
@@ -105,13 +106,6 @@ class ExpectedRig:
             precision=precision,
             sizes=np.zeros(LENS + SHAPE),
         )
-
-    def boards_at(self, flange: Array) -> Array:
-        """The board before the camera (n, 4, 4) [m] at flange poses (n, 4, 4) [m]."""
-        motions = inverse(flange) if self.in_hand else flange
-        camera, board = self.frames
-        scenes: Array = inverse(camera) @ motions @ board
-        return scenes
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
         """Random flange poses (n, 4, 4) [m] with the board about as pictures show it."""
@@ -128,7 +122,9 @@ class ExpectedRig:
 
     def sees(self, flange: Array) -> Mask:
         """Whether all of the board is in the picture, and not too slanted, (n,)."""
-        boards = self.boards_at(flange)
+        camera, board = self.frames
+        motions = inverse(flange) if self.in_hand else flange
+        boards = inverse(camera) @ motions @ board
         places = place_points(boards, self.points)
         depth = places[:, :, 2:]
         ahead = (depth > 0.0).all(axis=(1, 2))
@@ -139,7 +135,7 @@ class ExpectedRig:
         margin = self.around.edge * size
         inside = (pixels > margin) & (pixels < size - margin)
         upright = turn_of(boards)[:, 2, 2] > DRAW.upright
-        return np.asarray(ahead & upright & inside.all(axis=(1, 2)))
+        return ahead & upright & inside.all(axis=(1, 2))
 
     def best(self, motions: Motions, count: int) -> tuple[Index, Array]:
         """The most informative motions (count,) of some, one after the other.
@@ -155,13 +151,7 @@ class ExpectedRig:
         predicted = bundle.predict(Unknowns(self.frames, values, exact))
         bundle = replace(bundle, pixels=predicted.pixels)
         products, _ = information(bundle, self.noise, predicted)
-
-        # of all unknowns, less what errors of the motion take away
-        size = layout.size
-        across = products[:, :size, size:]
-        error_precision = np.diag(self.noise.error**-2.0)
-        spread = np.linalg.inv(products[:, size:, size:] + error_precision)
-        gains = products[:, :size, :size] - across @ spread @ across.mT
+        gains = without_errors(products, self.noise, layout.size)[0]
 
         # in units of what is known before
         root = self._root(motions, layout)
@@ -219,7 +209,6 @@ def _greedy_by_trace(
     """
     # variance of the place where what is in the hand is used
     weight = np.repeat([DRAW.lever**2, 1.0], 3)
-    waiting = np.ones(len(directions), bool)
     chosen: list[int] = []
     covariances: list[Array] = []
     for _ in range(count):
@@ -227,8 +216,9 @@ def _greedy_by_trace(
         spread = directions @ directions.mT
         spread += np.eye(directions.shape[1])
         explained = (across * np.linalg.solve(spread, across)).sum(axis=1)
-        best = int(np.where(waiting, explained @ weight, -1.0).argmax())
-        waiting[best] = False
+        worth = explained @ weight
+        worth[chosen] = -1.0
+        best = int(worth.argmax())
         chosen.append(best)
         reading = directions[best]
         directions = after_reading(directions, reading)

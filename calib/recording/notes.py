@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import radians
 
 import numpy as np
 
@@ -14,7 +15,8 @@ from ..common.wording import listing, two_digits
 from .bundle import POSE
 from .fit import CornerFit
 from .joint_motions import JointMotions
-from .problem import Problem, turning
+from .problem import Problem
+from .refusals import turning
 from .rig import HandEye
 
 
@@ -23,7 +25,7 @@ class NoteLimits:
     """Limits from which something is reported."""
 
     # least spread of the hand's turns [rad]
-    turn: float = float(np.radians(7.5))
+    turn: float = radians(7.5)
     open: float = 0.01  # of an interval [m], beyond which it is unknown
     size: float = 4e-3  # of a board's size
     focal: float = 2e-3  # of the focal length of a lens that was given
@@ -34,9 +36,9 @@ class NoteLimits:
     posed: float = 0.2  # the same of boards that were given as poses [deg]
     repeats: tuple[float, float] = (1e-4, 3.5e-4)  # of joints [m, rad]
     # the same of flange poses, which no controller's arm repeats to
-    poses: tuple[float, float] = (1e-3, float(np.radians(0.2)))
+    poses: tuple[float, float] = (1e-3, radians(0.2))
     # of joint origins, that no drawing is off by [m, rad]
-    drawing: tuple[float, float] = (5e-3, float(np.radians(1.0)))
+    drawing: tuple[float, float] = (5e-3, radians(1.0))
     near: float = 0.3  # from the flange, where something may be in the hand [m]
     # poses up to which noise hides a picture after a move: of 5 in 6 of 10 worlds, of 6 seldom
     few: int = 6

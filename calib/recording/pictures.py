@@ -7,7 +7,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from glob import glob
+from glob import escape, glob
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -80,20 +80,12 @@ def list_pictures(source: FilePath | Sequence[str]) -> list[Path]:
             key=natural_key,
         )
     text = os.fspath(source)
-    paths = [Path(source)]
-    if paths[0].is_dir():
-        paths = [
-            path
-            for path in paths[0].iterdir()
-            if path.suffix.lower() in PICTURES
-        ]
-    elif any(mark in text for mark in "*?["):
-        paths = [Path(name) for name in glob(text)]  # noqa: PTH207 - a pattern may start at a root
-    paths = [
-        path
-        for path in paths
-        if path.is_file() and not path.name.startswith(".")
-    ]
+    is_folder = Path(source).is_dir()
+    pattern = f"{escape(text)}/*" if is_folder else text
+    names = glob(pattern)  # noqa: PTH207 - a pattern may start at a root
+    if is_folder:
+        names = [name for name in names if name.lower().endswith(PICTURES)]
+    paths = [Path(name) for name in names if Path(name).is_file()]
     if not paths:
         kinds = ", ".join(PICTURES)
         raise LogError(

@@ -229,17 +229,13 @@ def _text(label: str, text: str) -> FlangeTable:
 
 def _named_columns(lines: Sequence[str]) -> str:
     """A table with commas, of lines whose first names columns between blanks; else nothing."""
-    table = [_words(line) for line in lines]
+    # without units in brackets
+    plain = [re.sub(r"\s*[\[(].*?[\])]", "", line) for line in lines]
+    table = [re.split(r"[\s,;]+", line.strip("# \t")) for line in plain]
     names = {re.sub(_UNIT, "", name.lower()) for name in table[0]}
     if len(table[0]) != len(table[-1]) or len(_columns(names)) != 1:
         return ""
     return "\n".join(map(",".join, table))
-
-
-def _words(line: str) -> list[str]:
-    """What stands between the blanks and separators of a line, without units in brackets."""
-    line = re.sub(r"\s*[\[(].*?[\])]", "", line)
-    return re.split(r"[\s,;]+", line.strip("# \t"))
 
 
 def _poses(
@@ -375,7 +371,7 @@ def _is_pose(row: Array) -> bool:
 
 def _are_turns(turns: Array) -> bool:
     """Whether matrices (.., k, 3) are rotations, or quaternions (1, 4) of length 1."""
-    products = turns @ turns.swapaxes(-1, -2)
+    products = turns @ turns.mT
     return np.allclose(products, np.eye(turns.shape[-2]), atol=_ROUNDED)
 
 

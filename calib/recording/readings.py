@@ -1,13 +1,8 @@
-"""Readings: what tables of poses and joints mean, by how well each reading fits the pictures.
-
-Of flange poses the best reading is taken.  Joints whose unit, order or sign is another than stated
-are refused, with the remedy, and so are an eye or a board that the pictures contradict.
-"""
+"""Readings: what tables of poses mean, by how well each reading fits the pictures."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import permutations
 from typing import TypedDict
 
@@ -15,17 +10,13 @@ import numpy as np
 
 from ..arm.rigid import inverse, rigid
 from ..arm.rotations import matrix_of
-from ..body.spatial import SpatialStructure
 from ..common.arrays import Array
 from ..common.choices import ROTATIONS, check_choice
-from ..common.rows import row_lengths, spread_rows
+from ..common.rows import row_lengths
 from ..common.scale import METRES
-from ..errors import LogError, OptionError
-from ..samples.findings import Finding
-from ..samples.interpretations import ONLY_IF, interpretations
-from ..samples.settings import DIAGNOSIS
+from ..errors import OptionError
 from .pose_files import FlangeTable
-from .start import UNITS, RigStart, find_start, find_starts
+from .start import UNITS, RigStart, find_starts
 from .view import View
 
 AXES = ["".join(axes) for axes in permutations("xyz")]
@@ -58,16 +49,7 @@ of 12 rendered sets the next one 1.0 to 1.9 times worse, others 18 times or more
 """
 
 
-# of the misfit: another reading of the joints explains the pictures better
-_CLEAR = 0.4
-# misfit that a reading leaves at most: the right one up to 5.3 deg, of joints that are wrong in two
-# ways at once the best 11 deg and more
-_UNEXPLAINED = np.radians(8.0)
-_MOST = 4 * np.pi  # no joint turns so far [rad]
-_FAR = np.radians(1.5)  # misfit beyond which other readings are tried
-_TRIED = 10  # pictures that these are tried on
 _REACH = (0.005, 20.0)  # of the flange of any arm [m]
-_MISSAID = 0.05  # of a board's size, that no print is off by
 
 
 class Convention(TypedDict):
@@ -209,94 +191,3 @@ def _oddity(reading: Reading, named: str) -> tuple[bool, bool, bool]:
     """What is odd of a reading: base in flange, not as the header's names, of no maker."""
     is_named = reading.rotation == named
     return reading.inverse, not is_named, reading.rotation not in MAKERS
-
-
-def refuse_readings(structure: SpatialStructure, view: View) -> None:
-    """Refuse joints, an eye or a board of which another reading explains the pictures far better.
-
-    structure : of the arm as it is drawn
-    """
-    base = structure.with_sensor(view="base")
-    neutral = structure.neutral()
-    q = view.q
-
-    def flanges(values: Array) -> Array:
-        places, turns = base.pose(values, neutral)
-        return rigid(turns, places)
-
-    usual = find_start(flanges(q), view, "m")
-    is_board = abs(np.expm1(usual.size)) < _MISSAID
-    if usual.misfit < _FAR and is_board:
-        return
-
-    # the reading that explains some of the pictures far better
-    rows = spread_rows(len(q), _TRIED)
-    thinned = replace(view, boards=view.boards[rows])
-    other_eye = replace(thinned, in_hand=not view.in_hand)
-    others = list(_others(structure, view))
-    values = np.concatenate([joints[rows] for joints, _ in others])
-    poses = flanges(values).reshape(len(others), len(rows), 4, 4)
-    starts = find_starts(poses[:1], other_eye, "m")  # the eye is the first
-    starts += find_starts(poses[1:], thinned, "m")
-    least = usual.misfit
-    best = None
-    for start, (_, finding) in zip(starts, others, strict=True):
-        # values of many turns are degrees, whatever else is wrong
-        is_sure = finding.kind == "degrees" and np.abs(q).max() > _MOST
-        explains = start.misfit < _UNEXPLAINED or is_sure
-        if explains and start.misfit < _CLEAR * least:
-            least = start.misfit
-            best = finding
-    if best is not None:
-        hint = best.hint
-        if best.kind == "exchanged":
-            hint = "correct the header of the joints"
-        words = best.words.removeprefix(ONLY_IF)
-        raise LogError(
-            f"the pictures fit the joints only if {words}", hint=hint
-        )
-    if not is_board and len(structure.joint_names) > 2:
-        stated = 1e3 * view.board.side
-        measured = stated * np.exp(usual.size)
-        raise LogError(
-            f"by the arm's motions the board's squares measure {measured:.3g} mm, {stated:.4g} mm "
-            "as said: more than any print is off",
-            hint="degrees, order, signs, rows late and the eye were tried: check the board's "
-            "squares, the focal length, that it is this robot, the joints' zeros, and that joints "
-            "are angles and no shares of the motors' range",
-        )
-
-
-def _others(
-    structure: SpatialStructure, view: View
-) -> Iterator[tuple[Array, Finding]]:
-    """Other readings of the joints, the simplest first."""
-    q = view.q
-    names = structure.joint_names
-    eye = "hand"
-    where = "is in the hand"
-    if view.in_hand:
-        eye = "base"
-        where = "stands still"
-    yield q, Finding("eye", f"the camera {where}", f"give `eye={eye!r}`")
-    late = Finding(
-        "late",
-        "they are a row late or early",
-        "check which row is of which picture",
-    )
-    units, orders, one, two = interpretations(
-        q,
-        names,
-        structure.revolute,
-        any_order=len(names) <= DIAGNOSIS.most_ordered,
-    )
-    yield from units
-    for k in np.flatnonzero(structure.revolute):
-        mixed = q.copy()
-        mixed[:, k] = np.deg2rad(q[:, k])
-        words = f"{names[k]} alone is in degrees"
-        yield mixed, Finding("degrees", words, "convert its column to rad")
-    for by in (-1, 1):
-        yield np.roll(q, by, axis=0), late
-    for group in (one, two, orders):
-        yield from group

@@ -20,7 +20,6 @@ from ..common.rows import row_lengths
 from ..errors import LogError
 from ..samples.lens import Lens
 from ..samples.tables import open_source
-from .board import LEAST_CORNERS, CharucoPattern
 from .pictures import opencv
 
 
@@ -160,13 +159,6 @@ class MarkLayout:
     what: str  # what messages call it
     points: Marks  # places by number (2,) [m]
     least: int  # marks that must be seen
-
-    @staticmethod
-    def of_board(board: CharucoPattern) -> MarkLayout:
-        """The corners of a board."""
-        return MarkLayout(
-            "the board", dict(enumerate(board.corners()[:, :2])), LEAST_CORNERS
-        )
 
     @staticmethod
     def read(path: FilePath) -> MarkLayout:

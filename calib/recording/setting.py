@@ -15,7 +15,7 @@ from ..common.choices import DICTIONARY
 from ..common.wording import listing
 from ..errors import LogError, OptionError
 from ..samples.lens import Lens
-from .board import CharucoPattern
+from .board import LEAST_CORNERS, CharucoPattern
 from .lens import refuse_size
 from .pictures import Picture, Shot, opencv
 from .reference import MarkLayout, Marks, PlaneReference, find_reference
@@ -82,9 +82,10 @@ class Setting:
     @cached_property
     def layout(self) -> MarkLayout | None:
         """The frame of positions, if they are not pixels."""
-        if self.board is not None:
-            return MarkLayout.of_board(self.board)
-        return self.tags_at
+        if self.board is None:
+            return self.tags_at
+        corners = dict(enumerate(self.board.corners()[:, :2]))
+        return MarkLayout("the board", corners, LEAST_CORNERS)
 
     @cached_property
     def finder(self) -> TagFinder:
@@ -181,13 +182,16 @@ def find_sightings(
             if setting.layout is not None:
                 marks[number] = setting.marks(grey, tags)
         tips = [tag for tag in tags if tag.number == setting.tag]
-        if reason := _reason_of(tips, setting.tag):
-            reasons[reason] += 1
-        else:
+        if not tips:
+            reasons[f"tag {setting.tag} not seen"] += 1
+        elif len(tips) > 1:
+            reasons[f"tag {setting.tag} is there twice"] += 1
+            twice.append(name)
+        elif tips[0].sharp:
             sharp[number] = tips[0]
             names.append(name)
-        if len(tips) > 1:
-            twice.append(name)
+        else:
+            reasons["blurred"] += 1
     if len(twice) > _MOST_TWICE * count:
         raise LogError(
             f"tag {setting.tag} is there twice in {len(twice)} of {count} {what} "
@@ -200,15 +204,6 @@ def find_sightings(
             "dictionary, that it is sharp and has a white border"
         )
     return Sightings(setting, what, sharp, names, marks, reasons, count, size)
-
-
-def _reason_of(tips: Sequence[Tag], number: int) -> str:
-    """Why a picture does not place the tip's tag; or nothing."""
-    if not tips:
-        return f"tag {number} not seen"
-    if len(tips) > 1:
-        return f"tag {number} is there twice"
-    return "" if tips[0].sharp else "blurred"
 
 
 def _tags_of(pictures: Sequence[Picture], dictionary: str) -> str:

@@ -193,7 +193,7 @@ def _usual(misses: Array) -> Array:
     misses : (m, n)
     """
     beyond = min(3, misses.shape[1] - 1)
-    return np.asarray(np.median(np.sort(misses, axis=1)[:, beyond:], axis=1))
+    return np.median(np.sort(misses, axis=1)[:, beyond:], axis=1)
 
 
 def _robust_closed_form(
@@ -240,7 +240,7 @@ def _closed_form(
     y_turns = nearest_rotation(sign * y_scaled)
 
     # shifts of X and Y, and the length: linear least squares
-    places = shift_of(boards) @ np.swapaxes(x_turns, 1, 2)
+    places = shift_of(boards) @ x_turns.mT
     same = np.broadcast_to(np.eye(3), turns.shape)
     columns = [same, -turns, places[..., None]]
     root = np.sqrt(weights)[:, :, None]
@@ -265,7 +265,7 @@ def _least_squares(rows: Array, targets: Array, least: float) -> Array:
     least : share of the largest singular value, below which one counts as nothing
     """
     inverses = np.linalg.pinv(rows, least)
-    return np.asarray((inverses @ targets[..., None])[..., 0])
+    return (inverses @ targets[..., None])[..., 0]
 
 
 def _half_turned(motions: Array, boards: Array, half_turn: Array) -> Mask:
@@ -280,7 +280,7 @@ def _half_turned(motions: Array, boards: Array, half_turn: Array) -> Mask:
     plain = _flat_turns(boards)
     turned = _flat_turns(boards @ half_turn)
     # traces of the turns between each two pictures
-    traces = flange_turns @ np.swapaxes(flange_turns, 1, 2)
+    traces = flange_turns @ flange_turns.mT
     miss_plain = np.abs(traces - plain @ plain.T)
     miss_turned = np.abs(traces - turned @ plain.T)
     leading = np.linalg.eigh(miss_turned - miss_plain)[1][:, :, -1]

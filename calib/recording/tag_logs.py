@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
@@ -13,7 +14,7 @@ from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Index, Mask
 from ..common.atomic import FilePath
 from ..common.parallel import one_blas_thread
-from ..common.rows import row_lengths
+from ..common.rows import rms, row_lengths
 from ..errors import LogError
 from ..samples.lens import Lens
 from ..samples.motion import (
@@ -235,8 +236,7 @@ def _median_tag(tags: Sequence[Tag]) -> Tag:
     """The tag of a rest, by the median of each corner, with the noise of that median."""
     if len(tags) == 1:
         return tags[0]
-    variances = np.var([tag.centre for tag in tags], axis=0, ddof=1)
-    scatter = float(np.sqrt(np.mean(variances)))
+    scatter = rms(np.std([tag.centre for tag in tags], axis=0, ddof=1))
     # a median scatters by 1.25 times what a mean does (normal noise)
     noise = 1.25 * scatter / float(np.sqrt(len(tags)))
     corners = np.median([tag.corners for tag in tags], axis=0)
@@ -280,7 +280,7 @@ def _log_of(
         unit = "m"
         x = reference.positions(pixels)
         scale, sd = reference.noise(pixels)
-        shared_sd = float(np.sqrt(np.mean(sd**2)))
+        shared_sd = rms(sd)
     if setting.lens is not None and setting.tag_size is not None:
         # by each tag alone, in the reference's frame or the camera's
         unit = "m"
@@ -296,7 +296,7 @@ def _log_of(
     source = {
         **about,
         **sightings.document(),
-        "noise": float(np.hypot(np.sqrt(np.mean(noise**2)), shared_sd)),
+        "noise": math.hypot(rms(noise), shared_sd),
         "noise_of_reference": shared_sd,
         "dropped": dropped,
     }

@@ -117,18 +117,16 @@ class TagFinder:
         aruco = opencv().aruco
         patterns = find_dictionary(dictionary)
         count = len(patterns.bytesList)
-        self.numbers = tuple(
-            range(count) if wanted is None else sorted(set(wanted))
-        )
+        if wanted is None:
+            wanted = range(count)
+        self.numbers = sorted(set(wanted))
         for number in {*self.numbers[:1], *self.numbers[-1:]}:
             tag_cells(number, dictionary)  # refuses what is none
-        if wanted is not None:
-            of_wanted = np.ascontiguousarray(
-                patterns.bytesList[list(self.numbers)]
-            )
-            patterns = aruco.Dictionary(
-                of_wanted, patterns.markerSize, patterns.maxCorrectionBits
-            )
+        patterns = aruco.Dictionary(
+            np.ascontiguousarray(patterns.bytesList[self.numbers]),
+            patterns.markerSize,
+            patterns.maxCorrectionBits,
+        )
         self.dictionary = dictionary
         settings = aruco.DetectorParameters()
         settings.cornerRefinementMethod = aruco.CORNER_REFINE_CONTOUR

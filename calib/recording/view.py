@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..common.arrays import Array, Mask
 from ..common.choices import Eye
-from ..errors import LogError
 from ..samples.lens import Lens
 from .board_pictures import BoardPictures
 from .lens import refuse_size
@@ -24,7 +22,6 @@ class View(BoardPictures):
     in_hand: bool  # whether the camera is in the hand
     stated_lens: Lens | None  # by the user
     first_lens: Lens  # where the fit begins
-    pictures_lens: Lens  # by the pictures alone; the first where they tell none
     boards: Array  # (p, 4, 4), the board before the camera, by each picture alone [m]
 
     @property
@@ -54,16 +51,11 @@ def view_of(
     if stated is not None:
         stated = replace(stated, size=pictures.size)
     lens = stated or pictures.lens()
-    pictures_lens = lens
-    if stated is not None and not pictures.is_of_poses:
-        with suppress(LogError):
-            pictures_lens = pictures.lens()
     return View(
         **vars(pictures),
         name=name,
         in_hand=in_hand,
         stated_lens=stated,
         first_lens=lens,
-        pictures_lens=pictures_lens,
         boards=frames_of(pictures.poses(lens)),
     )

@@ -151,7 +151,7 @@ def visits_of(q: Array) -> Visits:
     rows = np.flatnonzero(np.bincount(pose)[pose] > 1)
     arrivals = np.cumsum(np.diff(pose, prepend=-1) != 0)
     return Visits(
-        rows, _label_numbers(pose[rows]), _label_numbers(arrivals[rows])
+        rows, label_numbers(pose[rows]), label_numbers(arrivals[rows])
     )
 
 
@@ -165,14 +165,14 @@ def pose_index(q: Array) -> Index:
     place = np.asarray(place.ravel(), dtype=np.intp)
     count = len(distinct)
     if not 1 < count <= ONE_POSE.most_rows:
-        return _label_numbers(place)
+        return label_numbers(place)
     near = min(ONE_POSE.neighbours + 1, count)
     distance, neighbour = map(
         np.asarray, cKDTree(distinct).query(distinct, k=near, p=np.inf)
     )
     is_close = distance <= ONE_POSE.most_apart
     if not is_close[:, 1].any():
-        return _label_numbers(place)
+        return label_numbers(place)
     lengths = distance[:, 1:].ravel()
     # rows of one pose that was often read are each other's neighbours alone: of the next pose
     # only their middles show how far away it is
@@ -181,7 +181,7 @@ def pose_index(q: Array) -> Index:
         between = cKDTree(middles).query(middles, k=2, p=np.inf)[0]
         lengths = np.append(lengths, np.asarray(between)[:, 1])
     is_same = distance <= _reading_difference(lengths)
-    return _label_numbers(_joined(neighbour, is_same)[place])
+    return label_numbers(_joined(neighbour, is_same)[place])
 
 
 def _joined(neighbour: Index, is_joined: Mask) -> Index:
@@ -196,7 +196,7 @@ def _joined(neighbour: Index, is_joined: Mask) -> Index:
     return np.asarray(connected_components(graph)[1], dtype=np.intp)
 
 
-def _label_numbers(labels: Index) -> Index:
+def label_numbers(labels: Index) -> Index:
     """Return labels (n,) as numbers from 0 in the order in which they come."""
     _, first, index = np.unique(labels, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
