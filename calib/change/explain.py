@@ -60,10 +60,6 @@ class SearchSettings:
     nats_near: float = 10.0
     # sizes of the noise from one that is compared to the next: sets share it nearly
     noise_stride: int = 3
-    # most steps to the best fit of a set
-    steps: int = 12
-    # nats that a step must gain
-    enough: float = 5e-3
 
 
 SEARCH = SearchSettings()
@@ -265,12 +261,7 @@ class Search:
 
     def explanation_of(self, candidate: Candidate) -> Explanation:
         """Fit a set by damped Gauss-Newton steps, its evidence by Laplace."""
-        place = climb(
-            partial(self._place, candidate),
-            candidate.normals,
-            most=SEARCH.steps,
-            enough=SEARCH.enough,
-        )
+        place = climb(partial(self._place, candidate), candidate.normals)
         free = candidate.indices
         sd = np.zeros(len(place.beta))
         sd[free] = self.sd[free]

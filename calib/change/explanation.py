@@ -25,13 +25,25 @@ from ..body.settings import NATS
 from ..common.arrays import Array
 from .causes import CALM_WAVES, CREEP_WAVES, FRAME, kind_of
 from .frame import Reference
-from .rows import Observations
+from .rows import LogRows
 from .system import System, prior_columns
 
-# Share of each parameter's information that is added where a step does not gain, and of it after a
-# step that does
-DAMPING = 1e-4
-BOLDER = 1.0 / 8.0
+
+@dataclass(frozen=True)
+class ClimbSettings:
+    """How the greatest posterior is found."""
+
+    # most steps
+    steps: int = 12
+    # nats that a step must gain
+    enough: float = 5e-3
+    # share of each parameter's information that is added where a step does not gain, and of it
+    # after a step that does
+    damping: float = 1e-4
+    bolder: float = 1.0 / 8.0
+
+
+CLIMB = ClimbSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +63,6 @@ P = TypeVar("P", bound=Place)
 def climb(
     place_at: Callable[[Array], P | None],
     start: Array,
-    *,
-    most: int,
-    enough: float,
 ) -> P:
     """The place of the greatest posterior, by damped steps (Levenberg 1944, Marquardt 1963).
 
@@ -61,28 +70,26 @@ def climb(
 
     place_at : the place at normals (k,), None where no prediction is a number
     start : (k,)
-    most : steps
-    enough : nats that a step must gain
     """
     best = place_at(start) or place_at(np.zeros_like(start))
     if best is None:
         raise np.linalg.LinAlgError("no prediction is a number")
     damping = 0.0
-    for _ in range(most):
+    for _ in range(CLIMB.steps):
         damped = best.precision.copy()
         damped[np.diag_indices(len(damped))] *= 1.0 + damping
         step = Factor(damped).solve(best.gradient)
-        if 0.5 * float(best.gradient @ step) < enough:
+        if 0.5 * float(best.gradient @ step) < CLIMB.enough:
             break
         place = place_at(best.normals + step)
         if place is not None and place.fit > best.fit:
             gain = place.fit - best.fit
             best = place
-            damping *= BOLDER
-            if gain < enough:
+            damping *= CLIMB.bolder
+            if gain < CLIMB.enough:
                 break
         else:
-            damping = max(damping / BOLDER, DAMPING)
+            damping = max(damping / CLIMB.bolder, CLIMB.damping)
     return best
 
 
@@ -149,11 +156,6 @@ class PosteriorSettings:
 
     # contiguous blocks of rows that are held out in turn, each of which gives a gain
     blocks: int = 5
-    # most steps to the best fit
-    steps: int = 60
-    # nats that a step must gain: along the ways in which an arm without a drawing may be put
-    # together the fit betters by little for long, predictions no more
-    enough: float = 0.5
     # Inflation of the bound of an arm that was only simulated: nothing has shown yet how it holds.
     # Of 30 rows with waves of 2 mrad it covered 94.4 % without.
     simulated_kappa: float = 1.2
@@ -185,7 +187,7 @@ class Posterior:
     def __init__(
         self,
         explanation: Explanation,
-        observations: Observations,
+        observations: LogRows,
         residual_scale: float,
     ) -> None:
         reference = explanation.reference
@@ -209,9 +211,7 @@ class Posterior:
         start = np.zeros(self.size + self.w_columns.shape[1])
         change = (explanation.beta - reference.beta)[self.active]
         start[: self.size] = np.linalg.pinv(self.r, rcond=1e-12) @ change
-        self.place = climb(
-            self._place, start, most=POSTERIOR.steps, enough=POSTERIOR.enough
-        )
+        self.place = climb(self._place, start)
 
     def _place(self, normals: Array) -> PlaceOfRows | None:
         """Compare the rows with (u, w), None without a prediction.
@@ -278,7 +278,7 @@ class Posterior:
         place = self.place
         y = place.rest + place.columns @ place.normals
         vector = place.columns.T @ y
-        residual = np.empty_like(self.system.observations.z)
+        residual = np.empty_like(self.system.observations.x)
         outputs = residual.shape[1]
         for block in np.array_split(np.arange(len(residual)), POSTERIOR.blocks):
             rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)

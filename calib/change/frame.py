@@ -98,6 +98,11 @@ class Reference:
         """Whether the frame was fitted to the log."""
         return len(self.void) > 0
 
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the old frame may explain the log as well as the one that was fitted."""
+        return self.is_fitted and not self.has_discrete_cause
+
     def sd_if_changed(self) -> Array:
         """Standard deviation (d,) by which parameters and waves may have changed.
 

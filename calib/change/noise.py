@@ -216,8 +216,6 @@ class WaveSettings:
     # amplitude up to which an arm that has not changed may have a wave which its model has not
     # learned [rad]: all of a usual curve's rms in one
     usual: float = math.sqrt(2.0) * PRIOR.curve_rms
-    # standard deviations by which it has to be larger
-    clear: float = 2.0
     # share of what a wave does from which another one does the same, and nats by which it has to
     # explain the rows less: rows in a corner do not distinguish waves of 8 and 9 cycles
     alike: float = 0.5
@@ -323,10 +321,8 @@ def _clearest_wave(noise: NoiseFit) -> Wave | None:
     if fits.chance >= FALSE_ALARM:
         return None
     best = fits.best
-    variance = float(np.trace(fits.covariances[best])) / 2.0
-    deviation = math.sqrt(variance * noise.correlation_time)
     amplitude = float(np.linalg.norm(fits.amplitudes[best]))
-    is_larger = amplitude - WAVES.clear * deviation > WAVES.usual
+    is_larger = amplitude > WAVES.usual
     return Wave(indices[best], is_larger and not fits.rivals.any())
 
 

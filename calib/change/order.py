@@ -17,12 +17,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from operator import attrgetter, itemgetter
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
 
-from ..body.approach import Approach
 from ..body.covariance import autocorrelation_time
 from ..common.arrays import Array, Index
 from ..common.rows import solve_least_squares, spread_rows
@@ -35,21 +34,8 @@ from .noise import (
     sd_of_changes,
     share_chance,
 )
-from .rows import LEAST_ROWS, OUTLIER, Observations, neighbours_apart_in_time
-from .system import SYSTEM, NoisyJoint, Nuisance, Statistics, System
-
-
-@dataclass(frozen=True)
-class PlaySettings:
-    """When a joint has play."""
-
-    # share of the play that a model knows by which that may be wrong: 20 mrad were learned as 19.1
-    play_share: float = 0.1
-    # least share of the squared residuals that a play explains
-    least_explained: float = 0.06
-
-
-PLAY = PlaySettings()
+from .rows import LEAST_ROWS, OUTLIER, LogRows
+from .system import SYSTEM, NoisyJoint, Nuisance, System
 
 
 @dataclass(frozen=True)
@@ -59,16 +45,16 @@ class Play:
     joint: int
     half: float  # half of its play [rad or m]
     deviation: float  # standard deviation of that
-    score: float  # above 1 it is no chance, nor an error of what the model knows of it
+    score: float  # above 1: it is no chance
 
-    def taken_up(self, observations: Observations) -> Observations:
+    def taken_up(self, observations: LogRows) -> LogRows:
         """The observations at the joints' true values under this play."""
         q = observations.q.copy()
         q[:, self.joint] -= self.half * observations.side[:, self.joint]
         return replace(observations, q=q)
 
 
-def find_play(noise: NoiseFit, approach: Approach | None) -> Play | None:
+def find_play(noise: NoiseFit) -> Play | None:
     """Find the joint whose play explains most besides all that may have changed; None for chance.
 
     A joint is off by half its play, towards the side from which it came.  Each row has
@@ -77,7 +63,6 @@ def find_play(noise: NoiseFit, approach: Approach | None) -> Play | None:
         half = sum f r / sum f^2,    statistic = (sum f r)^2 / sum (f r - mean f r)^2
 
     noise : of the log, given all that may have changed
-    approach : the play that the model knows
     """
     system = noise.system
     features = noise.nuisance.rest(system.play_columns(), noise.size)
@@ -85,28 +70,25 @@ def find_play(noise: NoiseFit, approach: Approach | None) -> Play | None:
     squares = np.maximum((features**2).sum(axis=(0, 1)), 1e-300)
     total = products.sum(axis=0)
     half = total / squares
-    explained = half * total / max((noise.residual**2).sum(), 1e-300)
 
     # an encoder that is noisy moves the tip along the same slope, to either side
     variance = len(products) * products.var(axis=0) + 1e-300
     statistic = total**2 / (variance * noise.correlation_time)
     # the model learned its own from rows, too, with an error that depends on their number
-    statistic /= 1.0 + _rows_beside_training(system)
-    may_play = half > 0.0
-    may_play &= explained > PLAY.least_explained
-    statistic[~may_play] = 0.0
+    body = system.reference.body
+    if body.rows and not body.simulated:
+        statistic /= 1.0 + len(products) / body.rows
+    statistic[half <= 0.0] = 0.0
     joint = int(np.argmax(statistic))
     chance = len(half) * f_chance(float(statistic[joint]), 1.0, noise.freedom)
     score = score_of(chance)
     if score <= 1.0:
         return None
-    learned = 0.0 if approach is None else approach.play[joint]
-    is_error = half[joint] <= PLAY.play_share * learned
     return Play(
         joint=joint,
         half=float(half[joint]),
         deviation=math.sqrt(noise.correlation_time / float(squares[joint])),
-        score=0.0 if is_error else score,
+        score=score,
     )
 
 
@@ -126,14 +108,6 @@ def follows_sides(residual: Array, side: Array) -> bool:
     return chance * float(statistic.size) < FALSE_ALARM
 
 
-def _rows_beside_training(system: System) -> float:
-    """Rows of the log for each one that the model learned from; 0 where it was simulated."""
-    body = system.reference.body
-    if body.simulated or not body.rows:
-        return 0.0
-    return len(system.observations.q) / body.rows
-
-
 @dataclass(frozen=True)
 class StepSettings:
     """Where steps are looked for."""
@@ -144,8 +118,6 @@ class StepSettings:
     # part is: 20 times the noise in the last fifth of six logs made that 3 to 18, with shares of
     # .07 to .18, and steps .6 to 3 with shares of .12 to .82
     least_explained: float = 0.1
-    # least share of neighbours on either side of a step, over that of rows in any order
-    mixed: float = 0.5
 
 
 STEPS = StepSettings()
@@ -154,7 +126,7 @@ STEPS = StepSettings()
 class Step(NamedTuple):
     """A change within a log."""
 
-    row: int  # the first one after it
+    row: int  # the first one after it, as the file counts
     is_gradual: bool  # whether it went on from the first row to the last
 
 
@@ -170,30 +142,37 @@ class _Course(NamedTuple):
 
 def find_step(
     reference: Reference,
-    observations: Observations,
-    u: Array,
+    observations: LogRows,
     noisy: NoisyJoint | None,
 ) -> Step | None:
     """The change within a log, None where there may be none.
 
     reference : with the parameters that explain the whole log best
     observations : all rows of the log, in the order of time
-    u : (n, dof), their joints in the unit box
     noisy : a joint whose encoder is noisy: its few large rows are no step
     """
-    rows = spread_rows(len(u), SYSTEM.rows)
-    starts = _starts(u[rows])
-    if not len(starts):
+    rows = spread_rows(len(observations), SYSTEM.rows)
+    count = len(rows) - 2 * LEAST_ROWS + 1
+    if count < 1:
         return None
+    starts = LEAST_ROWS + spread_rows(count, STEPS.starts)
     system = System(reference, observations.some(SYSTEM.rows), noisy)
     # rows that contradict all others count for little
     limit = OUTLIER * float(np.median(np.abs(system.y)))
     y = np.clip(system.y, -limit, limit)
     # what exact rows leave over is no noise
-    if float((y**2).mean()) < SYSTEM.least_noise**2:
+    missed = math.sqrt(float((y**2).mean()))
+    if missed < SYSTEM.least_noise:
         return None
-    y = _without_play(system, y)
-    nuisance, statistics = _likelier_nuisance(system, y)
+    # beside all that may have changed before, all that is left may be smooth
+    nuisance = Nuisance(
+        system,
+        change_sd=sd_of_changes(reference),
+        residual_sd=missed * reference.sizes,
+    )
+    noise = nuisance.statistics(y).most_likely_noise()
+    y = _without_play(nuisance, y, noise)
+    statistics = nuisance.statistics(y)
     noise = statistics.most_likely_noise()
     courses = list(_courses(nuisance, y, noise, starts))
     best = max(courses, key=attrgetter("share"))
@@ -204,65 +183,28 @@ def find_step(
     freedom /= autocorrelation_time(nuisance.rest(left_over, noise))
     chance = share_chance(best.share, len(best.changes), freedom)
     # a sensor that is noisier from a row on is no step
-    outputs = observations.z.shape[1]
+    outputs = observations.x.shape[1]
     parts = np.split(np.abs(left_over), [best.start * outputs])
     shorter, longer = sorted(parts, key=len)
     noisier = float(np.median(shorter) / np.median(longer)) ** 2
     least_share = STEPS.least_explained * max(noisier, 1.0)
     if len(courses) * chance > FALSE_ALARM or best.share < least_share:
         return None
-    return Step(int(rows[best.start]), is_gradual=bool(best.columns[0].any()))
+    row = int(observations.log.rows[rows[best.start]])
+    return Step(row, is_gradual=bool(best.columns[0].any()))
 
 
-def _starts(u: Array) -> Index:
-    """Rows from which on a change can be found, where joints (n, dof) are alike before and after.
-
-    Along a path without return a change of time is one of place.
-    """
-    count = len(u) - 2 * LEAST_ROWS + 1
-    if count < 1:
-        return np.zeros(0, np.intp)
-    first, second = neighbours_apart_in_time(u)
-    starts: Index = LEAST_ROWS + spread_rows(count, STEPS.starts)
-    is_before = first[:, None] < starts
-    is_after = second[:, None] >= starts
-    apart = (is_before & is_after).mean(axis=0)
-    by_chance = 2.0 * starts * (len(u) - starts) / len(u) ** 2
-    is_mixed = apart > STEPS.mixed * by_chance
-    return np.asarray(starts[is_mixed])
-
-
-def _without_play(system: System, y: Array) -> Array:
+def _without_play(nuisance: Nuisance, y: Array, noise: float) -> Array:
     """Residuals (N,) less what a play of joints explains, which moved another way before.
 
     Beside all else that an arm may show: of what is 20 times the noise and no play, a least-squares
     fit of six plays to 300 residuals alone would take, and leave elsewhere, 3 times the noise.
     """
-    nuisance, statistics = _likelier_nuisance(system, y)
-    noise = statistics.most_likely_noise()
-    plays = system.play_columns()
+    plays = nuisance.system.play_columns()
     matrix, vector = nuisance.statistics(y, plays).information(noise)
     halves = solve_least_squares(matrix, vector[:, None])
     rest: Array = y - (plays @ halves)[:, 0]
     return rest
-
-
-def _likelier_nuisance(system: System, y: Array) -> tuple[Nuisance, Statistics]:
-    """Whatever else residuals (N,) may be: of them the usual share is smooth, or all are."""
-    reference = system.reference
-    missed = np.sqrt((y**2).mean()) * reference.sizes
-    fits = []
-    for residual_sd in (None, missed):
-        nuisance = Nuisance(
-            system,
-            change_sd=sd_of_changes(reference),
-            residual_sd=residual_sd,
-        )
-        statistics = nuisance.statistics(y)
-        _, likelihood = statistics.noises()
-        fits.append((likelihood.max(), nuisance, statistics))
-    _, nuisance, statistics = max(fits, key=itemgetter(0))
-    return nuisance, statistics
 
 
 def _courses(
@@ -272,7 +214,7 @@ def _courses(
     system = nuisance.system
     causes = system.single_causes()
     free = np.unique(np.concatenate([*causes.values()]))
-    n, outputs = system.observations.z.shape
+    n, outputs = system.observations.x.shape
     total = float(y @ nuisance.rest(y, noise).ravel()) / noise
     row = np.arange(n)
     growing = (row + 1.0) / n

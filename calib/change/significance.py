@@ -20,8 +20,9 @@ import numpy as np
 from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
 from ..body.structure import Structure
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array
 from .causes import indices_of
+from .frame import Reference
 from .noise import (
     FALSE_ALARM,
     NoiseFit,
@@ -29,7 +30,7 @@ from .noise import (
     score_of,
 )
 from .order import follows_sides
-from .rows import LogRows, neighbours_apart_in_time
+from .rows import LogRows
 from .system import CREEP_SHARE, NoisyJoint, Nuisance, Statistics
 
 
@@ -48,12 +49,9 @@ class SignificanceSettings:
 
 SIGNIFICANCE = SignificanceSettings()
 
-# Of noise: the least variance by the median row, over that by all of them (rows of another sensor
-# .01, Student's t of 3 degrees .6), the largest share of rows that contradict all others, and the
-# least time over which rows err together
-EVEN = 0.1
-FEW_WRONG = 0.05
+# Least time over which rows err together that is no noise [rows]
 LAGGING = 3.0
+LASTING = 10  # rows over which noise may last
 # Share of rows beyond a 95 % bound that fails for sure: halves of A and C have 13 % at most
 BEYOND = 0.2
 NOISE = "a noisier sensor or encoder, "
@@ -255,22 +253,18 @@ class BoundTest:
     """The rows that are beyond the model's own 95 % bound."""
 
     beyond: float  # share of them; those that contradict all others are, too
-    usual: float  # median of the bounds [unit]
-    test: GroupTest  # the chance of so many by noise
+    usual: float  # median of the bounds of an arm that has not changed [unit]
     # whether each row is missed by about as much, independently
     may_be_noise: bool
-    # whether rows of like joints err alike by most of the scatter
+    # whether rows of like joints, or that came from like sides, err alike
     repeats: bool
-
-    @property
-    def fails(self) -> bool:
-        """Whether they are too many, noise or not."""
-        return self.beyond > BEYOND
+    # whether too many err so beyond what an arm may that has not changed
+    is_contradicted: bool
 
     @property
     def holds(self) -> bool:
         """Whether they are about as many as usual."""
-        return not self.fails and self.test.score <= 1.0
+        return self.beyond <= BEYOND
 
     def words(self, *, changed: bool) -> str:
         """The share in words, and what it may be due to where nothing `changed`."""
@@ -290,7 +284,7 @@ def bound_test(
     shared_variance: Array | float,
     tests: GroupTests,
 ) -> BoundTest:
-    """Count the rows beyond the 95 % bound, against what a noisier sensor or encoder would do.
+    """Count the rows beyond the 95 % bound.
 
     rows : n of them that do not contradict all others
     limit : (n,), the bound of each row [unit]
@@ -301,91 +295,65 @@ def bound_test(
 
     residual = rows.x - rows.predicted
     square = (residual**2).sum(axis=1)
-    usual = float(np.median(tolerance))
     # squared, of 95 % of a Gaussian, in deviations
     radius = float(chdtri(residual.shape[1], 0.05))
-    noise = _noise_of_sensor(square, residual.shape[1], tests)
-    # rows of like joints that err alike are no noisier sensor
-    of_places = variance_of_places(rows, residual)
-    if tests.wavy or of_places * radius > usual**2:
-        noise = 0.0
-    by_noise = noise + _noise_of_joint(rows, tests)
     variance = shared_variance
     # of a simulated arm the bound is on the true position, not on readings
     if rows.model.about.bound_of == "true position":
         variance = variance + tests.usual**2
     is_beyond = square > limit**2 + radius * variance
-    variance = shared_variance + by_noise
-    is_beyond_noise = square > tolerance**2 + radius * variance
-    test = GroupTest("bound", _chance(is_beyond_noise))
-    count = len(rows) + rows.wrong
-    few_wrong = rows.wrong <= max(FEW_WRONG * count, 1)
-    may_be_noise = few_wrong and not tests.wavy
-    may_be_noise &= _looks_like_noise(residual)
-    may_be_noise &= not follows_sides(residual, rows.side)
+    beyond = np.count_nonzero(is_beyond) + rows.wrong
+    is_missed = square > tolerance**2 + radius * variance
+    of_places = variance_of_places(rows.u, residual)
+    is_systematic = tests.wavy or follows_sides(residual, rows.side)
+    repeats = is_systematic or of_places * radius > tests.noise**2
+    is_change = is_systematic or (repeats and tests.noisy is None)
     return BoundTest(
-        beyond=(np.count_nonzero(is_beyond) + rows.wrong) / count,
-        usual=usual,
-        test=test,
-        may_be_noise=may_be_noise,
-        repeats=tests.wavy or of_places > 0.5 * tests.noise**2,
+        beyond=beyond / (len(rows) + rows.wrong),
+        usual=float(np.median(tolerance)),
+        may_be_noise=rows.few_wrong
+        and not is_systematic
+        and autocorrelation_time(residual) < LAGGING,
+        repeats=repeats,
+        is_contradicted=is_change and float(is_missed.mean()) > BEYOND,
     )
 
 
-def _looks_like_noise(residual: Array) -> bool:
-    """Whether the nearer half of residuals (n, m) is as large, and none is as the one before."""
-    from scipy.special import chdtri
+def variance_of_all(reference: Reference, observations: LogRows) -> Array:
+    """Variance (n,) of what all rows share: frame, and corrected clock [unit^2]."""
+    # a frame is shifted and bent, that of the model's own log and that of this one
+    extent = reference.structure.extents[0]
+    bends = 1.0 + ((observations.x / extent) ** 2).sum(axis=1)
+    variance = 2.0 * observations.shared**2 * bends
+    # a clock is a little early or late for all rows
+    slope = reference.structure.slope(observations.q, reference.beta)
+    moves = slope @ observations.clock_sd[:, :, None]
+    variance += (moves**2).sum(axis=(1, 2))
+    return np.asarray(variance)
 
-    square = (residual**2).sum(axis=1)
-    usual = float(chdtri(residual.shape[1], 0.5)) / residual.shape[1]
-    is_even = float(np.median(square)) > EVEN * usual * float(square.mean())
-    return is_even and autocorrelation_time(residual) < LAGGING
 
+def variance_of_places(u: Array, residual: Array) -> float:
+    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance.
 
-def _chance(beyond: Mask) -> float:
-    """Chance (binomial) of so many rows (n,) beyond a bound that as many as usual may exceed.
+    Each row is compared with the nearest one between which and it noise does not last.
 
-    Rows that err together count once.
+    u, residual : (n, dof), (n, m), joints in the unit box, and what the rows are missed by
     """
-    from scipy.special import bdtrc
-
-    if not beyond.any():
-        return 1.0
-    time = autocorrelation_time(beyond[:, None].astype(float))
-    count = int(beyond.sum() / time)
-    independent = math.ceil(len(beyond) / time)
-    return float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
-
-
-def _noise_of_sensor(square: Array, outputs: int, tests: GroupTests) -> float:
-    """Variance of an axis [unit^2] beyond the usual one, of squared distances (n,)."""
-    from scipy.special import chdtri
-
-    # half of the rows of a noisier sensor are nearer than its median
-    median = float(np.median(square)) / float(chdtri(outputs, 0.5))
-    return max(max(tests.noise**2, median) - tests.usual**2, 0.0)
-
-
-def _noise_of_joint(rows: LogRows, tests: GroupTests) -> Array:
-    """Variance (n,) [unit^2] of the rows by a joint whose encoder is noisy."""
-    if tests.noisy is None:
-        return np.zeros(len(rows))
-    joint, sd = tests.noisy
-    body = rows.body
-    slope = body.structure.slope(rows.q, body.beta)
-    moves = slope[..., joint] ** 2
-    variance: Array = sd**2 * moves.sum(axis=1)
-    return variance
-
-
-def variance_of_places(rows: LogRows, residual: Array) -> float:
-    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
+    from scipy.spatial import cKDTree
     from scipy.special import ndtri
 
-    first, second = neighbours_apart_in_time(rows.u)
-    if not len(first):
-        return 0.0
+    # of so many rows at least one is no neighbour in time
+    count = min(2 * LASTING + 2, len(u))
+    _, neighbours = cKDTree(u).query(u, count)
+    near = np.asarray(neighbours)
+    is_apart = np.abs(near - np.arange(len(u))[:, None]) > LASTING
+    row = np.flatnonzero(is_apart.any(axis=1))
+    nearest = is_apart[row].argmax(axis=1)
+    pairs = np.sort(np.stack([row, near[row, nearest]], axis=1), axis=1)
+    first, second = np.unique(pairs, axis=0).T
     product = (residual[first] * residual[second]).sum(axis=1)
     # whatever its size, noise makes either sign as likely
-    sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
-    return float(product.mean()) / residual.shape[1] if sure else 0.0
+    if product.sum() <= -ndtri(FALSE_ALARM) * np.linalg.norm(product):
+        return 0.0
+    variance: float = product.mean() / residual.shape[1]
+    return variance

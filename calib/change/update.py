@@ -220,8 +220,8 @@ def _update_by_training(evidence: Evidence, explanation: Explanation) -> Update:
     if isinstance(structure, PlanarStructure):
         structure = structure.with_fields(simulated=False)
     observations = evidence.observations
-    rows = spread_rows(len(observations.q), UPDATING.rows_of_training)
-    measured = [Rows(observations.q[rows], observations.z[rows])]
+    rows = spread_rows(len(observations), UPDATING.rows_of_training)
+    measured = [Rows(observations.q[rows], observations.x[rows])]
     fitted = fit(structure, measured, begin=explanation.beta)
     return _update(evidence, explanation, fitted.body, rows, fitted.held_out)
 

@@ -12,7 +12,13 @@ from .causes import Cause
 from .evidence import Evidence
 from .noise import FALSE_ALARM
 from .rows import OUTLIER, LogRows
-from .significance import BoundTest, GroupTest, GroupTests, bound_test
+from .significance import (
+    BEYOND,
+    BoundTest,
+    GroupTest,
+    GroupTests,
+    bound_test,
+)
 from .update import Update
 
 # rows that distortions are measured on
@@ -127,8 +133,8 @@ class Verdict:
 
     @property
     def groups(self) -> tuple[GroupTest, ...]:
-        """Every group that was tested, and the bound."""
-        return (*self.tests.groups, self.bound.test)
+        """Every group that was tested."""
+        return self.tests.groups
 
     @property
     def fired(self) -> list[GroupTest]:
@@ -269,7 +275,7 @@ def verdict_on_maps(rows: LogRows) -> Verdict:
     tests = GroupTests((), noise, noise)
     limit = limit[sound]
     bound = bound_test(rows, limit, limit, rows.shared**2, tests)
-    score = bound.test.score
+    score = bound.beyond / BEYOND
     causes: tuple[Cause, ...] = ()
     if score > 1.0:
         words = (
