@@ -21,18 +21,16 @@ from ..body.rows import Rows
 from ..body.settings import FREE, STUDENT
 from ..body.structure import Structure
 from ..common.arrays import Array
-from ..common.rows import median_length, spread_rows
+from ..common.rows import median_length
 from ..common.wording import quantity
 from ..model.alignment import Alignment
 from ..samples.diagnosis import rows_behind
 from .causes import Cause, indices_of, is_sensors
-from .explain import MARGIN, explain
-from .explanation import Explanation
+from .explain import MARGIN, Explanation, explain
 from .frame import Reference
-from .noise import FALSE_ALARM
-from .order import Play, Step
+from .noise import FALSE_ALARM, Play
 from .rows import LogRows
-from .significance import BoundTest, GroupTests
+from .significance import BoundTest, GroupTests, Step
 from .system import Nuisance, System
 
 TOOL = "tool"  # the group of where it is
@@ -102,7 +100,7 @@ def tool_turn(
     from scipy.special import chdtri
 
     old = rows.body
-    rows = rows.take(spread_rows(len(rows), EVIDENCE.tool_rows))
+    rows = rows.some(EVIDENCE.tool_rows)
     if rows.log.orientation is None or not knows_orientation(old):
         return ToolTurn()
     tool = structure.groups["tool.rotation"]

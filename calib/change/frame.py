@@ -169,7 +169,10 @@ def _by_best_sense(body: Body, q: Array, z: Array, unit: str) -> Reference:
 
     # where is their frame?
     structure = sense.structure
-    start = _frame_start(sense, placement.turn)
+    turn = structure.turn_parameters(placement.turn)
+    rotation = structure.groups["view.rotation"]
+    # its shift is linear, and fitted
+    start = structure.after_step(sense.beta, rotation, turn)
     beta = _frame_fit(structure, q, z, start, fitted)
 
     # what of the old belief holds on?
@@ -356,14 +359,6 @@ def _camera_anew(
     beta = old.copy()
     beta[free] = best_frame(fixed, Rows(q, z), old).beta[free]
     return beta
-
-
-def _frame_start(sense: _Sense, turn: Array) -> Array:
-    """Parameters (d,) with the frame turned; its shift is linear, and fitted."""
-    structure = sense.structure
-    rotation = structure.groups["view.rotation"]
-    step = structure.turn_parameters(turn)
-    return structure.after_step(sense.beta, rotation, step)
 
 
 def _frame_fit(

@@ -36,14 +36,19 @@ from .causes import Cause, as_built, as_drawn, with_chain_in_doubt
 from .evidence import Evidence, evidence_of_unnamed, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
-from .noise import noise_of, with_waves
-from .order import Step, find_play, find_step
+from .noise import find_play, noise_of, with_waves
 from .rows import (
     LogRows,
     rows_of,
     sound_rows,
 )
-from .significance import bound_test, group_tests, variance_of_all
+from .significance import (
+    Step,
+    bound_test,
+    find_step,
+    group_tests,
+    variance_of_all,
+)
 from .system import System, system_of
 from .update import Update, update
 from .verdict import Episode, Verdict, notes_of, verdict_on_maps
@@ -201,7 +206,7 @@ def _systems(
     prior: Body, reference: Reference, observations: LogRows
 ) -> list[System]:
     """The observations in the frame of the log, and in that of the belief if it may be the same."""
-    systems = [system_of(reference, observations)]
+    references = [reference]
     if reference.is_doubtful:
         old_frame = Reference(
             prior,
@@ -209,8 +214,8 @@ def _systems(
             waves=reference.waves,
             simulated=reference.simulated,
         )
-        systems.insert(0, system_of(old_frame, observations))
-    return systems
+        references.insert(0, old_frame)
+    return [system_of(frame, observations) for frame in references]
 
 
 def _verdict_of(evidence: Evidence, better: Update | None) -> Verdict:

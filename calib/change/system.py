@@ -82,13 +82,10 @@ class System:
         self.reference = reference
         self.observations = observations
         self.noisy = noisy
-        q = observations.q
-        self.slope = structure.slope(q, reference.beta)
+        self.slope = structure.slope(observations.q, reference.beta)
         self.roots, self.log_determinant = self._roots()
-        self.predicted, columns = structure.linearise(q, reference.beta)
-        residual = structure.residual(observations.x, self.predicted)
+        residual, self.x = self.residual(reference.beta)
         self.y = self.whiten(residual)
-        self.x = self.whiten(columns)
         self.nuisance = cache(partial(Nuisance, self))
 
     def _roots(self) -> tuple[Array, float]:
@@ -119,8 +116,10 @@ class System:
         flat: Array = self.roots @ x.reshape(n, m, -1)
         return flat.reshape(n * m, *columns)
 
-    def residual(self, beta: Array, free: Indices) -> tuple[Array, Array]:
-        """Residuals (n, m) [unit] at parameters (d,), and columns (N, k) of some of these."""
+    def residual(
+        self, beta: Array, free: Indices | None = None
+    ) -> tuple[Array, Array]:
+        """Residuals (n, m) [unit] at parameters (d,), and columns (N, k) of some or all."""
         structure = self.reference.structure
         with np.errstate(all="ignore"):
             predicted, columns = structure.linearise(
@@ -175,7 +174,9 @@ class System:
         if not shared:
             return np.zeros((n, outputs, 0))
         structure = self.reference.structure
-        places = self.predicted[:, : structure.blocks[0]]
+        reference = self.reference
+        predicted = structure.predict(self.observations.q, reference.beta)
+        places = predicted[:, : structure.blocks[0]]
         features = np.hstack([np.ones((n, 1)), places / structure.extents[0]])
         return shared * along_axes(features, np.eye(outputs))
 

@@ -6,7 +6,6 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from ..common.rows import spread_rows
 from ..model.baseline import Signal
 from .causes import Cause
 from .evidence import Evidence
@@ -226,7 +225,7 @@ class Verdict:
         """How the rows lie on the maps (eq. 9): a display, no alarm."""
         model = self.rows.model
         assert model.baseline is not None  # noqa: S101 - checked where the rows are read
-        rows = self.rows.take(spread_rows(len(self.rows), MOST_DISTORTED))
+        rows = self.rows.some(MOST_DISTORTED)
         return model.baseline.distortions(
             model.association, rows.u, rows.x, rows.predicted, rows.bound
         )

@@ -21,8 +21,7 @@ from ..common.wording import by_name, for_people, quantity, two_digits
 from .causes import FRAME, GROUPS, Cause, indices_of, kind_of
 from .evidence import Evidence, frame_between
 from .explain import MARGIN
-from .noise import NOISIER
-from .order import Play
+from .noise import NOISIER, Play
 from .significance import moves_of
 
 SCATTER = (
