@@ -42,8 +42,6 @@ class AdaptationSettings:
     # share of the error before: a model that misses rows by less is written although the linear
     # equations promised more.  Exact rows after a lens: 1e-5 mm promised, 20 mm before.
     clearly_better: float = 0.01
-    # share of the rows beyond the bound from which that of a model is widened
-    wrong: float = 0.5
     # least spread of rows in any direction, over that of the learned range
     wide: float = 0.5
     # cells along each joint, for the share of the range that a log measured
