@@ -331,7 +331,7 @@ def bound_test(
     repeats = is_systematic or of_places * radius > tests.noise**2
     is_change = is_systematic or (repeats and tests.noisy is None)
     return BoundTest(
-        beyond=beyond / (len(rows) + rows.wrong),
+        beyond=float(beyond / (len(rows) + rows.wrong)),
         usual=float(np.median(tolerance)),
         may_be_noise=rows.few_wrong
         and not is_systematic
