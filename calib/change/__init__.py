@@ -6,13 +6,12 @@ In the order of `judge`, each file after those that it needs::
     frame         the old belief in the frame of the log
     rows          those of a log that count, and that do not contradict all others
     system        these against a belief, linear in all that may have changed
-    noise         its size, that of one encoder, and waves of joints
-    order         a joint's play, and a change that sets in within the log
-    significance  which group of parameters explains more than chance, and how the bound holds
-    explanation   a set of causes fitted to the log, and the posterior under it
-    explain       the search for the sets of greatest evidence
+    noise         its size, that of one encoder, a joint's play, and waves of joints
+    significance  which group of parameters explains more than chance, in the whole log or from a
+                  row on, and how the bound holds
+    explain       the search for the sets of causes of greatest evidence, each fitted to the log
     evidence      tests, bound, explanations and orientations weighed together
-    update        the belief that follows, judged by rows that are held out
+    update        the posterior and the belief that follow, judged by rows that are held out
     words         causes and notes in sentences
     verdict       what users see of all this
     judge         all of these in turn; `check`

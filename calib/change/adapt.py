@@ -32,6 +32,7 @@ from .causes import FRAME, GROUPS
 from .evidence import Evidence, frame_between
 from .frame import LEAST_RESIDUAL
 from .judge import guarded_algebra, judge
+from .significance import CONTRADICTED
 from .update import Update
 from .verdict import Verdict
 
@@ -127,7 +128,10 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
     if not answers:
         unchanged = unchanged.with_note(TOO_WIDE)
     if not update.improved or not answers:
-        if _is_contradicted(verdict):
+        bound = verdict.bound
+        # noise alone is no error of the model
+        is_wrong = bound.beyond > CONTRADICTED and not bound.may_be_noise
+        if verdict.changed or is_wrong:
             return _with_wider_bound(verdict, unchanged, model)
         return unchanged
 
@@ -202,14 +206,6 @@ def _where(improved: Adaptation, model: Model) -> str:
         f"elsewhere, where the position is known to {bound} (median of the bound) if nothing "
         "else changed"
     )
-
-
-def _is_contradicted(verdict: Verdict) -> bool:
-    """Whether the rows contradict the model: noise alone is no error of it, rows miss evenly."""
-    if verdict.changed:
-        return True
-    missed = np.mean(verdict.rows.distance > verdict.rows.bound)
-    return bool(missed > 0.5) and not verdict.bound.may_be_noise
 
 
 def _with_wider_bound(

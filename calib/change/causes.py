@@ -207,14 +207,22 @@ SETS = (
 
 
 def single_causes(
-    structure: Structure, cause: str | None = None, waves: Indices | None = None
+    structure: Structure,
+    cause: str | None = None,
+    waves: Indices | None = None,
+    *,
+    by_touch: bool = False,
 ) -> dict[str, Indices]:
     """Return the parameters of each cause that may occur alone.
 
     cause : {"sensor", "joints", "offsets"}, if it is known that only these may have changed;
         "offsets" are the joints' zeros and the frame
     waves : parameters of joints' waves that a log shows
+    by_touch : whether touches alone show them: no sensor, no first joint's offset, and not where
+        its origin is
     """
+    if by_touch and cause != "offsets":
+        cause = "joints"
     groups: tuple[str, ...] = TESTED
     sensors: Iterable[str] = _SENSORS
     if cause == "offsets":
@@ -231,10 +239,11 @@ def single_causes(
     indices = indices_of(structure, groups)
     if waves is not None and cause in (None, "joints"):
         indices = np.append(indices, waves)
+    first = structure.joint_names[0]
     for index in indices.tolist():
         label = structure.labels[index]
-        first = label.joint == structure.joint_names[0]
-        if label.group == "placement" and first and cause != "joints":
+        is_first = label.joint == first
+        if label.group == "placement" and is_first and cause != "joints":
             continue  # the first origin's place is the sensor's frame
         if label.group in ("elastic", "payload") and label.unit == "m":
             continue  # the pull on a slide hardly changes with the posture: its offset
@@ -243,22 +252,9 @@ def single_causes(
             name = label.group  # a payload bends all joints at once
         others = causes.get(name, np.zeros(0, np.intp))
         causes[name] = np.append(others, index)
-    return causes
-
-
-def causes_of_touches(
-    structure: Structure, cause: str | None = None, waves: Indices | None = None
-) -> dict[str, Indices]:
-    """Return the parameters of each cause that touches alone may show, as of `single_causes`.
-
-    They show no sensor, no first joint's offset, and not where its origin is.
-    """
-    if cause != "offsets":
-        cause = "joints"
-    causes = single_causes(structure, cause, waves)
-    first = structure.joint_names[0]
-    for name in (f"offset:{first}", f"placement:{first}", "sensor"):
-        causes.pop(name, None)
+    if by_touch:
+        for name in (f"offset:{first}", f"placement:{first}", "sensor"):
+            causes.pop(name, None)
     return causes
 
 

@@ -21,18 +21,16 @@ from ..body.rows import Rows
 from ..body.settings import FREE, STUDENT
 from ..body.structure import Structure
 from ..common.arrays import Array
-from ..common.rows import median_length, spread_rows
+from ..common.rows import median_length
 from ..common.wording import quantity
 from ..model.alignment import Alignment
 from ..samples.diagnosis import rows_behind
 from .causes import Cause, indices_of, is_sensors
-from .explain import MARGIN, explain
-from .explanation import Explanation
+from .explain import MARGIN, Explanation, explain
 from .frame import Reference
-from .noise import FALSE_ALARM
-from .order import Play, Step
-from .rows import LogRows, Observations
-from .significance import FEW_WRONG, BoundTest, GroupTests
+from .noise import FALSE_ALARM, Play
+from .rows import LogRows
+from .significance import BoundTest, GroupTests, Step
 from .system import Nuisance, System
 
 TOOL = "tool"  # the group of where it is
@@ -102,7 +100,7 @@ def tool_turn(
     from scipy.special import chdtri
 
     old = rows.body
-    rows = rows.take(spread_rows(len(rows), EVIDENCE.tool_rows))
+    rows = rows.some(EVIDENCE.tool_rows)
     if rows.log.orientation is None or not knows_orientation(old):
         return ToolTurn()
     tool = structure.groups["tool.rotation"]
@@ -153,7 +151,7 @@ class Evidence:
     cause: str | None
     prior: Body  # the belief that a changed arm starts from
     reference: Reference  # the same in the frame of the log
-    observations: Observations
+    observations: LogRows
     tests: GroupTests
     bound: BoundTest
     unnamed: float  # evidence of a smooth change that no cause names [nats]
@@ -172,15 +170,14 @@ class Evidence:
     @property
     def test_score(self) -> float:
         """Largest score of the tests for a change, above 1 if something changed."""
-        score = max(self.tests.score, self.bound.test.score)
         if self.reference.has_discrete_cause:
-            score = max(score, EVIDENCE.discrete)
-        return score
+            return max(self.tests.score, EVIDENCE.discrete)
+        return self.tests.score
 
     @property
     def fired(self) -> bool:
         """Whether causes are worth a search."""
-        return self.test_score > 1.0 or self.bound.fails
+        return self.test_score > 1.0 or not self.bound.holds
 
     @property
     def best(self) -> Explanation:
@@ -207,9 +204,7 @@ class Evidence:
         if self.misfit < EVIDENCE.unexplained:
             return True
         distance = median_length(self.best.residual)
-        count = len(self.rows) + self.rows.wrong
-        few_wrong = self.rows.wrong <= FEW_WRONG * count
-        return few_wrong and distance < self.bound.usual < np.inf
+        return self.rows.few_wrong and distance < self.bound.usual < np.inf
 
     @cached_property
     def is_one_place(self) -> bool:
@@ -240,12 +235,16 @@ class Evidence:
         """Above 1 the arm or its sensor changed.
 
         A log that nothing explains has the score 1 + misfit, one that a change explains better
-        than none 1 + share of the rows beyond a bound that fails.
+        than none, or whose rows repeat what they are missed by, 1 + share of the rows beyond a
+        bound that fails.
         """
         score = self.test_score
         if self.fired and not self.is_explained:
             score = max(score, 1.0 + self.misfit)
-        if self.is_better and self.bound.fails and self.tests.noisy is None:
+        is_contradicted = self.bound.is_contradicted and self.play is None
+        if self.is_better and not self.bound.holds:
+            is_contradicted |= self.tests.noisy is None
+        if is_contradicted:
             score = max(score, 1.0 + self.bound.beyond)
         if self.step is not None:
             score = max(score, EVIDENCE.discrete)
@@ -270,7 +269,7 @@ class Evidence:
         reference = self.reference
         q = self.rows.q
         predicted = reference.structure.predict(q, reference.beta)
-        lag = rows_behind(q, predicted, self.observations.z)
+        lag = rows_behind(q, predicted, self.observations.x)
         check = "check that joints and positions of a row belong together and are of this arm"
         if lag:
             check = f"positions follow the joints by {lag} rows: align the clocks of both"

@@ -98,6 +98,11 @@ class Reference:
         """Whether the frame was fitted to the log."""
         return len(self.void) > 0
 
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the old frame may explain the log as well as the one that was fitted."""
+        return self.is_fitted and not self.has_discrete_cause
+
     def sd_if_changed(self) -> Array:
         """Standard deviation (d,) by which parameters and waves may have changed.
 
@@ -164,7 +169,10 @@ def _by_best_sense(body: Body, q: Array, z: Array, unit: str) -> Reference:
 
     # where is their frame?
     structure = sense.structure
-    start = _frame_start(sense, placement.turn)
+    turn = structure.turn_parameters(placement.turn)
+    rotation = structure.groups["view.rotation"]
+    # its shift is linear, and fitted
+    start = structure.after_step(sense.beta, rotation, turn)
     beta = _frame_fit(structure, q, z, start, fitted)
 
     # what of the old belief holds on?
@@ -351,14 +359,6 @@ def _camera_anew(
     beta = old.copy()
     beta[free] = best_frame(fixed, Rows(q, z), old).beta[free]
     return beta
-
-
-def _frame_start(sense: _Sense, turn: Array) -> Array:
-    """Parameters (d,) with the frame turned; its shift is linear, and fitted."""
-    structure = sense.structure
-    rotation = structure.groups["view.rotation"]
-    step = structure.turn_parameters(turn)
-    return structure.after_step(sense.beta, rotation, step)
 
 
 def _frame_fit(

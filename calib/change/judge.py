@@ -36,16 +36,19 @@ from .causes import Cause, as_built, as_drawn, with_chain_in_doubt
 from .evidence import Evidence, evidence_of_unnamed, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
-from .noise import noise_of, with_waves
-from .order import Step, find_play, find_step
+from .noise import find_play, noise_of, with_waves
 from .rows import (
     LogRows,
-    Observations,
-    observations_of,
     rows_of,
     sound_rows,
 )
-from .significance import bound_test, group_tests
+from .significance import (
+    Step,
+    bound_test,
+    find_step,
+    group_tests,
+    variance_of_all,
+)
 from .system import System, system_of
 from .update import Update, update
 from .verdict import Episode, Verdict, notes_of, verdict_on_maps
@@ -132,7 +135,7 @@ def _verdict_on_body(
         prior = as_drawn(belief)
     positions = logged.x - logged.map_offset
     reference = reference_of(prior, logged.q, positions, logged.unit)
-    logged_observations = observations_of(logged, reference)
+    logged_observations = logged.without_maps(reference)
     sound = sound_rows(reference, logged_observations)
     rows = logged.without_strays(sound)
     observations = logged_observations.take(sound)
@@ -143,7 +146,7 @@ def _verdict_on_body(
     old_frame = Reference(belief, belief.beta)
     frame = reference if reference.is_fitted else old_frame
     noise = noise_of(system_of(frame, observations))
-    play = find_play(noise, rows.model.approach)
+    play = find_play(noise)
     if play is not None:
         observations = play.taken_up(observations)
         logged_observations = play.taken_up(logged_observations)
@@ -157,21 +160,14 @@ def _verdict_on_body(
 
     # 3. p: the chance of such rows where nothing changed, by groups of parameters and by the bound
     noise_beside_belief = noise
-    if reference.is_fitted and not reference.has_discrete_cause:
+    if reference.is_doubtful:
         noise_beside_belief = with_waves(
             noise_of(system_of(old_frame, observations))
         )
     tests = group_tests(noise_beside_belief, rows.probes)
     # an arm that was simulated is no other one within the tolerances of its making
     tolerance = np.maximum(rows.bound, prior.bound(rows.q))
-    # a frame that all rows share is shifted and bent
-    extent = reference.structure.extents[0]
-    bends = 1.0 + ((observations.z / extent) ** 2).sum(axis=1)
-    shared_variance = observations.shared**2 * bends
-    # a clock that was corrected is a little early or late for all rows
-    slope = reference.structure.slope(observations.q, reference.beta)
-    moves = slope @ observations.clock_sd[:, :, None]
-    shared_variance += (moves**2).sum(axis=(1, 2))
+    shared_variance = variance_of_all(reference, observations)
     bound = bound_test(rows, rows.bound, tolerance, shared_variance, tests)
 
     report(0.4, "causes", math.nan)
@@ -192,12 +188,9 @@ def _verdict_on_body(
         step = find_step(
             replace(best.reference, beta=best.beta),
             logged_observations,
-            logged.u,
             noise.system.noisy,
         )
-        if step is not None:
-            row = int(logged.log.rows[step.row])
-            evidence = replace(evidence, step=step._replace(row=row))
+        evidence = replace(evidence, step=step)
     evidence = with_orientations(evidence, systems)
 
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
@@ -210,19 +203,19 @@ def _verdict_on_body(
 
 
 def _systems(
-    prior: Body, reference: Reference, observations: Observations
+    prior: Body, reference: Reference, observations: LogRows
 ) -> list[System]:
     """The observations in the frame of the log, and in that of the belief if it may be the same."""
-    systems = [system_of(reference, observations)]
-    if reference.is_fitted and not reference.has_discrete_cause:
+    references = [reference]
+    if reference.is_doubtful:
         old_frame = Reference(
             prior,
             prior.beta,
             waves=reference.waves,
             simulated=reference.simulated,
         )
-        systems.insert(0, system_of(old_frame, observations))
-    return systems
+        references.insert(0, old_frame)
+    return [system_of(frame, observations) for frame in references]
 
 
 def _verdict_of(evidence: Evidence, better: Update | None) -> Verdict:

@@ -1,4 +1,4 @@
-"""Noise: its most likely size where all may have changed, one encoder's, and waves of joints.
+"""Noise: its most likely size where all may have changed, one encoder's, play and waves of joints.
 
 They are estimated before any test: as the noise is estimated, a group has the chance of an F test.
 
@@ -28,6 +28,7 @@ from ..body.settings import PRIOR
 from ..common.arrays import Array, Mask
 from .causes import frame_twin, indices_of
 from .frame import Reference
+from .rows import LogRows
 from .system import CREEP_SHARE, SYSTEM, NoisyJoint, Nuisance, System
 
 # Share of undisturbed logs for which `check` may call anything changed, after Bonferroni
@@ -208,6 +209,60 @@ def score_of(chance: float) -> float:
 
 
 @dataclass(frozen=True)
+class Play:
+    """A joint that has more play than the model knows."""
+
+    joint: int
+    half: float  # half of its play [rad or m]
+    deviation: float  # standard deviation of that
+    score: float  # above 1: it is no chance
+
+    def taken_up(self, observations: LogRows) -> LogRows:
+        """The observations at the joints' true values under this play."""
+        q = observations.q.copy()
+        q[:, self.joint] -= self.half * observations.side[:, self.joint]
+        return replace(observations, q=q)
+
+
+def find_play(noise: NoiseFit) -> Play | None:
+    """Find the joint whose play explains most besides all that may have changed; None for chance.
+
+    A joint is off by half its play, towards the side from which it came.  Each row has
+    f and r, what K does not follow of -slope * side and of the residual::
+
+        half = sum f r / sum f^2,    statistic = (sum f r)^2 / sum (f r - mean f r)^2
+
+    noise : of the log, given all that may have changed
+    """
+    system = noise.system
+    features = noise.nuisance.rest(system.play_columns(), noise.size)
+    products = np.einsum("nmd,nm->nd", features, noise.residual)
+    squares = np.maximum((features**2).sum(axis=(0, 1)), 1e-300)
+    total = products.sum(axis=0)
+    half = total / squares
+
+    # an encoder that is noisy moves the tip along the same slope, to either side
+    variance = len(products) * products.var(axis=0) + 1e-300
+    statistic = total**2 / (variance * noise.correlation_time)
+    # the model learned its own from rows, too, with an error that depends on their number
+    body = system.reference.body
+    if body.rows and not body.simulated:
+        statistic /= 1.0 + len(products) / body.rows
+    statistic[half <= 0.0] = 0.0
+    joint = int(np.argmax(statistic))
+    chance = len(half) * f_chance(float(statistic[joint]), 1.0, noise.freedom)
+    score = score_of(chance)
+    if score <= 1.0:
+        return None
+    return Play(
+        joint=joint,
+        half=float(half[joint]),
+        deviation=math.sqrt(noise.correlation_time / float(squares[joint])),
+        score=score,
+    )
+
+
+@dataclass(frozen=True)
 class WaveSettings:
     """When a joint has a wave."""
 
@@ -216,8 +271,6 @@ class WaveSettings:
     # amplitude up to which an arm that has not changed may have a wave which its model has not
     # learned [rad]: all of a usual curve's rms in one
     usual: float = math.sqrt(2.0) * PRIOR.curve_rms
-    # standard deviations by which it has to be larger
-    clear: float = 2.0
     # share of what a wave does from which another one does the same, and nats by which it has to
     # explain the rows less: rows in a corner do not distinguish waves of 8 and 9 cycles
     alike: float = 0.5
@@ -323,10 +376,8 @@ def _clearest_wave(noise: NoiseFit) -> Wave | None:
     if fits.chance >= FALSE_ALARM:
         return None
     best = fits.best
-    variance = float(np.trace(fits.covariances[best])) / 2.0
-    deviation = math.sqrt(variance * noise.correlation_time)
     amplitude = float(np.linalg.norm(fits.amplitudes[best]))
-    is_larger = amplitude - WAVES.clear * deviation > WAVES.usual
+    is_larger = amplitude > WAVES.usual
     return Wave(indices[best], is_larger and not fits.rivals.any())
 
 

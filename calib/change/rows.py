@@ -24,7 +24,6 @@ from ..samples.findings import refuse_mistakes
 from ..samples.interpretations import interpretations
 from ..samples.motion import RowArrays
 from ..samples.samples import Samples
-from ..samples.sockets import Touches
 from ..training.preparation import sound_log
 from ..training.residuals import learned_rows
 from ..training.socket_places import as_positions
@@ -32,7 +31,6 @@ from .causes import sd_if_changed, sd_of_creep
 from .frame import Reference, offset_after
 
 OUTLIER = 5.0  # noises from which a row contradicts all others
-LASTING = 10  # rows over which noise may last
 
 # fewest different rows that a judgement or a correction can rest on
 LEAST_ROWS = 10
@@ -52,6 +50,8 @@ class RowSettings:
     # spread of rows across, over that of the learned range, from which they are not along a line:
     # the joints of series C are correlated, .29
     line: float = 0.2
+    # largest share of rows that contradict all others
+    few_wrong: float = 0.05
     # joints all over the learned range at which predictions are compared
     probes: int = 120
     # share of the rows of a log in the model's unit that it answers, or that lie within its range
@@ -84,6 +84,8 @@ class LogRows(RowArrays):
     wrong: int  # rows that contradict the others and were left out
     lost: int  # these, and rows outside of what the model has learned
     notes: tuple[str, ...]
+    # [rows]; likelihoods are raised to the power 1 / of it: rows that err together count once
+    correlation_time: float = 1.0
 
     def __len__(self) -> int:
         return len(self.q)
@@ -188,6 +190,41 @@ class LogRows(RowArrays):
         shape = (ROWS.probes, len(about.joint_names))
         u = np.random.default_rng(0).random(shape)
         return np.asarray(about.lower + u * (about.upper - about.lower))
+
+    @property
+    def few_wrong(self) -> bool:
+        """Whether few rows, or one, contradict all others."""
+        count = len(self) + self.wrong
+        return self.wrong <= max(ROWS.few_wrong * count, 1)
+
+    def some(self, most: int) -> LogRows:
+        """Return at most `most` rows, evenly spread."""
+        return self.take(spread_rows(len(self), most))
+
+    @property
+    def are_touches(self) -> bool:
+        """Whether no sensor measured any of them."""
+        touch = self.log.touch
+        return touch is not None and bool(touch.is_touch.all())
+
+    def about_sockets(self, residual: Array) -> Array:
+        """Residuals (n, m) about their mean in each socket."""
+        touch = self.log.touch
+        if touch is None:
+            return residual
+        means = touch.means(residual)
+        places = touch.positions(np.zeros_like(residual), means)
+        return residual - places
+
+    def without_maps(self, reference: Reference) -> LogRows:
+        """Return the rows as a body alone is compared with them."""
+        offset = self.map_offset
+        if reference.has_discrete_cause:
+            body = reference.body
+            offset = offset_after(
+                self.body, body, reference.beta, self.q, offset
+            )
+        return replace(self, log=replace(self.log, x=self.x - offset))
 
     def without_strays(self, sound: Mask) -> LogRows:
         """Return the rows that do not contradict all others, and a note on those that do."""
@@ -338,47 +375,12 @@ def _share_inside(scale: Scale, q: Array) -> float:
     return float((from_middle <= ROWS.range).all(axis=1).mean())
 
 
-@dataclass(frozen=True)
-class Observations(RowArrays):
-    """Rows of a log beside a body."""
-
-    q: Array  # (n, dof), joints [rad or m]
-    z: Array  # (n, m), outputs, without what maps add to the body [unit]
-    # (n, dof), sign of each joint's last motion, 0 where it is not known
-    side: Array
-    # (n, dof), standard deviation of q, of all rows alike, by that of the log's clock [rad or m]
-    clock_sd: Array
-    # [unit], standard deviation that all rows share, such as that of a board that was found again
-    shared: float = 0.0
-    # the sockets that rows touched: nobody knows where these are
-    touch: Touches | None = None
-    # [rows]; likelihoods are raised to the power 1 / of it: rows that err together count once
-    correlation_time: float = 1.0
-
-    def some(self, most: int) -> Observations:
-        """Return at most `count` rows, evenly spread."""
-        return self.take(spread_rows(len(self.q), most))
-
-    @property
-    def are_touches(self) -> bool:
-        """Whether no sensor measured any of them."""
-        return self.touch is not None and bool(self.touch.is_touch.all())
-
-    def about_sockets(self, residual: Array) -> Array:
-        """Residuals (n, m) about their mean in each socket."""
-        if self.touch is None:
-            return residual
-        means = self.touch.means(residual)
-        places = self.touch.positions(np.zeros_like(residual), means)
-        return residual - places
-
-
-def sound_rows(reference: Reference, observations: Observations) -> Mask:
+def sound_rows(reference: Reference, logged: LogRows) -> Mask:
     """Return which rows (n,) are near a robust fit of all that may have changed."""
-    q = observations.q
-    if observations.touch is not None:  # those in no socket are left out
+    q = logged.q
+    if logged.log.touch is not None:  # those in no socket are left out
         return np.ones(len(q), dtype=bool)
-    z = observations.z
+    z = logged.x
     structure = reference.structure
     body = reference.body
     size = reference.sizes
@@ -396,38 +398,3 @@ def sound_rows(reference: Reference, observations: Observations) -> Mask:
     median_of_chi_square = outputs - 2 / 3
     noise = max(median / median_of_chi_square, 1.0)
     return np.asarray(square <= OUTLIER**2 * outputs * noise)
-
-
-def observations_of(rows: LogRows, reference: Reference) -> Observations:
-    """Return what a body has to say of all rows."""
-    added = rows.map_offset
-    if reference.has_discrete_cause:
-        body = reference.body
-        added = offset_after(rows.body, body, reference.beta, rows.q, added)
-    # that of the model's own log and of this one
-    shared = math.sqrt(2.0) * rows.shared
-    return Observations(
-        rows.q,
-        rows.x - added,
-        rows.side,
-        rows.clock_sd,
-        shared,
-        rows.log.touch,
-    )
-
-
-def neighbours_apart_in_time(u: Array) -> tuple[Index, Index]:
-    """Pairs (p,), (p,) of rows of like joints (n, dof) between which noise does not last."""
-    from scipy.spatial import cKDTree
-
-    # of so many rows at least one is no neighbour in time
-    count = min(2 * LASTING + 2, len(u))
-    _, neighbours = cKDTree(u).query(u, count)
-    near = np.asarray(neighbours)
-    index = np.arange(len(u))
-    is_apart = np.abs(near - index[:, None]) > LASTING
-    row = np.flatnonzero(is_apart.any(axis=1))
-    nearest = is_apart[row].argmax(axis=1)
-    pairs = np.sort(np.stack([row, near[row, nearest]], axis=1), axis=1)
-    first, second = np.unique(pairs, axis=0).T
-    return first, second

@@ -7,30 +7,50 @@ For the columns X of a group and C = K + s^2 I::
 k are the directions that the rows determine, f the degrees of freedom that they leave to the noise
 (`Statistics.noise_freedom`).  The noise s is the most likely one where all groups may have
 changed, or where one encoder is noisy: as it is estimated, a group has the chance of an F test.
+
+A change within the log sets in at row r, or grows along it (`find_step`): a cause then has columns
+X that are zero before r.  Each cause is tested from each of some rows on::
+
+    g = y' C^-1 X (X' C^-1 X)^-1 X' C^-1 y,    g / y' C^-1 y ~ Beta(k / 2, (f - k) / 2)  by chance
+
+C then holds all that may have changed before the log, and a smooth residual of all that is left:
+rows whose joints were elsewhere, early and late, show no step.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 
 from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
 from ..body.structure import Structure
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array, Index
+from ..common.rows import solve_least_squares, spread_rows
 from .causes import indices_of
+from .frame import Reference
 from .noise import (
     FALSE_ALARM,
     NoiseFit,
     f_chance,
     score_of,
+    sd_of_changes,
+    share_chance,
 )
-from .order import follows_sides
-from .rows import LogRows, neighbours_apart_in_time
-from .system import CREEP_SHARE, NoisyJoint, Nuisance, Statistics
+from .rows import LEAST_ROWS, OUTLIER, LogRows
+from .system import (
+    CREEP_SHARE,
+    SYSTEM,
+    NoisyJoint,
+    Nuisance,
+    Statistics,
+    System,
+)
 
 
 @dataclass(frozen=True)
@@ -48,14 +68,14 @@ class SignificanceSettings:
 
 SIGNIFICANCE = SignificanceSettings()
 
-# Of noise: the least variance by the median row, over that by all of them (rows of another sensor
-# .01, Student's t of 3 degrees .6), the largest share of rows that contradict all others, and the
-# least time over which rows err together
-EVEN = 0.1
-FEW_WRONG = 0.05
+# Least time over which rows err together that is no noise [rows]
 LAGGING = 3.0
+LASTING = 10  # rows over which noise may last
 # Share of rows beyond a 95 % bound that fails for sure: halves of A and C have 13 % at most
 BEYOND = 0.2
+# Share of them from which errors that repeat are a change: pieces of unchanged halves have .25 at
+# most, waves of 60 cycles and 3 mrad .47
+CONTRADICTED = 1.0 / 3.0
 NOISE = "a noisier sensor or encoder, "
 NO_NOISE = "no noise, wrong rows, another sensor's or an unknown change, "
 SHOWN = {"scale": "sensor scale", "tilt": "sensor tilt"}
@@ -255,22 +275,18 @@ class BoundTest:
     """The rows that are beyond the model's own 95 % bound."""
 
     beyond: float  # share of them; those that contradict all others are, too
-    usual: float  # median of the bounds [unit]
-    test: GroupTest  # the chance of so many by noise
+    usual: float  # median of the bounds of an arm that has not changed [unit]
     # whether each row is missed by about as much, independently
     may_be_noise: bool
-    # whether rows of like joints err alike by most of the scatter
+    # whether rows of like joints, or that came from like sides, err alike
     repeats: bool
-
-    @property
-    def fails(self) -> bool:
-        """Whether they are too many, noise or not."""
-        return self.beyond > BEYOND
+    # whether too many err so beyond what an arm may that has not changed
+    is_contradicted: bool
 
     @property
     def holds(self) -> bool:
         """Whether they are about as many as usual."""
-        return not self.fails and self.test.score <= 1.0
+        return self.beyond <= BEYOND
 
     def words(self, *, changed: bool) -> str:
         """The share in words, and what it may be due to where nothing `changed`."""
@@ -290,7 +306,7 @@ def bound_test(
     shared_variance: Array | float,
     tests: GroupTests,
 ) -> BoundTest:
-    """Count the rows beyond the 95 % bound, against what a noisier sensor or encoder would do.
+    """Count the rows beyond the 95 % bound.
 
     rows : n of them that do not contradict all others
     limit : (n,), the bound of each row [unit]
@@ -301,91 +317,206 @@ def bound_test(
 
     residual = rows.x - rows.predicted
     square = (residual**2).sum(axis=1)
-    usual = float(np.median(tolerance))
     # squared, of 95 % of a Gaussian, in deviations
     radius = float(chdtri(residual.shape[1], 0.05))
-    noise = _noise_of_sensor(square, residual.shape[1], tests)
-    # rows of like joints that err alike are no noisier sensor
-    of_places = variance_of_places(rows, residual)
-    if tests.wavy or of_places * radius > usual**2:
-        noise = 0.0
-    by_noise = noise + _noise_of_joint(rows, tests)
     variance = shared_variance
     # of a simulated arm the bound is on the true position, not on readings
     if rows.model.about.bound_of == "true position":
         variance = variance + tests.usual**2
     is_beyond = square > limit**2 + radius * variance
-    variance = shared_variance + by_noise
-    is_beyond_noise = square > tolerance**2 + radius * variance
-    test = GroupTest("bound", _chance(is_beyond_noise))
-    count = len(rows) + rows.wrong
-    few_wrong = rows.wrong <= max(FEW_WRONG * count, 1)
-    may_be_noise = few_wrong and not tests.wavy
-    may_be_noise &= _looks_like_noise(residual)
-    may_be_noise &= not follows_sides(residual, rows.side)
+    beyond = np.count_nonzero(is_beyond) + rows.wrong
+    is_missed = square > tolerance**2 + radius * shared_variance
+    of_places = variance_of_places(rows.u, residual)
+    is_systematic = tests.wavy or follows_sides(residual, rows.side)
+    repeats = is_systematic or of_places * radius > tests.noise**2
+    is_change = is_systematic or (repeats and tests.noisy is None)
     return BoundTest(
-        beyond=(np.count_nonzero(is_beyond) + rows.wrong) / count,
-        usual=usual,
-        test=test,
-        may_be_noise=may_be_noise,
-        repeats=tests.wavy or of_places > 0.5 * tests.noise**2,
+        beyond=float(beyond / (len(rows) + rows.wrong)),
+        usual=float(np.median(tolerance)),
+        may_be_noise=rows.few_wrong
+        and not is_systematic
+        and autocorrelation_time(residual) < LAGGING,
+        repeats=repeats,
+        is_contradicted=is_change and float(is_missed.mean()) > CONTRADICTED,
     )
 
 
-def _looks_like_noise(residual: Array) -> bool:
-    """Whether the nearer half of residuals (n, m) is as large, and none is as the one before."""
-    from scipy.special import chdtri
+def variance_of_all(reference: Reference, observations: LogRows) -> Array:
+    """Variance (n,) of what all rows share: frame, and corrected clock [unit^2]."""
+    # a frame is shifted and bent, that of the model's own log and that of this one
+    extent = reference.structure.extents[0]
+    bends = 1.0 + ((observations.x / extent) ** 2).sum(axis=1)
+    variance = 2.0 * observations.shared**2 * bends
+    # a clock is a little early or late for all rows
+    slope = reference.structure.slope(observations.q, reference.beta)
+    moves = slope @ observations.clock_sd[:, :, None]
+    variance += (moves**2).sum(axis=(1, 2))
+    return np.asarray(variance)
 
-    square = (residual**2).sum(axis=1)
-    usual = float(chdtri(residual.shape[1], 0.5)) / residual.shape[1]
-    is_even = float(np.median(square)) > EVEN * usual * float(square.mean())
-    return is_even and autocorrelation_time(residual) < LAGGING
 
+def variance_of_places(u: Array, residual: Array) -> float:
+    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance.
 
-def _chance(beyond: Mask) -> float:
-    """Chance (binomial) of so many rows (n,) beyond a bound that as many as usual may exceed.
+    Each row is compared with the nearest one between which and it noise does not last.
 
-    Rows that err together count once.
+    u, residual : (n, dof), (n, m), joints in the unit box, and what the rows are missed by
     """
-    from scipy.special import bdtrc
+    from scipy.spatial import cKDTree
+    from scipy.special import ndtri
 
-    if not beyond.any():
-        return 1.0
-    time = autocorrelation_time(beyond[:, None].astype(float))
-    count = int(beyond.sum() / time)
-    independent = math.ceil(len(beyond) / time)
-    return float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
-
-
-def _noise_of_sensor(square: Array, outputs: int, tests: GroupTests) -> float:
-    """Variance of an axis [unit^2] beyond the usual one, of squared distances (n,)."""
-    from scipy.special import chdtri
-
-    # half of the rows of a noisier sensor are nearer than its median
-    median = float(np.median(square)) / float(chdtri(outputs, 0.5))
-    return max(max(tests.noise**2, median) - tests.usual**2, 0.0)
-
-
-def _noise_of_joint(rows: LogRows, tests: GroupTests) -> Array:
-    """Variance (n,) [unit^2] of the rows by a joint whose encoder is noisy."""
-    if tests.noisy is None:
-        return np.zeros(len(rows))
-    joint, sd = tests.noisy
-    body = rows.body
-    slope = body.structure.slope(rows.q, body.beta)
-    moves = slope[..., joint] ** 2
-    variance: Array = sd**2 * moves.sum(axis=1)
+    # of so many rows at least one is no neighbour in time
+    count = min(2 * LASTING + 2, len(u))
+    _, neighbours = cKDTree(u).query(u, count)
+    near = np.asarray(neighbours)
+    is_apart = np.abs(near - np.arange(len(u))[:, None]) > LASTING
+    row = np.flatnonzero(is_apart.any(axis=1))
+    nearest = is_apart[row].argmax(axis=1)
+    pairs = np.sort(np.stack([row, near[row, nearest]], axis=1), axis=1)
+    first, second = np.unique(pairs, axis=0).T
+    product = (residual[first] * residual[second]).sum(axis=1)
+    # whatever its size, noise makes either sign as likely
+    if product.sum() <= -ndtri(FALSE_ALARM) * np.linalg.norm(product):
+        return 0.0
+    variance: float = product.mean() / residual.shape[1]
     return variance
 
 
-def variance_of_places(rows: LogRows, residual: Array) -> float:
-    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
-    from scipy.special import ndtri
+def follows_sides(residual: Array, side: Array) -> bool:
+    """Whether residuals (n, m) differ, by no chance, with the side (n, dof) a joint came from.
 
-    first, second = neighbours_apart_in_time(rows.u)
-    if not len(first):
-        return 0.0
-    product = (residual[first] * residual[second]).sum(axis=1)
-    # whatever its size, noise makes either sign as likely
-    sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
-    return float(product.mean()) / residual.shape[1] if sure else 0.0
+    Along each axis the sum of side * residual is normal; of its square, over that of both::
+
+        sum (side r)^2 / sum r^2 ~ chi-square (1)
+    """
+    from scipy.special import chdtrc
+
+    products = np.einsum("nj,nm->njm", side, residual)
+    variance = (products**2).sum(axis=0) + 1e-300
+    statistic = products.sum(axis=0) ** 2 / variance
+    chance = float(chdtrc(1, float(statistic.max())))
+    return chance * float(statistic.size) < FALSE_ALARM
+
+
+@dataclass(frozen=True)
+class StepSettings:
+    """Where steps are looked for."""
+
+    # most rows from which on a cause is tested
+    starts: int = 40
+    # least share of the squared residuals that a step explains, times how much noisier the shorter
+    # part is: 20 times the noise in the last fifth of six logs made that 3 to 18, with shares of
+    # .07 to .18, and steps .6 to 3 with shares of .12 to .82
+    least_explained: float = 0.1
+
+
+STEPS = StepSettings()
+
+
+class Step(NamedTuple):
+    """A change within a log."""
+
+    row: int  # the first one after it, as the file counts
+    is_gradual: bool  # whether it went on from the first row to the last
+
+
+class _Course(NamedTuple):
+    """A cause that sets in at a row, or grows from the first row to the last."""
+
+    share: float  # of y' C^-1 y that it explains
+    start: int  # the row, the middle of one that grows
+    # (N, k), of its parameters, times how much of it each row has
+    columns: Array
+    changes: Array  # (k,), of these
+
+
+def find_step(
+    reference: Reference,
+    observations: LogRows,
+    noisy: NoisyJoint | None,
+) -> Step | None:
+    """The change within a log, None where there may be none.
+
+    reference : with the parameters that explain the whole log best
+    observations : all rows of the log, in the order of time
+    noisy : a joint whose encoder is noisy: its few large rows are no step
+    """
+    rows = spread_rows(len(observations), SYSTEM.rows)
+    count = len(rows) - 2 * LEAST_ROWS + 1
+    if count < 1:
+        return None
+    starts = LEAST_ROWS + spread_rows(count, STEPS.starts)
+    system = System(reference, observations.some(SYSTEM.rows), noisy)
+    # rows that contradict all others count for little
+    limit = OUTLIER * float(np.median(np.abs(system.y)))
+    y = np.clip(system.y, -limit, limit)
+    # what exact rows leave over is no noise
+    missed = math.sqrt(float((y**2).mean()))
+    if missed < SYSTEM.least_noise:
+        return None
+    # beside all that may have changed before, all that is left may be smooth
+    nuisance = Nuisance(
+        system,
+        change_sd=sd_of_changes(reference),
+        residual_sd=missed * reference.sizes,
+    )
+    noise = nuisance.statistics(y).most_likely_noise()
+    y = _without_play(nuisance, y, noise)
+    statistics = nuisance.statistics(y)
+    noise = statistics.most_likely_noise()
+    courses = list(_courses(nuisance, y, noise, starts))
+    best = max(courses, key=attrgetter("share"))
+
+    left_over = y - best.columns @ best.changes
+    # rows that err together count once
+    freedom = statistics.noise_freedom(noise)
+    freedom /= autocorrelation_time(nuisance.rest(left_over, noise))
+    chance = share_chance(best.share, len(best.changes), freedom)
+    # a sensor that is noisier from a row on is no step
+    outputs = observations.x.shape[1]
+    parts = np.split(np.abs(left_over), [best.start * outputs])
+    shorter, longer = sorted(parts, key=len)
+    noisier = float(np.median(shorter) / np.median(longer)) ** 2
+    least_share = STEPS.least_explained * max(noisier, 1.0)
+    if len(courses) * chance > FALSE_ALARM or best.share < least_share:
+        return None
+    row = int(observations.log.rows[rows[best.start]])
+    return Step(row, is_gradual=bool(best.columns[0].any()))
+
+
+def _without_play(nuisance: Nuisance, y: Array, noise: float) -> Array:
+    """Residuals (N,) less what a play of joints explains, which moved another way before.
+
+    Beside all else that an arm may show: of what is 20 times the noise and no play, a least-squares
+    fit of six plays to 300 residuals alone would take, and leave elsewhere, 3 times the noise.
+    """
+    plays = nuisance.system.play_columns()
+    matrix, vector = nuisance.statistics(y, plays).information(noise)
+    halves = solve_least_squares(matrix, vector[:, None])
+    rest: Array = y - (plays @ halves)[:, 0]
+    return rest
+
+
+def _courses(
+    nuisance: Nuisance, y: Array, noise: float, starts: Index
+) -> Iterator[_Course]:
+    """Each cause along each course, fitted to residuals (N,)."""
+    system = nuisance.system
+    causes = system.single_causes()
+    free = np.unique(np.concatenate([*causes.values()]))
+    n, outputs = system.observations.x.shape
+    total = float(y @ nuisance.rest(y, noise).ravel()) / noise
+    row = np.arange(n)
+    growing = (row + 1.0) / n
+    courses = [(n // 2, growing)]
+    courses += [(start, row >= start) for start in starts.tolist()]
+    for start, course in courses:
+        columns = system.x[:, free] * np.repeat(course, outputs)[:, None]
+        matrix, vector = nuisance.statistics(y, columns).information(noise)
+        for indices in causes.values():
+            at = np.searchsorted(free, indices)
+            # directions that no row determines
+            block = matrix[np.ix_(at, at)]
+            block[np.diag_indices(len(at))] += 1e-9 * np.trace(block) + 1e-300
+            changes = np.asarray(np.linalg.solve(block, vector[at]))
+            share = float(changes @ vector[at]) / total
+            yield _Course(share, start, columns[:, at], changes)

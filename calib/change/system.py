@@ -24,12 +24,11 @@ from ..common.rows import spread_rows
 from .causes import (
     AS_SIMULATED,
     CREEP_WAVES,
-    causes_of_touches,
     sd_of_creep,
     single_causes,
 )
 from .frame import Reference
-from .rows import Observations
+from .rows import LogRows
 
 PSEUDO = 4.0  # observations that the old noise counts for
 CREEP_SHARE = 0.25
@@ -76,20 +75,17 @@ class System:
     def __init__(
         self,
         reference: Reference,
-        observations: Observations,
+        observations: LogRows,
         noisy: NoisyJoint | None = None,
     ) -> None:
         structure = reference.structure
         self.reference = reference
         self.observations = observations
         self.noisy = noisy
-        q = observations.q
-        self.slope = structure.slope(q, reference.beta)
+        self.slope = structure.slope(observations.q, reference.beta)
         self.roots, self.log_determinant = self._roots()
-        self.predicted, columns = structure.linearise(q, reference.beta)
-        residual = structure.residual(observations.z, self.predicted)
+        residual, self.x = self.residual(reference.beta)
         self.y = self.whiten(residual)
-        self.x = self.whiten(columns)
         self.nuisance = cache(partial(Nuisance, self))
 
     def _roots(self) -> tuple[Array, float]:
@@ -99,7 +95,7 @@ class System:
         the variance is 1 + r^2 g'g, and the root of the precision 1 / sqrt of that.
         """
         sizes = self.reference.sizes
-        rows = len(self.observations.q)
+        rows = len(self.observations)
         white = np.tile(np.diag(1.0 / sizes), (rows, 1, 1))
         if self.noisy is None:
             return white, 0.0
@@ -120,14 +116,16 @@ class System:
         flat: Array = self.roots @ x.reshape(n, m, -1)
         return flat.reshape(n * m, *columns)
 
-    def residual(self, beta: Array, free: Indices) -> tuple[Array, Array]:
-        """Residuals (n, m) [unit] at parameters (d,), and columns (N, k) of some of these."""
+    def residual(
+        self, beta: Array, free: Indices | None = None
+    ) -> tuple[Array, Array]:
+        """Residuals (n, m) [unit] at parameters (d,), and columns (N, k) of some or all."""
         structure = self.reference.structure
         with np.errstate(all="ignore"):
             predicted, columns = structure.linearise(
                 self.observations.q, beta, free
             )
-            residual = structure.residual(self.observations.z, predicted)
+            residual = structure.residual(self.observations.x, predicted)
         return residual, self.whiten(columns)
 
     def after_step(
@@ -143,10 +141,12 @@ class System:
 
         cause : as of `causes.single_causes`
         """
-        causes_of = single_causes
-        if self.observations.are_touches:
-            causes_of = causes_of_touches
-        return causes_of(self.reference.structure, cause, self.reference.waves)
+        return single_causes(
+            self.reference.structure,
+            cause,
+            self.reference.waves,
+            by_touch=self.observations.are_touches,
+        )
 
     def play_columns(self) -> Array:
         """Columns (N, dof) of half the play of each joint, in noises."""
@@ -168,20 +168,23 @@ class System:
 
     def _frame_columns(self) -> Array:
         """The readings (n, m, r) by a frame that all rows share: shifted, turned and bent."""
-        n, outputs = self.observations.z.shape
-        shared = self.observations.shared
+        n, outputs = self.observations.x.shape
+        # that of the model's own log and of this one
+        shared = math.sqrt(2.0) * self.observations.shared
         if not shared:
             return np.zeros((n, outputs, 0))
         structure = self.reference.structure
-        places = self.predicted[:, : structure.blocks[0]]
+        reference = self.reference
+        predicted = structure.predict(self.observations.q, reference.beta)
+        places = predicted[:, : structure.blocks[0]]
         features = np.hstack([np.ones((n, 1)), places / structure.extents[0]])
         return shared * along_axes(features, np.eye(outputs))
 
     @cached_property
     def sockets(self) -> Array:
         """The readings (n, m, 3 p) by where p sockets are, which may be anywhere."""
-        touch = self.observations.touch
-        n, outputs = self.observations.z.shape
+        touch = self.observations.log.touch
+        n, outputs = self.observations.x.shape
         if touch is None:
             return np.zeros((n, outputs, 0))
         number = touch.number[:, None]
@@ -190,7 +193,7 @@ class System:
         return along_axes(is_in, anywhere)
 
 
-def system_of(reference: Reference, observations: Observations) -> System:
+def system_of(reference: Reference, observations: LogRows) -> System:
     """The system of at most as many observations as tests need."""
     return System(reference, observations.some(SYSTEM.rows))
 
@@ -322,7 +325,7 @@ class Nuisance:
         share = self.variances / (noise**2 + self.variances)
         along = (self.axes.T @ x).T * share
         rest: Array = (x - self.axes @ along.T) / noise
-        rows = len(self.system.observations.q)
+        rows = len(self.system.observations)
         return rest.reshape(rows, -1, *x.shape[1:])
 
 

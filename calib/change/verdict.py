@@ -6,13 +6,18 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from ..common.rows import spread_rows
 from ..model.baseline import Signal
 from .causes import Cause
 from .evidence import Evidence
 from .noise import FALSE_ALARM
 from .rows import OUTLIER, LogRows
-from .significance import BoundTest, GroupTest, GroupTests, bound_test
+from .significance import (
+    BEYOND,
+    BoundTest,
+    GroupTest,
+    GroupTests,
+    bound_test,
+)
 from .update import Update
 
 # rows that distortions are measured on
@@ -127,8 +132,8 @@ class Verdict:
 
     @property
     def groups(self) -> tuple[GroupTest, ...]:
-        """Every group that was tested, and the bound."""
-        return (*self.tests.groups, self.bound.test)
+        """Every group that was tested."""
+        return self.tests.groups
 
     @property
     def fired(self) -> list[GroupTest]:
@@ -220,7 +225,7 @@ class Verdict:
         """How the rows lie on the maps (eq. 9): a display, no alarm."""
         model = self.rows.model
         assert model.baseline is not None  # noqa: S101 - checked where the rows are read
-        rows = self.rows.take(spread_rows(len(self.rows), MOST_DISTORTED))
+        rows = self.rows.some(MOST_DISTORTED)
         return model.baseline.distortions(
             model.association, rows.u, rows.x, rows.predicted, rows.bound
         )
@@ -269,7 +274,7 @@ def verdict_on_maps(rows: LogRows) -> Verdict:
     tests = GroupTests((), noise, noise)
     limit = limit[sound]
     bound = bound_test(rows, limit, limit, rows.shared**2, tests)
-    score = bound.test.score
+    score = bound.beyond / BEYOND
     causes: tuple[Cause, ...] = ()
     if score > 1.0:
         words = (

@@ -21,8 +21,7 @@ from ..common.wording import by_name, for_people, quantity, two_digits
 from .causes import FRAME, GROUPS, Cause, indices_of, kind_of
 from .evidence import Evidence, frame_between
 from .explain import MARGIN
-from .noise import NOISIER
-from .order import Play
+from .noise import NOISIER, Play
 from .significance import moves_of
 
 SCATTER = (
@@ -64,7 +63,7 @@ def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     causes: list[Cause] = []
     notes: list[str] = []
     play = evidence.play
-    if play is not None and play.score > 1.0:
+    if play is not None:
         causes.append(_play(evidence, play))
     if drifted:
         changes = [*evidence.reference.causes, *_changes(evidence)]
@@ -177,10 +176,7 @@ def _changes(evidence: Evidence) -> list[Cause]:
         if not (is_elsewhere and cause.cause == "sensor")
     ]
     least = WORDS.matters * max(sizes, default=0.0)
-    causes = [cause for size, cause in effects if size >= least]
-    if FRAME[0] in best.groups and _frame_is_other(evidence):
-        causes.insert(0, _move_of_sensor(evidence))
-    return causes
+    return [cause for size, cause in effects if size >= least]
 
 
 def _doubt_of(evidence: Evidence) -> str:
@@ -192,12 +188,6 @@ def _doubt_of(evidence: Evidence) -> str:
         return UNEXPLAINED
     _, likeliest = max(effects, key=itemgetter(0))
     return f"not clear what changed; likeliest: {likeliest.words}"
-
-
-def _frame_is_other(evidence: Evidence) -> bool:
-    """Whether the sensor's frame has other axes or another unit: a move of it has no size then."""
-    discrete = {cause.cause for cause in evidence.reference.causes}
-    return not discrete.isdisjoint(("mirror", "scale"))
 
 
 def _effects(evidence: Evidence) -> list[tuple[float, Cause]]:
@@ -231,8 +221,10 @@ def _effects(evidence: Evidence) -> list[tuple[float, Cause]]:
                 largest = int(telling[np.argmax(sizes[telling])])
                 cause = _of_parameter(evidence, largest, part)
                 effects.append((float(np.linalg.norm(sizes[part])), cause))
-    is_moved = FRAME[0] in best.groups and clear[frame].any()
-    if is_moved and not _frame_is_other(evidence):
+    # of other axes or another unit a move of the frame has no size
+    discrete = {cause.cause for cause in evidence.reference.causes}
+    is_other = not discrete.isdisjoint(("mirror", "scale"))
+    if FRAME[0] in best.groups and (is_other or clear[frame].any()):
         size = float(np.linalg.norm(sizes[frame]))
         effects.append((size, _move_of_sensor(evidence)))
     return effects
