@@ -123,7 +123,9 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
 
     report(0.8, "maps", math.nan)
     rows = verdict.rows
-    model = model_around(rows.model, update.body, rows.u)
+    model = model_around(
+        rows.model, update.body, rows.u, at_rows=update.at_rows
+    )
     answers = np.isfinite(model.expected_error(rows.log.q)).any()
     if not answers:
         unchanged = unchanged.with_note(TOO_WIDE)

@@ -298,10 +298,13 @@ def _errors(model: Model, rows: LogRows, residual: Array) -> ErrorTable:
     return errors
 
 
-def model_around(old: Model, body: Body, u: Array) -> Model:
+def model_around(
+    old: Model, body: Body, u: Array, at_rows: Body | None
+) -> Model:
     """The model with an updated body, maps that follow it, and new bounds.
 
     u : (n, dof), joints in the unit box of the rows of the update
+    at_rows : the body by whose bound the rows' neighbourhood is known, where it is another
     """
     motor = old.motor
     nodes = np.clip(motor.units, 0.0, 1.0)
@@ -309,6 +312,11 @@ def model_around(old: Model, body: Body, u: Array) -> Model:
     after = Predictor(motor, BodyInBox(body, motor.scale), local).value(nodes)
     sensory = _sensory_map(old, old.predictor.value(nodes), after)
     reading, position = bounds_of_nodes(motor, body)
+    if at_rows is not None:
+        share = _away(motor.scale, u, nodes)
+        reading_there, position_there = bounds_of_nodes(motor, at_rows)
+        reading = reading_there + share * (reading - reading_there)
+        position = position_there + share * (position - position_there)
     return replace(
         old,
         association=replace(old.association, sensory=sensory),
@@ -320,6 +328,16 @@ def model_around(old: Model, body: Body, u: Array) -> Model:
         model_bounds=position,
         visited=old.visited | motor.visited_by(u),
     )
+
+
+def _away(scale: Scale, u: Array, nodes: Array) -> Array:
+    """How far nodes (k, dof) are from rows (n, dof): 0 among them, 1 where nothing is known, (k,).
+
+    A change without a name carries on as far as the region of the rows is wide.
+    """
+    region = 0.5 * float(np.ptp(u, axis=0).mean())
+    beside = RowPlaces.of(scale, u).beside(scale, nodes)
+    return np.minimum(beside / max(region, 1e-9), 1.0)
 
 
 def _local_models_around(old: Model, body: Body) -> LocalModels:

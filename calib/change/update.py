@@ -212,6 +212,8 @@ class Update:
     # (k, m), residuals of these rows where they were held out [unit]
     residual: Array
     improved: bool  # whether they are predicted better than before
+    # what the belief is near the rows, where these rule a doubt out
+    at_rows: Body | None = None
 
     @property
     def after(self) -> Array:
@@ -282,10 +284,13 @@ def _update_by_posterior(
     logged = evidence.rows.q[rows]
     residual = posterior.cross_residual()
     residual += body.predict(observations.q) - body.predict(logged)
+    missed = row_lengths(residual)
+    at_rows = _with_sound_bound(body, logged, missed)
     if evidence.score > 1.0:
         body = _as_uncertain(body, explanation, evidence)
-    body = _with_sound_bound(body, logged, row_lengths(residual))
-    return _update(evidence, explanation, body, rows, residual)
+    body = _with_sound_bound(body, logged, missed)
+    update = _update(evidence, explanation, body, rows, residual)
+    return replace(update, at_rows=at_rows)
 
 
 def _with_tool(evidence: Evidence, belief: Update) -> Update:
@@ -299,7 +304,8 @@ def _with_tool(evidence: Evidence, belief: Update) -> Update:
         )
     body = belief.body
     tool = tool_turn(log, evidence.reference.structure, body.beta)
-    return replace(belief, body=tool.of(body), improved=True)
+    at_rows = None if belief.at_rows is None else tool.of(belief.at_rows)
+    return replace(belief, body=tool.of(body), at_rows=at_rows, improved=True)
 
 
 def _is_better(
