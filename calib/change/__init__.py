@@ -7,8 +7,8 @@ In the order of `judge`, each file after those that it needs::
     rows          those of a log that count, and that do not contradict all others
     system        these against a belief, linear in all that may have changed
     noise         its size, that of one encoder, a joint's play, and waves of joints
-    significance  which group of parameters explains more than chance, in the whole log or from a
-                  row on, and how the bound holds
+    significance  which group of parameters explains more than chance, and how the bound holds
+    steps         which cause explains more than chance from a row on
     explain       the search for the sets of causes of greatest evidence, each fitted to the log
     evidence      tests, bound, explanations and orientations weighed together
     update        the posterior and the belief that follow, judged by rows that are held out

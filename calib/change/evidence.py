@@ -30,7 +30,8 @@ from .explain import MARGIN, Explanation, explain
 from .frame import Reference
 from .noise import FALSE_ALARM, Play
 from .rows import LogRows
-from .significance import BoundTest, GroupTests, Step
+from .significance import BoundTest, GroupTests
+from .steps import Step
 from .system import Nuisance, System
 
 TOOL = "tool"  # the group of where it is

@@ -43,12 +43,11 @@ from .rows import (
     sound_rows,
 )
 from .significance import (
-    Step,
     bound_test,
-    find_step,
     group_tests,
     variance_of_all,
 )
+from .steps import Step, find_step
 from .system import System, system_of
 from .update import Update, update
 from .verdict import Episode, Verdict, notes_of, verdict_on_maps
