@@ -9,6 +9,7 @@ In the order of `judge`, each file after those that it needs::
     noise         its size, that of one encoder, a joint's play, and waves of joints
     significance  which group of parameters explains more than chance, and how the bound holds
     steps         which cause explains more than chance from a row on
+    explanation   a set of causes, fitted to the log, and the posterior under it
     explain       the search for the sets of causes of greatest evidence, each fitted to the log
     evidence      tests, bound, explanations and orientations weighed together
     update        the posterior and the belief that follow, judged by rows that are held out

@@ -26,7 +26,8 @@ from ..common.wording import quantity
 from ..model.alignment import Alignment
 from ..samples.diagnosis import rows_behind
 from .causes import Cause, indices_of, is_sensors
-from .explain import MARGIN, Explanation, explain
+from .explain import MARGIN, explain
+from .explanation import Explanation
 from .frame import Reference
 from .noise import FALSE_ALARM, Play
 from .rows import LogRows

@@ -14,152 +14,25 @@ the best sets to convergence, and where that leads far the system is linearised 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import chain, product
-from operator import attrgetter
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
 from ..body.covariance import Factor
 from ..body.parameters import Indices
-from ..body.settings import NATS
 from ..common.arrays import Array
 from .causes import (
-    CALM_WAVES,
-    CREEP_WAVES,
     FRAME,
     SETS,
     frame_twin,
     indices_of,
-    kind_of,
 )
-from .frame import Reference
+from .explanation import Explanation, Place, climb
 from .system import System
-
-
-@dataclass(frozen=True)
-class ClimbSettings:
-    """How the greatest posterior is found."""
-
-    # most steps
-    steps: int = 12
-    # nats that a step must gain
-    enough: float = 5e-3
-    # share of each parameter's information that is added where a step does not gain, and of it
-    # after a step that does
-    damping: float = 1e-4
-    bolder: float = 1.0 / 8.0
-
-
-CLIMB = ClimbSettings()
-
-
-@dataclass(frozen=True, eq=False)
-class Place:
-    """Changes of parameters over their standard deviations, and the posterior there."""
-
-    normals: Array  # (k,)
-    beta: Array  # (d,), parameters that have changed so
-    fit: float  # log posterior [nats]
-    gradient: Array  # (k,), of the log posterior
-    precision: Array  # (k, k), Gauss and Newton's
-
-
-P = TypeVar("P", bound=Place)
-
-
-def climb(
-    place_at: Callable[[Array], P | None],
-    start: Array,
-) -> P:
-    """The place of the greatest posterior, by damped steps (Levenberg 1944, Marquardt 1963).
-
-    (precision + damping diag(precision)) step = gradient
-
-    place_at : the place at normals (k,), None where no prediction is a number
-    start : (k,)
-    """
-    best = place_at(start) or place_at(np.zeros_like(start))
-    if best is None:
-        raise np.linalg.LinAlgError("no prediction is a number")
-    damping = 0.0
-    for _ in range(CLIMB.steps):
-        damped = best.precision.copy()
-        damped[np.diag_indices(len(damped))] *= 1.0 + damping
-        step = Factor(damped).solve(best.gradient)
-        if 0.5 * float(best.gradient @ step) < CLIMB.enough:
-            break
-        place = place_at(best.normals + step)
-        if place is not None and place.fit > best.fit:
-            gain = place.fit - best.fit
-            best = place
-            damping *= CLIMB.bolder
-            if gain < CLIMB.enough:
-                break
-        else:
-            damping = max(damping / CLIMB.bolder, CLIMB.damping)
-    return best
-
-
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """A set of causes that accounts for a log, fitted to it."""
-
-    causes: tuple[str, ...]
-    wave_size: float  # of `Reference.wave_sizes`, that the joints may have
-    reference: Reference
-    indices: Indices  # parameters that are free
-    beta: Array  # (d,), parameters of the greatest evidence
-    sd: Array  # (d,), standard deviations by which they were free to change
-    evidence: float  # logarithm of the tempered evidence [nats]
-
-    # (d,), posterior standard deviations of those that are free, zero elsewhere
-    deviation: Array
-    noise: float  # noise of the log, in `Reference.sizes`
-    # (n, m) [unit], measured less predicted outputs of the rows compared
-    residual: Array
-
-    @property
-    def groups(self) -> tuple[str, ...]:
-        """Groups of the parameters that are free, in their order."""
-        labels = self.reference.structure.labels
-        names = [labels[k].group for k in self.indices.tolist()]
-        return tuple(dict.fromkeys(names))
-
-    @property
-    def is_no_change(self) -> bool:
-        """Whether arm and sensor are unchanged in it."""
-        return self.wave_size <= CALM_WAVES and not len(self.indices)
-
-    @property
-    def name(self) -> str:
-        """Such as "frame, length", or what it is where nothing is freed."""
-        names = [
-            kind_of(group).removeprefix("view.")
-            for group in self.groups
-            if group not in FRAME
-        ]
-        if FRAME[0] in self.groups:
-            names.insert(0, "frame")
-        has_waves = self.wave_size > CREEP_WAVES
-        shape = "waves of the joints" if has_waves else "a smooth residual"
-        return ", ".join(dict.fromkeys(names)) or shape
-
-
-def with_least_waves(explanations: Sequence[Explanation]) -> Explanation:
-    """The best, with the least waves that the evidence hardly distinguishes from its own."""
-    best = explanations[0]
-    least = best.evidence - NATS
-    alike = [
-        other
-        for other in explanations
-        if other.causes == best.causes and other.evidence > least
-    ]
-    return min(alike, key=attrgetter("wave_size"))
-
 
 # Nats by which a change must be better than none, and within which a fit is as good as promised
 MARGIN = 5.0

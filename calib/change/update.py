@@ -1,11 +1,5 @@
 """Updating: the belief after a log, under the change that explains it best.
 
-Its `Posterior` is that of all parameters u and of a residual w of this log alone::
-
-    z = h(beta) + W w + e,    beta = beta_0 + R u,    u, w ~ N(0, I),    e ~ N(0, scale^2)
-
-R is the root of the old posterior, inflated as its bound is and loosened where the explanation
-frees parameters; W w is a smooth residual of this log alone, whose size stays in the new bound.
 The belief is judged by contiguous blocks of rows, each predicted from the others.
 """
 
@@ -19,7 +13,7 @@ import numpy as np
 
 from ..body.belief import Body
 from ..body.body_fit import fit
-from ..body.covariance import RADIUS_95, Factor, root_of
+from ..body.covariance import RADIUS_95
 from ..body.parameters import Indices
 from ..body.planar import PlanarStructure
 from ..body.rows import Rows
@@ -28,18 +22,10 @@ from ..common.arrays import Array
 from ..common.rows import row_lengths, spread_rows
 from .causes import CREEP_WAVES
 from .evidence import Evidence, tool_turn
-from .explain import (
-    MARGIN,
-    SEARCH,
-    Explanation,
-    Place,
-    climb,
-    with_least_waves,
-)
+from .explain import MARGIN, SEARCH
+from .explanation import POSTERIOR, Explanation, Posterior, with_least_waves
 from .noise import NOISIER, usual_noise
-from .rows import LogRows
 from .significance import BEYOND
-from .system import System, prior_columns
 
 
 @dataclass(frozen=True)
@@ -62,143 +48,11 @@ class UpdateSettings:
     # the same where nothing changed, also of the error that a belief expects of itself: half of the
     # rows of series A were added to a model of the other, which was then 1.15 times as far off
     refined: float = 0.85
-    # contiguous blocks of rows that are held out in turn, each of which gives a gain
-    blocks: int = 5
-    # inflation of the bound of an arm that was only simulated: nothing has shown yet how it holds;
-    # of 30 rows with waves of 2 mrad it covered 94.4 % without
-    simulated_kappa: float = 1.2
     # standard errors by which the held-out blocks must gain
     sure: float = 2.0
 
 
 UPDATING = UpdateSettings()
-
-
-@dataclass(frozen=True, eq=False)
-class PlaceOfRows(Place):
-    """Normals (u, w), and the rows as they are linear about them: y = A (u, w) + e."""
-
-    columns: Array  # (n m, k), A = (dh/dbeta R, W) over the scale of e
-    rest: Array  # (n m,), (z - h(beta) - W w) over the scale of e
-
-
-class Posterior:
-    """The posterior of u and w after a log.
-
-    residual : (m,), standard deviation of the log's own smooth residual [unit]
-    system : the rows against the reference
-    scale : standard deviation of e, of rows that err together, in `Reference.sizes`
-    active : (p,), parameters that u changes
-    r : (p, number of u), R
-    w_columns : (n m, number of w), W over `Reference.sizes`
-    place : where the posterior is greatest
-    """
-
-    def __init__(
-        self,
-        explanation: Explanation,
-        observations: LogRows,
-        residual_scale: float,
-    ) -> None:
-        reference = explanation.reference
-        self.residual = residual_scale * reference.residual_sd
-        self.explanation = explanation
-        self.reference = reference
-        self.system = System(reference, observations)
-        time = observations.correlation_time
-        self.scale = math.sqrt(time) * explanation.noise
-        self.active, self.r = prior_columns(
-            reference,
-            # what was simulated stands for an arm that is built
-            wave_size=max(explanation.wave_size, CREEP_WAVES),
-            change_sd=explanation.sd,
-        )
-        # without kappa, by which the bound inflates the residual as well
-        self.w_columns = self.system.log_columns(self.residual)
-
-        # from the explanation: R u = its change
-        self.size = self.r.shape[1]
-        start = np.zeros(self.size + self.w_columns.shape[1])
-        change = (explanation.beta - reference.beta)[self.active]
-        start[: self.size] = np.linalg.pinv(self.r, rcond=1e-12) @ change
-        self.place = climb(self._place, start)
-
-    def _place(self, normals: Array) -> PlaceOfRows | None:
-        """Compare the rows with (u, w), None without a prediction.
-
-        log p(u, w | z) = -(|rest|^2 + |u|^2 + |w|^2) / 2
-        """
-        u = normals[: self.size]
-        w = normals[self.size :]
-        beta, residual, moves = self.system.after_step(self.active, self.r @ u)
-        if not np.isfinite(residual).all():
-            return None
-        columns = np.concatenate([moves @ self.r, self.w_columns], axis=1)
-        columns /= self.scale
-        rest = self.system.whiten(residual) / self.scale
-        rest -= columns[:, self.size :] @ w
-        return PlaceOfRows(
-            normals=normals,
-            beta=beta,
-            fit=-0.5 * float(rest @ rest + normals @ normals),
-            gradient=columns.T @ rest - normals,
-            precision=columns.T @ columns + np.eye(len(normals)),
-            columns=columns,
-            rest=rest,
-        )
-
-    @property
-    def evidence(self) -> float:
-        """Laplace approximation of the logarithm of the evidence, up to a constant."""
-        volume = Factor(self.place.precision).log_determinant()
-        return self.place.fit - 0.5 * volume
-
-    @property
-    def body(self) -> Body:
-        """The belief: parameters, their covariance R cov(u) R', noise and residual of the log."""
-        old = self.reference.body
-        inverse = Factor(self.place.precision).inverse()
-        of_u = inverse[: self.size, : self.size]
-        root = root_of(self.r @ of_u @ self.r.T)
-        kappa = old.kappa
-        if old.simulated:
-            kappa = max(kappa, UPDATING.simulated_kappa)
-        return replace(
-            old,
-            beta=self.place.beta,
-            active=self.active,
-            # the bound inflates by kappa what is kept here without it
-            root=root / old.kappa,
-            kappa=kappa,
-            noise=self.explanation.noise * self.reference.sizes,
-            residual=np.maximum(old.residual, self.residual),
-            second=None,
-        )
-
-    def cross_residual(self) -> Array:
-        """Residuals (n, m) of blocks of rows that are left out in turn [unit].
-
-        Without a block A_b, y_b the solution needs no fit::
-
-            (u, w) = (A'A + I - A_b'A_b)^-1 (A'y - A_b'y_b),    residual = y_b - A_b (u, 0)
-
-        Of w the places of sockets count.
-        """
-        count = self.size + self.system.sockets.shape[2]
-        place = self.place
-        y = place.rest + place.columns @ place.normals
-        vector = place.columns.T @ y
-        residual = np.empty_like(self.system.observations.x)
-        outputs = residual.shape[1]
-        for block in np.array_split(np.arange(len(residual)), UPDATING.blocks):
-            rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
-            a_block = place.columns[rows]
-            y_block = y[rows]
-            others = Factor(place.precision - a_block.T @ a_block)
-            normals = others.solve(vector - a_block.T @ y_block)
-            rest = y_block - a_block[:, :count] @ normals[:count]
-            residual[block] = rest.reshape(-1, outputs)
-        return residual * self.scale * self.reference.sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,9 +184,11 @@ def _is_better(
 
 def _chance(gain: Array) -> float:
     """What the mean of gains (k,) by rows may be by chance, as contiguous blocks differ [unit]."""
-    blocks = np.array_split(gain, UPDATING.blocks)
+    blocks = np.array_split(gain, POSTERIOR.blocks)
     means = np.array([block.mean() for block in blocks])
-    return UPDATING.sure * float(means.std(ddof=1)) / math.sqrt(UPDATING.blocks)
+    return (
+        UPDATING.sure * float(means.std(ddof=1)) / math.sqrt(POSTERIOR.blocks)
+    )
 
 
 def _is_trainable(evidence: Evidence, explanation: Explanation) -> bool:
