@@ -20,7 +20,7 @@ import numpy as np
 from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
 from ..body.structure import Structure
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from .causes import indices_of
 from .frame import Reference
 from .noise import (
@@ -346,8 +346,20 @@ def variance_of_places(u: Array, residual: Array) -> float:
 
     u, residual : (n, dof), (n, m), joints in the unit box, and what the rows are missed by
     """
-    from scipy.spatial import cKDTree
     from scipy.special import ndtri
+
+    first, second = neighbours_apart_in_time(u)
+    product = (residual[first] * residual[second]).sum(axis=1)
+    # whatever its size, noise makes either sign as likely
+    if product.sum() <= -ndtri(FALSE_ALARM) * np.linalg.norm(product):
+        return 0.0
+    variance: float = product.mean() / residual.shape[1]
+    return variance
+
+
+def neighbours_apart_in_time(u: Array) -> tuple[Index, Index]:
+    """Pairs (p,), (p,) of rows of like joints (n, dof) between which noise does not last."""
+    from scipy.spatial import cKDTree
 
     # of so many rows at least one is no neighbour in time
     count = min(2 * LASTING + 2, len(u))
@@ -358,12 +370,7 @@ def variance_of_places(u: Array, residual: Array) -> float:
     nearest = is_apart[row].argmax(axis=1)
     pairs = np.sort(np.stack([row, near[row, nearest]], axis=1), axis=1)
     first, second = np.unique(pairs, axis=0).T
-    product = (residual[first] * residual[second]).sum(axis=1)
-    # whatever its size, noise makes either sign as likely
-    if product.sum() <= -ndtri(FALSE_ALARM) * np.linalg.norm(product):
-        return 0.0
-    variance: float = product.mean() / residual.shape[1]
-    return variance
+    return first, second
 
 
 def follows_sides(residual: Array, side: Array) -> bool:

@@ -11,10 +11,9 @@ rows whose joints were elsewhere, early and late, show no step.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +24,8 @@ from ..common.rows import solve_least_squares, spread_rows
 from .frame import Reference
 from .noise import FALSE_ALARM, sd_of_changes, share_chance
 from .rows import LEAST_ROWS, OUTLIER, LogRows
-from .system import SYSTEM, NoisyJoint, Nuisance, System
+from .significance import neighbours_apart_in_time
+from .system import SYSTEM, NoisyJoint, Nuisance, Statistics, System
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,8 @@ class StepSettings:
     # part is: 20 times the noise in the last fifth of six logs made that 3 to 18, with shares of
     # .07 to .18, and steps .6 to 3 with shares of .12 to .82
     least_explained: float = 0.1
+    # least share of neighbours on either side of a step, over that of rows in any order
+    mixed: float = 0.5
 
 
 STEPS = StepSettings()
@@ -72,27 +74,18 @@ def find_step(
     noisy : a joint whose encoder is noisy: its few large rows are no step
     """
     rows = spread_rows(len(observations), SYSTEM.rows)
-    count = len(rows) - 2 * LEAST_ROWS + 1
-    if count < 1:
+    starts = _starts(observations.u[rows])
+    if not len(starts):
         return None
-    starts = LEAST_ROWS + spread_rows(count, STEPS.starts)
     system = System(reference, observations.some(SYSTEM.rows), noisy)
     # rows that contradict all others count for little
     limit = OUTLIER * float(np.median(np.abs(system.y)))
     y = np.clip(system.y, -limit, limit)
     # what exact rows leave over is no noise
-    missed = math.sqrt(float((y**2).mean()))
-    if missed < SYSTEM.least_noise:
+    if float((y**2).mean()) < SYSTEM.least_noise**2:
         return None
-    # beside all that may have changed before, all that is left may be smooth
-    nuisance = Nuisance(
-        system,
-        change_sd=sd_of_changes(reference),
-        residual_sd=missed * reference.sizes,
-    )
-    noise = nuisance.statistics(y).most_likely_noise()
-    y = _without_play(nuisance, y, noise)
-    statistics = nuisance.statistics(y)
+    y = _without_play(system, y)
+    nuisance, statistics = _likelier_nuisance(system, y)
     noise = statistics.most_likely_noise()
     courses = list(_courses(nuisance, y, noise, starts))
     best = max(courses, key=attrgetter("share"))
@@ -114,17 +107,55 @@ def find_step(
     return Step(row, is_gradual=bool(best.columns[0].any()))
 
 
-def _without_play(nuisance: Nuisance, y: Array, noise: float) -> Array:
+def _starts(u: Array) -> Index:
+    """Rows from which on a change can be found, where joints (n, dof) are alike before and after.
+
+    Along a path without return a change of time is one of place.
+    """
+    count = len(u) - 2 * LEAST_ROWS + 1
+    if count < 1:
+        return np.zeros(0, np.intp)
+    first, second = neighbours_apart_in_time(u)
+    starts: Index = LEAST_ROWS + spread_rows(count, STEPS.starts)
+    is_before = first[:, None] < starts
+    is_after = second[:, None] >= starts
+    apart = (is_before & is_after).mean(axis=0)
+    by_chance = 2.0 * starts * (len(u) - starts) / len(u) ** 2
+    is_mixed = apart > STEPS.mixed * by_chance
+    return np.asarray(starts[is_mixed])
+
+
+def _without_play(system: System, y: Array) -> Array:
     """Residuals (N,) less what a play of joints explains, which moved another way before.
 
     Beside all else that an arm may show: of what is 20 times the noise and no play, a least-squares
     fit of six plays to 300 residuals alone would take, and leave elsewhere, 3 times the noise.
     """
-    plays = nuisance.system.play_columns()
+    nuisance, statistics = _likelier_nuisance(system, y)
+    noise = statistics.most_likely_noise()
+    plays = system.play_columns()
     matrix, vector = nuisance.statistics(y, plays).information(noise)
     halves = solve_least_squares(matrix, vector[:, None])
     rest: Array = y - (plays @ halves)[:, 0]
     return rest
+
+
+def _likelier_nuisance(system: System, y: Array) -> tuple[Nuisance, Statistics]:
+    """Whatever else residuals (N,) may be: of them the usual share is smooth, or all are."""
+    reference = system.reference
+    missed = np.sqrt((y**2).mean()) * reference.sizes
+    fits = []
+    for residual_sd in (None, missed):
+        nuisance = Nuisance(
+            system,
+            change_sd=sd_of_changes(reference),
+            residual_sd=residual_sd,
+        )
+        statistics = nuisance.statistics(y)
+        _, likelihood = statistics.noises()
+        fits.append((likelihood.max(), nuisance, statistics))
+    _, nuisance, statistics = max(fits, key=itemgetter(0))
+    return nuisance, statistics
 
 
 def _courses(
