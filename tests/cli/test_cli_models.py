@@ -32,6 +32,20 @@ def test_options_reach_the_training(run):
     assert (about.lower[1], about.upper[1]) == (1.0, 2.0)
 
 
+def test_tables_of_joints_are_read_in_degrees(run, model):
+    """One of the two ways to a target is asked for; no test saw joints of tables in degrees."""
+    q = np.array([[0.4, 1.0], [1.2, 0.8]])
+    x = calib.load(model).forward(q)
+    degrees = np.degrees(q)
+    table("q.csv", ["shoulder", "elbow"], degrees)
+    answered = read(run.done(f"query forward {model} --degrees --input q.csv").out)
+    np.testing.assert_allclose(np.transpose([answered["x"], answered["y"]]), x, atol=1e-6)
+    table("x.csv", ["x", "y", "near_shoulder", "near_elbow"], np.hstack([x, degrees]))
+    answered = read(run.done(f"query inverse {model} --degrees --input x.csv").out)
+    joints = np.transpose([answered["shoulder"], answered["elbow"]])
+    np.testing.assert_allclose(joints, degrees, atol=0.1)
+
+
 def test_degrees_apply_to_ranges_locks_and_changes(run):
     words = "--range shoulder=10:40 --range slide=0.05:0.2"
     words += " --change shoulder.offset=3 --change slide.offset=0.01"
