@@ -18,7 +18,7 @@ from ..model.about import About, MeasuredRows
 from ..model.alignment import Alignment
 from ..model.baseline import Baseline, RowPlaces, learn_baseline
 from ..model.model import Model
-from ..model.parts import bounds_of_nodes
+from ..model.parts import MOST_BLENDED, bounds_of_nodes
 from ..samples.motion import Motion
 from ..samples.tables import Document
 from ..training.residuals import (
@@ -312,11 +312,13 @@ def model_around(
     after = Predictor(motor, BodyInBox(body, motor.scale), local).value(nodes)
     sensory = _sensory_map(old, old.predictor.value(nodes), after)
     reading, position = bounds_of_nodes(motor, body)
-    if at_rows is not None:
+    if at_rows is not None and nodes.shape[1] <= MOST_BLENDED:
+        # near the rows, what no cause explains may be taken for noise: their true position, too,
+        # is known as well as a reading
+        there, _ = bounds_of_nodes(motor, at_rows)
         share = _away(motor.scale, u, nodes)
-        reading_there, position_there = bounds_of_nodes(motor, at_rows)
-        reading = reading_there + share * (reading - reading_there)
-        position = position_there + share * (position - position_there)
+        reading = np.minimum(reading, there + share * (reading - there))
+        position = np.minimum(position, there + share * (position - there))
     return replace(
         old,
         association=replace(old.association, sensory=sensory),

@@ -156,13 +156,12 @@ class LogRows(RowArrays):
     def across(self) -> float:
         """Least spread of the rows in any direction, over that of what was learned."""
         spread = np.atleast_2d(np.cov(self.u.T))
-        dof = len(spread)
+        identity = np.eye(len(spread))
         # uniform joints have a variance of 1 / 12 in every direction
-        learned = np.eye(dof) / 12.0
+        learned = identity / 12.0
         if self.learned_u is not None:
-            learned = np.atleast_2d(np.cov(self.learned_u.T)) + 1e-9 * np.eye(
-                dof
-            )
+            learned = np.atleast_2d(np.cov(self.learned_u.T))
+            learned += 1e-9 * identity
         root = np.linalg.inv(np.linalg.cholesky(learned))
         least = float(np.linalg.eigvalsh(root @ spread @ root.T)[0])
         return math.sqrt(max(least, 0.0))

@@ -66,7 +66,7 @@ class Update:
     # (k, m), residuals of these rows where they were held out [unit]
     residual: Array
     improved: bool  # whether they are predicted better than before
-    # what the belief is near the rows, where these rule a doubt out
+    # the belief without the doubt of elsewhere, which the rows rule out near them
     at_rows: Body | None = None
 
     @property
@@ -139,8 +139,9 @@ def _update_by_posterior(
     residual = posterior.cross_residual()
     residual += body.predict(observations.q) - body.predict(logged)
     missed = row_lengths(residual)
-    at_rows = _with_sound_bound(body, logged, missed)
+    at_rows = None
     if evidence.score > 1.0:
+        at_rows = _with_sound_bound(body, logged, missed)
         body = _as_uncertain(body, explanation, evidence)
     body = _with_sound_bound(body, logged, missed)
     update = _update(evidence, explanation, body, rows, residual)

@@ -30,9 +30,8 @@ class AgreementSettings:
     better: float = 0.3
     share: float = 0.4  # of the pictures that must agree
     folds: int = 5
-    few: int = (
-        8  # motions below which left-out pictures do not choose between fits
-    )
+    # motions below which left-out pictures do not choose between fits
+    few: int = 8
     # [rad], noise of turns that a second fit begins with: noise has several optima, and on a real
     # KUKA the one of largest evidence missed pictures left out by 1.24 px, another by .96
     small_turn: float = 3e-4

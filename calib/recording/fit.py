@@ -191,7 +191,8 @@ def without_errors(
 ) -> tuple[Array, Array, Array]:
     """Products of the s unknowns at each motion, less what its errors explain (Schur complement).
 
-    products : (n, s + e, s + e), see :func:`information`;  size : s
+    products : (n, s + e, s + e), see :func:`information`
+    size : number s of unknowns
     Returns them (n, s, s), the gain (n, s, e) and the covariance (n, e, e) of the errors.
     """
     across = products[:, :size, size:]

@@ -280,6 +280,25 @@ def test_a_change_without_a_name_is_known_near_the_rows_that_saw_it(seed, simula
     assert covered > 0.95
 
 
+def test_what_no_cause_explains_near_the_rows_is_no_noise(simulated):
+    """A bump in a corner was taken for noise: the bound on the true position covered 64 %."""
+    rng = np.random.default_rng(4)
+    low, high = np.array(arm().lower), np.array(arm().upper)
+    corner = low + (high - low) * (0.3 + 0.3 * rng.random((300, 2)))
+    middle = corner.mean(axis=0)
+
+    def bumped(q):
+        away = ((q - middle) ** 2).sum(axis=1, keepdims=True)
+        return arm().forward(q) + [0.004, 0.003] * np.exp(-10.0 * away)
+
+    x = bumped(corner[:40]) + rng.normal(0.0, 3e-4, (40, 2))
+    log = replace(calib.babble(arm(), 40), q=corner[:40], x=x, simulation=None)
+    model = calib.adapt(simulated, log).model
+    bound = model.model_error(corner)
+    assert np.mean(distances(model, corner, bumped(corner)) <= bound) > 0.95
+    assert np.median(bound) < 4e-3
+
+
 def waves_along_a_line(seed):
     """Thirty rows along a line of joints that follow waves of 8 mrad, and the moved arm."""
     rng = np.random.default_rng(seed)
