@@ -1,6 +1,7 @@
 """Trained models and closed forms that several test files share; each is trained once."""
 
 import pickle
+import re
 import shutil
 from dataclasses import replace
 from functools import cache
@@ -140,6 +141,11 @@ def of_a_third(n: int, waves: float, seed: int = 0):
     return rows, exact, calib.babble(arm.with_range(third), 400, seed=9).q
 
 
+def without_masses(arm):
+    """Return an arm of whose links no masses are stated."""
+    return arm_from_urdf(re.sub(r"<inertial>.*?</inertial>", "", arm.urdf, flags=re.DOTALL))
+
+
 @cache
 def arm() -> calib.PlanarArm:
     return calib.load_arm("two_link")
@@ -158,6 +164,13 @@ def model(noise: float = 0.0) -> calib.Model:
 def distances(model: calib.Model, q: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Return how far (n,) [m] a model's answers are from the truth, NaN where there is none."""
     return lengths(model.forward(q) - truth)
+
+
+def accuracy(model: calib.Model, q: np.ndarray, truth: np.ndarray, bound: str = "model_error"):
+    """Return the mean distance [m] of answers from the truth, and the share within a bound."""
+    off = distances(model, q, truth)
+    known = np.isfinite(off)
+    return off[known].mean(), np.mean(off[known] <= getattr(model, bound)(q[known]))
 
 
 def error(adapted: calib.Model, samples: calib.Samples) -> float:

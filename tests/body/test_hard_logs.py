@@ -6,18 +6,17 @@ from functools import cache
 
 import numpy as np
 import pytest
-from models import lengths, log_of, sensed, trained
+from models import accuracy, lengths, log_of, sensed, trained, without_masses
 from reference import random_joints
 from refusals import refused
 
 import calib
 from calib.arm.gravity import Loads
-from calib.arm.loading import arm_from_urdf
 from calib.arm.rotations import exponential, matrix_of, quaternion_of
 
 NOISE = 2e-5
 ARM = calib.load_arm("six_axis")
-BARE = arm_from_urdf(re.sub(r"<inertial>.*?</inertial>", "", ARM.urdf, flags=re.DOTALL))
+BARE = without_masses(ARM)
 COMPLIANCE = np.array([0.8, 1.0, 1.2, 4.0, 5.0, 3.0])
 
 
@@ -164,18 +163,11 @@ def world(half=False):
     return q[low][:200], x[low][:200] + noise, q[~low], x[~low]
 
 
-def errors(model, q, x):
-    """Mean distance [m], and the share of rows within the model's bound."""
-    miss = lengths(model.forward(q) - x)
-    return float(miss.mean()), float((miss <= model.model_error(q)).mean())
-
-
 def test_an_arm_without_masses_is_as_accurate_as_with_them():
     q, x, others, truth = world()
-    masses = errors(tracked(ARM, q, x), others, truth)[0]
+    masses, _ = accuracy(tracked(ARM, q, x), others, truth)
     model = tracked(BARE, q, x)
-    bare = errors(model, others, truth)[0]
-    assert bare < 1.2 * masses < 5e-5
+    assert accuracy(model, others, truth)[0] < 1.2 * masses < 5e-5
     said = " ".join(model.body.describe(ARM.lower, ARM.upper))
     told = float(re.search(r"shoulder_lift: bends by up to ([\d.]+) mrad", said)[1])
     # the tip, 1 m away, moves by 3 mm, most of it by that joint
@@ -184,7 +176,7 @@ def test_an_arm_without_masses_is_as_accurate_as_with_them():
 
 def test_the_other_half_of_a_sagging_arms_range_is_within_the_bound():
     q, x, others, truth = world(half=True)
-    miss, covered = errors(tracked(BARE, q, x), others, truth)
+    miss, covered = accuracy(tracked(BARE, q, x), others, truth)
     assert miss < 1e-4
     assert covered > 0.85
 
@@ -193,7 +185,7 @@ def test_an_arm_on_a_wall_is_believed_and_gravity_is_a_direction():
     q = random_joints(ARM, 250)
     x = sagging(q, 3e-3, (9.81, 0.0, 0.0)) + np.random.default_rng(0).normal(0.0, 1e-4, (250, 3))
     arm = replace(BARE, gravity=(9.81, 0.0, 0.0))
-    assert errors(tracked(arm, q[:100], x[:100]), q[100:], x[100:])[0] < 3e-4
+    assert accuracy(tracked(arm, q[:100], x[:100]), q[100:], x[100:])[0] < 3e-4
     assert calib.load_arm("six_axis", gravity=(0, 0, 2)).gravity == (0.0, 0.0, 9.80665)
     words = r"gravity.*three numbers"
     refused(calib.OptionError, words, calib.load_arm, "six_axis", gravity=(0, 0, 0))
@@ -210,6 +202,6 @@ def test_a_gear_that_is_two_percent_wrong_is_found(drawn):
     assert "geared" in model.body.member
     found = model.body.beta[model.body.structure.groups["gain"]]
     np.testing.assert_allclose(found[1:5], gains[1:5], atol=1e-3)
-    miss, covered = errors(model, q[150:], ARM.forward(gains * q[150:]))
+    miss, covered = accuracy(model, q[150:], ARM.forward(gains * q[150:]))
     assert miss < 1e-4
     assert covered > 0.93

@@ -18,7 +18,6 @@ from rendering import Camera, Desk, board
 from test_lerobot import REST, write_dataset
 
 import calib
-from calib import LogError, handeye
 from calib.arm.rotations import exponential, logarithm, matrix_of
 from calib.recording.board import parse_board
 from calib.recording.motion_tables import JointTable, read_joints
@@ -69,7 +68,7 @@ def _found_once():
 @cache
 def solved(in_hand):
     rig, pictures, joints = shots(in_hand)
-    return handeye(rig.arm, pictures, joints, SPEC, rig.eye)
+    return calib.handeye(rig.arm, pictures, joints, SPEC, rig.eye)
 
 
 @pytest.mark.parametrize("in_hand", [True, False])
@@ -91,8 +90,10 @@ def test_what_pictures_without_the_board_show_is_told():
     rig, pictures, joints = shots(True)
     few, some = pictures[:6], replace(joints, q=joints.q[:6])
     flipped = [np.ascontiguousarray(picture[:, ::-1]) for picture in few]
-    refused(LogError, "mirrored", handeye, rig.arm, flipped, some, SPEC, "hand")
-    refused(LogError, "7x5", handeye, rig.arm, few, some, "5x7:24mm:18mm:5x5_100", "hand")
+    refused(calib.LogError, "mirrored", calib.handeye, rig.arm, flipped, some, SPEC, "hand")
+    refused(
+        calib.LogError, "7x5", calib.handeye, rig.arm, few, some, "5x7:24mm:18mm:5x5_100", "hand"
+    )
 
 
 def test_a_wrong_reading_is_named():
@@ -104,13 +105,13 @@ def test_a_wrong_reading_is_named():
         ("wrist_1 alone is in degrees", rig.q * (1, 1, 1, np.degrees(1), 1, 1)),
         ("a row late", np.roll(rig.q, 1, axis=0)),
     ):
-        refused(LogError, words, rig.solve, q=q)
+        refused(calib.LogError, words, rig.solve, q=q)
     late = np.degrees(np.roll(rig.q, 1, axis=0))
-    refused(LogError, "the joint values are degrees", rig.solve, q=late)
+    refused(calib.LogError, "the joint values are degrees", rig.solve, q=late)
     # in two ways at once, which no reading explains: "degrees" was the nearest
     rig = Rig(True, seed=8, pictures=12)
     wrong = rig.q[:, [0, 2, 1, 3, 4, 5]] * (1, 1, 1, 1, -1, 1)
-    refused(LogError, "no place of camera and board", rig.solve, q=wrong)
+    refused(calib.LogError, "no place of camera and board", rig.solve, q=wrong)
 
 
 def test_a_camera_is_known_across_its_line_of_sight():
@@ -135,43 +136,26 @@ def test_a_wrong_board_is_measured_and_a_wrong_eye_named(in_hand):
     assert any("squares measure 24" in note for note in found.notes)
     assert (rig.miss(found)[1] < 1.0).all()
     words = "squares measure 24 mm, 36 mm as said"
-    refused(LogError, words, rig.solve, board="7x5:36mm:18mm:5x5_100")
-    refused(LogError, "up to wrist_1", rig.solve, arm=calib.load_arm("six_axis", tip="wrist_1"))
-    refused(LogError, f"eye='{rig.eye}'", rig.solve, eye="base" if in_hand else "hand")
+    refused(calib.LogError, words, rig.solve, board="7x5:36mm:18mm:5x5_100")
+    refused(
+        calib.LogError, "up to wrist_1", rig.solve, arm=calib.load_arm("six_axis", tip="wrist_1")
+    )
+    refused(calib.LogError, f"eye='{rig.eye}'", rig.solve, eye="base" if in_hand else "hand")
 
 
-def test_an_arm_with_play_is_answered_and_its_repeatability_told():
-    rig = Rig(True, seed=5, pictures=24)
-    true, rng = rig.q, np.random.default_rng(0)
-    rig.look(true + np.radians(0.2) * rng.uniform(-1.0, 1.0, true.shape), rng)
+@pytest.mark.parametrize(("seed", "pictures", "play"), [(5, 24, 0.12), (4, 8, 0.3), (18, 8, 0.3)])
+def test_no_picture_is_left_out_by_an_arm_that_repeats_badly_which_is_told(seed, pictures, play):
+    """Two of eight were left out, and a camera was 13.5 mm off with 9 claimed."""
+    rig = Rig(True, seed=seed, pictures=pictures)
+    true, rng = rig.q, np.random.default_rng(seed)
+    rig.look(true + np.radians(play) * rng.normal(0.0, 1.0, true.shape), rng)
     found = rig.solve(q=true)
-    assert found.used == 24
+    assert found.used == pictures
     assert "the arm repeats to" in " ".join(found.notes)
     assert 1e-3 < found.repeatability["rotation"] < 8e-3
     off, share = rig.miss(found)
-    assert np.linalg.norm(off) < 4e-3
+    assert np.linalg.norm(off) < (4e-3 if pictures == 24 else 5e-3)
     assert (share < 1.5).all()
-
-
-@pytest.mark.parametrize("seed", [4, 18])
-def test_no_picture_is_left_out_of_few_by_an_arm_that_repeats_badly(seed):
-    """Two of eight were, and a camera was 13.5 mm off with 9 claimed."""
-    rig = Rig(True, seed=seed, pictures=8)
-    true, rng = rig.q, np.random.default_rng(seed)
-    rig.look(true + np.radians(0.3) * rng.normal(0.0, 1.0, true.shape), rng)
-    found = rig.solve(q=true)
-    assert found.used == 8
-    off, share = rig.miss(found)
-    assert np.linalg.norm(off) < 5e-3
-    assert (share < 1.5).all()
-
-
-def test_that_few_pictures_may_hide_a_moved_board_is_told():
-    rig = Rig(True, seed=3, pictures=5)
-    moved = rig.as_seen(rig.changed(**{"view.shift": (0, 0.02)})) - rig.as_seen(rig.beta)
-    found = rig.solve(seen=rig.seen + (rig.rows >= 4)[:, None] * moved)
-    assert found.used == 5
-    assert "camera or board was moved (which 5 poses may not show" in " ".join(found.notes)
 
 
 def test_the_drawing_of_another_robot_is_told(tmp_path):
@@ -194,7 +178,7 @@ def test_a_lens_that_is_off_is_told_and_one_of_another_size_refused():
     assert any("the lens that was given" in note for note in found.notes)
     assert abs(found.lens["focal"] - rig.lens[0]) < 2.0
     assert (rig.miss(found)[1] < 1.5).all()
-    refused(LogError, "640x480", rig.solve, lens=replace(rig.glass, size=(640, 480)))
+    refused(calib.LogError, "640x480", rig.solve, lens=replace(rig.glass, size=(640, 480)))
 
 
 @pytest.mark.parametrize("seed", [0, 4, 6])
@@ -205,13 +189,19 @@ def test_a_lens_that_is_off_is_told_by_few_pictures(seed):
     assert abs(found.lens["focal"] - rig.lens[0]) < found.lens["focal_95"]
 
 
-@pytest.mark.parametrize(("group", "step"), [("view.shift", 0.05), ("tool", 0.05), ("lens", 60.0)])
-def test_what_changed_on_the_way_is_told(group, step):
-    rig = Rig(True, seed=2, pictures=20)
+ON_THE_WAY = [  # what changes by how much, of how many pictures those from then on, what is told
+    *((*change, 2, 20, 13, "from 13.png on camera or board was moved, the camera refocused")
+      for change in (("view.shift", 0.05), ("tool", 0.05), ("lens", 60.0))),
+    ("view.shift", 0.02, 3, 5, 4, "camera or board was moved (which 5 poses may not show"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("group", "step", "seed", "pictures", "first", "words"), ON_THE_WAY)
+def test_what_changed_on_the_way_is_told(group, step, seed, pictures, first, words):
+    rig = Rig(True, seed=seed, pictures=pictures)
     moved = rig.as_seen(rig.changed(**{group: (0, step)})) - rig.as_seen(rig.beta)
-    found = rig.solve(seen=rig.seen + (rig.rows >= 13)[:, None] * moved)
-    assert found.used == 13
-    words = "from 13.png on camera or board was moved, the camera refocused"
+    found = rig.solve(seen=rig.seen + (rig.rows >= first)[:, None] * moved)
+    assert found.used == (first if pictures == 20 else pictures)
     assert words in " ".join(found.notes)
 
 
@@ -247,7 +237,7 @@ def test_joints_may_be_a_pipe_of_json_for_several_cameras(monkeypatch, tmp_path)
     os.mkfifo(tmp_path / "pipe")
     Thread(target=(tmp_path / "pipe").write_text, args=(json.dumps(rows),), daemon=True).start()
     pictures = {"a": blank, "b": blank}
-    found = handeye(rig.arm, pictures, tmp_path / "pipe", SPEC, "hand", lens=rig.glass)
+    found = calib.handeye(rig.arm, pictures, tmp_path / "pipe", SPEC, "hand", lens=rig.glass)
     assert [camera["name"] for camera in found.cameras] == ["a", "b"]
 
 
@@ -323,7 +313,6 @@ def test_a_log_of_board_pictures_is_learned_from_like_any_other(folder, run):
         done = run(command, model, "--data", log, "--json")
         assert done.code == 0 or (done.code == 3 and command != "evaluate"), done.err
     assert calib.load(model).about.options["board"]["eye"] == "hand"
-    run.refused(2, "--board", "log", folder / "shots", "--eye", "hand", "-o", log)
 
 
 def test_a_dataset_of_lerobot_is_read_as_pictures_and_joints(tmp_path, run):

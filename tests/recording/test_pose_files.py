@@ -12,7 +12,6 @@ from refusals import refused
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib import LogError, OptionError
 from calib.recording.lens import load_lens
 from calib.recording.pose_files import read_flange_poses
 
@@ -110,13 +109,18 @@ def test_tables_of_other_columns_and_of_other_numbers_are_refused_in_one_line(tm
         ("1.5,2,3,4,5,6,7", "1.7,2,3,4,5,6,7", "no poses"),  # a time, or no quaternion
     ):
         path.write_text(f"{header}\n{row}\n")
-        refused(LogError, words, world.solve, path)
+        refused(calib.LogError, words, world.solve, path)
     (tmp_path / "cut.npz").write_bytes(b"PK\x03\x04 cut off")
-    refused(LogError, "cut.npz cannot be read: expected numbers", world.solve, tmp_path / "cut.npz")
+    refused(
+        calib.LogError,
+        "cut.npz cannot be read: expected numbers",
+        world.solve,
+        tmp_path / "cut.npz",
+    )
     for unit, words in (("um", "expected one of"), ("mm", "from its base")):
-        refused(OptionError, words, world.solve, unit=unit)
-    refused(OptionError, "either an arm", calib.handeye, pictures=world.shots())
-    refused(OptionError, r"expected \(n, 4, 4\)", world.solve, np.zeros((3, 7)))
+        refused(calib.OptionError, words, world.solve, unit=unit)
+    refused(calib.OptionError, "either an arm", calib.handeye, pictures=world.shots())
+    refused(calib.OptionError, r"expected \(n, 4, 4\)", world.solve, np.zeros((3, 7)))
 
 
 @pytest.mark.parametrize("name", ["opencv.yml", "ros.yaml", "lens.json"])
@@ -126,6 +130,6 @@ def test_lenses_of_others_are_read(tmp_path, name):
     assert lens.size == (640, 480)
     nan = "NaN" if "json" in name else ".nan"
     (tmp_path / name).write_text(re.sub(r"501\.?", nan, (DATA / "lenses" / name).read_text()))
-    refused(LogError, "finite", load_lens, tmp_path / name)
+    refused(calib.LogError, "finite", load_lens, tmp_path / name)
     (tmp_path / name).write_text("&all [*all]")
-    refused(LogError, "no lens .no YAML without aliases", load_lens, tmp_path / name)
+    refused(calib.LogError, "no lens .no YAML without aliases", load_lens, tmp_path / name)

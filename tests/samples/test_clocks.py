@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import lengths, log_of
+from models import accuracy, log_of
 from scipy.signal import lfilter
 
 import calib
@@ -141,10 +141,9 @@ def test_a_late_clock_is_corrected_and_told(robot, late):
     assert ("late" if late > 0 else "early") in note
     assert abs(value - 1e3 * abs(late)) < 0.5
     assert half < 1.0
-    error = lengths(model.forward(log.q) - truth(log.q))
-    known = np.isfinite(error)
-    assert error[known].mean() < 2e-4
-    assert np.mean(error[known] <= model.expected_error(log.q)[known]) > 0.9
+    error, covered = accuracy(model, log.q, truth(log.q), "expected_error")
+    assert error < 2e-4
+    assert covered > 0.9
 
 
 @pytest.mark.parametrize("robot", ["two_link", "spatial_three"])

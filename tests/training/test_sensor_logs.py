@@ -188,7 +188,6 @@ def test_a_sensor_is_asked_by_its_name(two, run, tmp_path):
         way = run(*follow, "--in", sensor, "--json").document
         assert way.get("sensor", "base") == sensor
         np.testing.assert_allclose(way["path"]["shoulder_pan"], q[0], atol=1e-6)
-    run.refused(2, "base", "export", path, "-o", tmp_path / "none.h", "--in", "base")
     assert "left, right" in run("query", "forward", path, *q, "--in", "top").err
     told = run("evaluate", path, "--in", "right", "--json").document
     assert told["errors"] == two.by("right").about.errors

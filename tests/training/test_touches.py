@@ -11,7 +11,6 @@ from refusals import refused
 from touching import World, touching
 
 import calib
-from calib import LogError, OptionError
 from calib.arm.rotations import similarity
 from calib.samples.sockets import Touches
 
@@ -179,12 +178,17 @@ def test_touches_that_tell_nothing_or_are_wrong_are_told():
     model = calib.train(replace(good, touch=replace(good.touch, number=named)), size=5)
     assert model.about.left_out == 1
     assert "row 6" in " ".join(model.about.notes)
-    refused(LogError, "11 touches of 1 sockets tell nothing", calib.train, good.take(np.arange(11)))
+    refused(
+        calib.LogError,
+        "11 touches of 1 sockets tell nothing",
+        calib.train,
+        good.take(np.arange(11)),
+    )
     alike = replace(good, q=good.q[12 * (good.touch.number)] + 1e-3 * np.sin(good.q))
-    refused(LogError, "all alike", calib.train, alike)
+    refused(calib.LogError, "all alike", calib.train, alike)
     mixed = np.random.default_rng(0).permutation(good.touch.number)
     shuffled = replace(good, touch=replace(good.touch, number=mixed))
-    refused(LogError, "no arm explains the touches", calib.train, shuffled, size=5)
+    refused(calib.LogError, "no arm explains the touches", calib.train, shuffled, size=5)
 
 
 @pytest.mark.parametrize("text", ["A,B", "A,B=50", "A=50mm", "A,B=-5mm", "A,B=5mm+-x"])
@@ -192,4 +196,4 @@ def test_distances_are_read_as_typed_or_refused(text):
     touches = Touches(np.zeros(1, int), (("", "A"), ("", "B")))
     assert touches.stated(["A,B=50mm+-0.196mm"]).facts[0].tolerance == pytest.approx(1e-4)
     assert touches.stated(["A,B=5 cm"]).facts[0].value == pytest.approx(0.05)
-    refused(OptionError, "50mm", touches.stated, [text])
+    refused(calib.OptionError, "50mm", touches.stated, [text])

@@ -147,11 +147,6 @@ def test_six_joints_are_corrected_to_the_nominal_pose(tmp_path):
     assert after.max() < 1e-4
 
 
-def test_a_model_without_a_body_is_refused(run, tmp_path):
-    replace(model("real"), body=None).save(tmp_path / "m.calib")
-    run.refused(1, "has no body", f"export {tmp_path}/m.calib -o {tmp_path}/arm.h")
-
-
 @needs_compiler
 @pytest.mark.parametrize(("kind", "language"), [("real", "c++17"), ("space", "c99")])
 def test_the_code_of_the_page_compiles_and_runs(kind, language, tmp_path):
