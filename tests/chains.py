@@ -44,9 +44,7 @@ def turning(axis="0 0 1", xyz="0.3 0 0", lower="-1", upper="1", more="") -> str:
 def planar_chain(joints: int, slide: int | None = None, reach: float = 0.6) -> str:
     """A planar chain of equal links; one joint may slide."""
     length = reach / joints
-    parts = [
-        turning(xyz=f"{length * (k > 0)} 0 0", lower="-1.4", upper="1.4") for k in range(joints)
-    ]
+    parts = [turning("0 0 1", f"{length * (k > 0)} 0 0", "-1.4", "1.4") for k in range(joints)]
     if slide is not None:
         parts[slide] = turning("1 0 0", f"{length * (slide > 0)} 0 0", "0", "0.1") + SLIDE
     return chain_urdf(*parts, tip=f"{length} 0 0")

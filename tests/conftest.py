@@ -15,10 +15,8 @@ from hypothesis import HealthCheck, settings
 import calib
 
 # a deadline would test how busy the machine is
-settings.register_profile(
-    "calib", deadline=None, derandomize=True, suppress_health_check=HealthCheck
-)
-settings.load_profile("calib")
+settings.register_profile("own", deadline=None, derandomize=True, suppress_health_check=HealthCheck)
+settings.load_profile("own")
 # of small matrices several threads would wait for each other
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -69,6 +67,14 @@ class Program:
 
 
 run_in_process = Program()
+
+
+def refused(error, words, call, *values, **options):
+    """Call, and return the error: of this kind, in one line that a pattern finds words in."""
+    with pytest.raises(error, match=words) as caught:
+        call(*values, **options)
+    assert "\n" not in str(caught.value)
+    return caught.value
 
 
 def lengths(x):

@@ -128,9 +128,7 @@ def of_a_third(n: int, waves: float, seed: int = 0):
     """
     arm = calib.load_arm("six_axis")
     limits = zip(arm.joint_names, arm.lower.tolist(), arm.upper.tolist(), strict=True)
-    third = {
-        name: (0.65 * low + 0.35 * high, 0.35 * low + 0.65 * high) for name, low, high in limits
-    }
+    third = {name: (0.65 * a + 0.35 * b, 0.35 * a + 0.65 * b) for name, a, b in limits}
 
     def exact(q):
         return arm.forward(q + waves * np.sin(9 * q + np.arange(6)))

@@ -13,7 +13,7 @@ import pytest
 ROBOTS = Path(pin.__file__).parents[4] / "share/example-robot-data/robots"
 """Descriptions of real robots, where their package is installed."""
 needs_robots = pytest.mark.skipif(
-    not ROBOTS.is_dir(), reason="example-robot-data is not installed: pip install it"
+    not ROBOTS.is_dir(), reason="pip install example-robot-data to run it"
 )
 
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from chains import ENDLESS, NO_TIP, SLIDE, chain_urdf, joint, robot, turning
+from chains import ENDLESS, NO_TIP, SLIDE, chain_urdf, element, joint, robot, turning
+from conftest import refused
 from hypothesis import given
 from hypothesis import strategies as st
-from refusals import refused
 
 from calib import CalibError, RobotError, load_arm
 from calib.arm.loading import arm_from_urdf
@@ -28,10 +28,8 @@ USUAL = ("tool0", "tcp", "tool", "tip", "ee_link", "ee", "end_effector", "grippe
 GOOD = load_arm("two_link").urdf
 ELBOW = '<joint name="elbow" type="revolute">'
 AXIS = '<axis xyz="0 0 1"/>'
-SECOND_PARENT = (
-    '<joint name="extra" type="fixed"><parent link="base"/><child link="forearm"/></joint></robot>'
-)
-LOOP = '<joint name="back" type="fixed"><parent link="tip"/><child link="base"/></joint></robot>'
+SECOND_PARENT = element("extra", "base", "forearm", "", "fixed") + "</robot>"
+LOOP = element("back", "tip", "base", "", "fixed") + "</robot>"
 FLOATING = ELBOW.replace("revolute", "floating")
 NAMES = [(f"j{k}", f"l{k}", f"l{k + 1}") for k in range(1_001)]
 MANY = robot(*[joint(*names, "0 0 0", "0 0 1", "fixed") for names in NAMES])

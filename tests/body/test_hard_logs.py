@@ -6,9 +6,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from conftest import refused
 from models import accuracy, lengths, log_of, sensed, trained, without_masses
 from reference import random_joints
-from refusals import refused
 
 import calib
 from calib.arm.gravity import Loads

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import refused
 from models import arm, babbled, bare, learned, log_of, model, trained
 from reference import random_joints
-from refusals import refused
 
 import calib
 
@@ -64,17 +64,15 @@ def test_each_episode_of_a_log_has_a_verdict():
     assert calib.check(model(1e-3), calm).episodes == ()
 
 
-@pytest.mark.parametrize(
-    ("change", "row"), [("elbow.offset=0.005", 30), ("sensor.rotate=0.01", 45)]
-)
-def test_a_log_within_which_something_changed_is_split_there(change, row):
+@pytest.mark.parametrize(("change", "at"), [("elbow.offset=0.005", 30), ("sensor.rotate=0.01", 45)])
+def test_a_log_within_which_something_changed_is_split_there(change, at):
     """An offset of half the size was told, +.14 +- .04 deg for 0 and .29."""
     old, new = bare("two_link", 60, 1), bare("two_link", 60, 1, change)
-    log = replace(old, x=np.where(np.arange(60)[:, None] < row, old.x, new.x))
+    log = replace(old, x=np.where(np.arange(60)[:, None] < at, old.x, new.x))
     found = calib.adapt(learned(), log)
     (cause,) = found.changed
     assert cause.cause == "step"
-    assert abs(int(re.search(r"near row (\d+)", cause.words)[1]) - row) < 4
+    assert abs(int(re.search(r"near row (\d+)", cause.words)[1]) - at) < 4
     assert "before: still calibrated; after: " in cause.words
     assert not found.improved
     assert found.verdict.hint.startswith("split the log")
@@ -104,9 +102,8 @@ def test_play_of_all_joints_along_a_path_is_no_change_within_the_log():
         x = three.forward(tip_joints)
         return log_of(three, q, x + rng.normal(0.0, 1e-4, x.shape))
 
-    verdict = calib.check(
-        calib.train(log(q, q), size=4), log(path, path - 5e-3 * np.sign(np.cos(phase)))
-    )
+    model = calib.train(log(q, q), size=4)
+    verdict = calib.check(model, log(path, path - 5e-3 * np.sign(np.cos(phase))))
     assert "step" not in names(verdict)
     assert verdict.drifted
 

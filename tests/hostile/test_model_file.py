@@ -109,9 +109,7 @@ def spoilt(draw, data):
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # numbers of a forged file may overflow
 @pytest.mark.parametrize(("harm", "refused", "read"), [(damaged, 41, 0), (spoilt, 6, 6)])
-def test_damaged_files_are_refused_or_the_same_and_forged_ones_refused_or_read(
-    files, load, tmp_path, harm, refused, read
-):
+def test_damaged_and_forged_files_are_refused_or_read(files, load, tmp_path, harm, refused, read):
     found = Counter()
 
     @inputs(80)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from chains import chain_urdf, planar_chain
 from chains import turning as joint
+from conftest import refused
 from models import ELBOW, bare, draw, lengths, trained, turning, two_link, two_link_inverse, warm
 from numpy.testing import assert_allclose, assert_array_equal
-from refusals import refused
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 

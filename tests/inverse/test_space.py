@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from conftest import refused
 from models import draw, lengths, six, trained, warm
 from numpy.testing import assert_allclose
 from reference import ROBOTS, needs_robots, pinocchio_forward, random_joints
-from refusals import refused
 
 import calib
 from calib.arm.rotations import exponential, matrix_of, quaternion_of

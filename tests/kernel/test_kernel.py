@@ -9,10 +9,9 @@ import models
 import numpy as np
 import pytest
 from chains import chain_urdf, turning
-from conftest import lengths
+from conftest import lengths, refused
 from models import draw, in_pixels, in_space, log_of, needs_compiler, of_a_third, six, trained, warm
 from numpy.testing import assert_allclose, assert_array_equal
-from refusals import refused
 
 import calib
 from calib.arm.loading import arm_from_urdf
@@ -214,10 +213,10 @@ def test_a_joint_of_several_turns_is_answered_on_the_turn_of_near():
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("CALIB_NO_CC", "1"), ("CC", "no-such-compiler"), ("CC", "false")]
+    ("key", "value"), [("CALIB_NO_CC", "1"), ("CC", "no-such"), ("CC", "false")]
 )
-def test_without_a_compiler_the_batch_answers(monkeypatch, name, value):
-    monkeypatch.setenv(name, value)
+def test_without_a_compiler_the_batch_answers(monkeypatch, key, value):
+    monkeypatch.setenv(key, value)
     model = trained("two_link", 600, 6)
     slow = cold(model)
     assert "batch" in slow.warm_up()

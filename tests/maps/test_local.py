@@ -43,13 +43,11 @@ def polynomial(degree, d=2, seed=0):
     return value, slope
 
 
-@pytest.mark.parametrize(
-    ("d", "degree", "samples"), [(2, 0, 30), (2, 1, 50), (2, 3, 80), (3, 2, 60)]
-)
-def test_polynomials_of_the_models_degree_are_reproduced_with_their_slopes(d, degree, samples):
+@pytest.mark.parametrize(("d", "degree", "n"), [(2, 0, 30), (2, 1, 50), (2, 3, 80), (3, 2, 60)])
+def test_polynomials_of_the_models_degree_are_reproduced_with_their_slopes(d, degree, n):
     value, slope = polynomial(degree, d)
     motor, u = grid({2: 18, 3: 7}[d], (False,) * d), points(3000, d=d)
-    models = fitted(motor, u, value(u), degree, samples)
+    models = fitted(motor, u, value(u), degree, n)
     fresh = points(300, seed=1, d=d)
     blend = Blend(motor, fresh)
     said, tilt = correction(models, blend), correction_slope(models, blend)

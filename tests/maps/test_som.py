@@ -4,10 +4,10 @@ import sys
 
 import numpy as np
 import pytest
+from conftest import refused
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from refusals import refused
 from small_maps import UNIT_BOX, box, network, points
 
 from calib import SOM, LogError

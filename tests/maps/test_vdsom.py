@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import refused
 from numpy.testing import assert_allclose
-from refusals import refused
 from small_maps import UNIT_BOX, points
 
 import calib

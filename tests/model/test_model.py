@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import refused
 from models import draw, lengths, log, trained, turning, two_link
-from refusals import refused
 
 import calib
 
@@ -97,9 +97,7 @@ def test_what_is_no_query_is_refused_in_one_line(model, query, message):
     assert isinstance(refused(calib.QueryError, message, query, model), calib.CalibError)
 
 
-@pytest.mark.parametrize(
-    "far", [[np.nan, 1.0], [np.inf, 1.0], [1e9, 1.0], [-1e30, 1.0], [9.5, 1.0]]
-)
+@pytest.mark.parametrize("far", [[np.nan, 1], [np.inf, 1], [1e9, 1], [-1e30, 1], [9.5, 1]])
 def test_beyond_a_turn_or_without_a_number_there_is_no_arm(far):
     model = turning()  # its first joint turns round and round, from -pi to pi
     for answer in (model.forward(far), model.expected_error(far), model.jacobian(far)):

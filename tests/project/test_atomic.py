@@ -6,7 +6,7 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
-from refusals import refused
+from conftest import refused
 
 import calib
 

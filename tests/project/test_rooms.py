@@ -9,7 +9,7 @@ from pathlib import Path
 
 import make_rooms
 import pytest
-from refusals import refused
+from conftest import refused
 
 import calib
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from boards import CONVENTIONS, SIZE, World, misses, motion, pictures_of
-from refusals import refused
+from conftest import refused
 from scipy.spatial.transform import Rotation
 
 import calib
@@ -165,9 +165,8 @@ def test_a_board_that_was_moved_among_few_pictures_is_told_from_an_arm_that_repe
         rig = world.solve()
         assert rig.left_out == ("08.png", "09.png", "10.png", "11.png")
         assert "agree to" not in " ".join(rig.notes)
-        few = world.solve(
-            world.flange[5:11], shots=pictures_of(world.pattern, world.corners[0][5:11])
-        )
+        six = pictures_of(world.pattern, world.corners[0][5:11])
+        few = world.solve(world.flange[5:11], shots=six)
         words = "camera or board was moved (which 6 poses may not show: add pictures)"
         assert words in " ".join(few.notes)
 
@@ -185,9 +184,7 @@ def test_of_several_noises_that_fit_the_one_that_predicts_other_pictures_is_take
     rng = np.random.default_rng([9, seed])
     for k, corners in enumerate(world.corners[0]):  # they err together: 2.4 and 2.5 px before
         along = (corners - corners.mean(axis=0)) / np.ptp(corners)
-        world.corners[0][k] = (
-            corners + rng.normal(0.0, 0.6, 2) + along @ rng.normal(0.0, 1.0, (2, 2))
-        )
+        world.corners[0][k] = corners + rng.normal(0, 0.6, 2) + along @ rng.normal(0, 1, (2, 2))
     assert world.solve().held_out["rms"] < 2.1
 
 

@@ -12,12 +12,13 @@ import numpy as np
 import polars
 import pytest
 from boards import SIZE, SPEC, Rig
+from conftest import refused
 from reference import table
-from refusals import refused
 from rendering import Camera, Desk, board
 from test_lerobot import REST, write_dataset
 
 import calib
+from calib import LogError, handeye
 from calib.arm.rotations import exponential, logarithm, matrix_of
 from calib.recording.board import parse_board
 from calib.recording.motion_tables import JointTable, read_joints
@@ -68,7 +69,7 @@ def _found_once():
 @cache
 def solved(in_hand):
     rig, pictures, joints = shots(in_hand)
-    return calib.handeye(rig.arm, pictures, joints, SPEC, rig.eye)
+    return handeye(rig.arm, pictures, joints, SPEC, rig.eye)
 
 
 @pytest.mark.parametrize("in_hand", [True, False])
@@ -90,10 +91,8 @@ def test_what_pictures_without_the_board_show_is_told():
     rig, pictures, joints = shots(True)
     few, some = pictures[:6], replace(joints, q=joints.q[:6])
     flipped = [np.ascontiguousarray(picture[:, ::-1]) for picture in few]
-    refused(calib.LogError, "mirrored", calib.handeye, rig.arm, flipped, some, SPEC, "hand")
-    refused(
-        calib.LogError, "7x5", calib.handeye, rig.arm, few, some, "5x7:24mm:18mm:5x5_100", "hand"
-    )
+    refused(LogError, "mirrored", handeye, rig.arm, flipped, some, SPEC, "hand")
+    refused(LogError, "7x5", handeye, rig.arm, few, some, "5x7:24mm:18mm:5x5_100", "hand")
 
 
 def test_a_wrong_reading_is_named():
@@ -105,13 +104,13 @@ def test_a_wrong_reading_is_named():
         ("wrist_1 alone is in degrees", rig.q * (1, 1, 1, np.degrees(1), 1, 1)),
         ("a row late", np.roll(rig.q, 1, axis=0)),
     ):
-        refused(calib.LogError, words, rig.solve, q=q)
+        refused(LogError, words, rig.solve, q=q)
     late = np.degrees(np.roll(rig.q, 1, axis=0))
-    refused(calib.LogError, "the joint values are degrees", rig.solve, q=late)
+    refused(LogError, "the joint values are degrees", rig.solve, q=late)
     # in two ways at once, which no reading explains: "degrees" was the nearest
     rig = Rig(True, seed=8, pictures=12)
     wrong = rig.q[:, [0, 2, 1, 3, 4, 5]] * (1, 1, 1, 1, -1, 1)
-    refused(calib.LogError, "no place of camera and board", rig.solve, q=wrong)
+    refused(LogError, "no place of camera and board", rig.solve, q=wrong)
 
 
 def test_a_camera_is_known_across_its_line_of_sight():
@@ -136,14 +135,12 @@ def test_a_wrong_board_is_measured_and_a_wrong_eye_named(in_hand):
     assert any("squares measure 24" in note for note in found.notes)
     assert (rig.miss(found)[1] < 1.0).all()
     words = "squares measure 24 mm, 36 mm as said"
-    refused(calib.LogError, words, rig.solve, board="7x5:36mm:18mm:5x5_100")
-    refused(
-        calib.LogError, "up to wrist_1", rig.solve, arm=calib.load_arm("six_axis", tip="wrist_1")
-    )
-    refused(calib.LogError, f"eye='{rig.eye}'", rig.solve, eye="base" if in_hand else "hand")
+    refused(LogError, words, rig.solve, board="7x5:36mm:18mm:5x5_100")
+    refused(LogError, "up to wrist_1", rig.solve, arm=calib.load_arm("six_axis", tip="wrist_1"))
+    refused(LogError, f"eye='{rig.eye}'", rig.solve, eye="base" if in_hand else "hand")
 
 
-@pytest.mark.parametrize(("seed", "pictures", "play"), [(5, 24, 0.12), (4, 8, 0.3), (18, 8, 0.3)])
+@pytest.mark.parametrize(("seed", "pictures", "play"), [(6, 24, 0.12), (4, 8, 0.3), (18, 8, 0.3)])
 def test_no_picture_is_left_out_by_an_arm_that_repeats_badly_which_is_told(seed, pictures, play):
     """Two of eight were left out, and a camera was 13.5 mm off with 9 claimed."""
     rig = Rig(True, seed=seed, pictures=pictures)
@@ -152,9 +149,9 @@ def test_no_picture_is_left_out_by_an_arm_that_repeats_badly_which_is_told(seed,
     found = rig.solve(q=true)
     assert found.used == pictures
     assert "the arm repeats to" in " ".join(found.notes)
-    assert 1e-3 < found.repeatability["rotation"] < 8e-3
+    assert 0.5 < found.repeatability["rotation"] / np.radians(play) < 2.0
     off, share = rig.miss(found)
-    assert np.linalg.norm(off) < (4e-3 if pictures == 24 else 5e-3)
+    assert np.linalg.norm(off) < 4e-3
     assert (share < 1.5).all()
 
 
@@ -178,7 +175,7 @@ def test_a_lens_that_is_off_is_told_and_one_of_another_size_refused():
     assert any("the lens that was given" in note for note in found.notes)
     assert abs(found.lens["focal"] - rig.lens[0]) < 2.0
     assert (rig.miss(found)[1] < 1.5).all()
-    refused(calib.LogError, "640x480", rig.solve, lens=replace(rig.glass, size=(640, 480)))
+    refused(LogError, "640x480", rig.solve, lens=replace(rig.glass, size=(640, 480)))
 
 
 @pytest.mark.parametrize("seed", [0, 4, 6])
@@ -237,7 +234,7 @@ def test_joints_may_be_a_pipe_of_json_for_several_cameras(monkeypatch, tmp_path)
     os.mkfifo(tmp_path / "pipe")
     Thread(target=(tmp_path / "pipe").write_text, args=(json.dumps(rows),), daemon=True).start()
     pictures = {"a": blank, "b": blank}
-    found = calib.handeye(rig.arm, pictures, tmp_path / "pipe", SPEC, "hand", lens=rig.glass)
+    found = handeye(rig.arm, pictures, tmp_path / "pipe", SPEC, "hand", lens=rig.glass)
     assert [camera["name"] for camera in found.cameras] == ["a", "b"]
 
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import polars
 import pytest
-from refusals import refused
+from conftest import refused
 
 from calib import LogError
 from calib.recording.lerobot import Motors, is_dataset, read_dataset

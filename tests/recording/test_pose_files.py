@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from boards import CONVENTIONS, World
-from refusals import refused
+from conftest import refused
 from scipy.spatial.transform import Rotation
 
 import calib

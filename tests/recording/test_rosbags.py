@@ -4,8 +4,8 @@ import sys
 
 import numpy as np
 import pytest
+from conftest import refused
 from models import two_link
-from refusals import refused
 
 import calib
 from calib.recording.bags import read_bag

@@ -6,13 +6,14 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from conftest import refused
 from PIL import ExifTags, Image
 from reference import table, write_columns
-from refusals import refused
 from rendering import Camera, Desk, board, tag, write_video
 from scenes import data_of, objects, page_of
 
 import calib
+from calib import CalibError, OptionError
 from calib.recording.board import parse_board
 from calib.recording.lens import load_lens
 from calib.recording.motion_tables import read_joints
@@ -147,17 +148,15 @@ def test_a_bump_within_a_recording_is_told(shot, copy):
     miss = np.linalg.norm(made.x - truth_on_board(copy.scene, made.q), axis=1)
     assert miss.max() < 2.5e-3
     take(copy.folder, bumped, copy.q[10:13], rng, 10)
-    refused(
-        calib.CalibError, "in 6 of 16 pictures: was the camera bumped", make, copy.folder, setting
-    )
+    refused(CalibError, "in 6 of 16 pictures: was the camera bumped", make, copy.folder, setting)
 
 
 def test_an_arm_or_a_tag_that_never_moves(copy):
     table(copy.folder / "same.csv", "abc", np.tile(copy.q[0], (16, 1)))
-    refused(calib.CalibError, "never moves", make, copy.folder, joints="same.csv")
+    refused(CalibError, "never moves", make, copy.folder, joints="same.csv")
     for k in range(1, 16):
         shutil.copy(copy.folder / "p" / "img_0.png", copy.folder / "p" / f"img_{k}.png")
-    refused(calib.CalibError, "stays at .* while the joints move", make, copy.folder)
+    refused(CalibError, "stays at .* while the joints move", make, copy.folder)
 
 
 def test_joints_that_are_a_row_late_are_refused(tmp_path):
@@ -169,24 +168,22 @@ def test_joints_that_are_a_row_late_are_refused(tmp_path):
     q = q[((pixels > 40) & (pixels < np.array(CAMERA.size) - 40)).all(axis=1)][:22]
     take(tmp_path, scene, q, rng)
     table(tmp_path / "joints.csv", "ab", np.roll(q, 1, axis=0))
-    refused(
-        calib.CalibError, "shifted against the pictures: those 1 rows further down", make, tmp_path
-    )
+    refused(CalibError, "shifted against the pictures: those 1 rows further down", make, tmp_path)
 
 
 def test_settings_that_cannot_be(shot, copy):
     words = r"tag 8 is in none of 16 pictures: .* show .*7 \(\d+ times\)"
-    refused(calib.CalibError, words, make, shot.folder, Setting(8))
-    refused(calib.CalibError, "may be off by centimetres", Setting, 7, board=BOARD)
-    refused(calib.CalibError, "`tag_height` is given without", Setting, 7, tag_height=0.02)
-    refused(calib.CalibError, "needs `lens`", Setting, 7, tag_size=0.04)
-    refused(calib.CalibError, "printed on the board too", Setting, 7, "5x5_100", BOARD, lens=LENS)
-    refused(calib.CalibError, "expected `board` too", load_lens, shot.pictures, None)
-    refused(calib.CalibError, "is no lens", load_lens, shot.folder / "joints.csv", None)
+    refused(CalibError, words, make, shot.folder, Setting(8))
+    refused(CalibError, "may be off by centimetres", Setting, 7, board=BOARD)
+    refused(CalibError, "`tag_height` is given without", Setting, 7, tag_height=0.02)
+    refused(CalibError, "needs `lens`", Setting, 7, tag_size=0.04)
+    refused(CalibError, "printed on the board too", Setting, 7, "5x5_100", BOARD, lens=LENS)
+    refused(CalibError, "expected `board` too", load_lens, shot.pictures, None)
+    refused(CalibError, "is no lens", load_lens, shot.folder / "joints.csv", None)
     other = Setting(7, lens=Lens((320, 240), LENS.focal, LENS.centre, LENS.distortion))
-    refused(calib.CalibError, "lens was calibrated with 320x240", make, shot.folder, other)
+    refused(CalibError, "lens was calibrated with 320x240", make, shot.folder, other)
     path = table(copy.folder / "deg.csv", "abc", np.rad2deg(copy.q))
-    refused(calib.CalibError, "are these degrees", read_joints, path)
+    refused(CalibError, "are these degrees", read_joints, path)
     assert np.allclose(read_joints(path, degrees=True).q, copy.q)
 
 
@@ -208,15 +205,15 @@ def test_counts_and_sizes_and_damage(copy):
     assert any("img_6.png is no picture" in note for note in made.notes)
     assert "pictures are 640x480, turned by EXIF 3, as OpenCV" in made.notes[0]
     cv2.imwrite(str(folder / "p" / "img_7.png"), picture[:400])
-    refused(calib.CalibError, "img_7.png is 640x400, the pictures before it 640x480", make, folder)
+    refused(CalibError, "img_7.png is 640x400, the pictures before it 640x480", make, folder)
     cv2.imwrite(str(folder / "p" / "img_7.png"), picture)
-    refused(calib.CalibError, "img_7.png is 640x480, the pictures .* by EXIF 3", make, folder)
+    refused(CalibError, "img_7.png is 640x480, the pictures .* by EXIF 3", make, folder)
     (folder / "p" / "img_7.png").unlink()
-    refused(calib.CalibError, "15 pictures and 16 rows", make, folder)
+    refused(CalibError, "15 pictures and 16 rows", make, folder)
     for path in (folder / "p").iterdir():
         path.write_text("nothing")
     shutil.copy(folder / "p" / "img_1.png", folder / "p" / "img_7.png")
-    refused(calib.CalibError, "no picture in .* can be read", make, folder)
+    refused(CalibError, "no picture in .* can be read", make, folder)
 
 
 def test_a_video_becomes_rests(film):
@@ -247,8 +244,8 @@ def test_videos_that_make_no_log(film, tmp_path):
         (r"twice in \d+ of 12 frames \(twins.mp4 at", (twice, joints, plain), {}),
         ("a column 'time'", (run, read_joints(rows), plain), {}),
     ):
-        refused(calib.CalibError, words, log_video, *values, **options)
-    refused(calib.OptionError, "still", log_video, run, joints, plain, still=-1.0)
+        refused(CalibError, words, log_video, *values, **options)
+    refused(OptionError, "still", log_video, run, joints, plain, still=-1.0)
 
 
 def test_the_commands(run, shot, film, tmp_path):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from refusals import refused
+from conftest import refused
 from rendering import Camera, Desk, board, board_shots, tag
 
 from calib import LogError

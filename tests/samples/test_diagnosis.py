@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from conftest import refused
 from hypothesis import given, settings
 from hypothesis.strategies import floats
 from reference import write_columns
-from refusals import refused
 
 import calib
 from calib.arm.rotations import exponential, matrix_of, quaternion_of

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from conftest import refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from reference import random_joints, write_columns
-from refusals import refused
 from scipy.spatial.transform import Rotation
 
 import calib
@@ -86,12 +86,12 @@ def test_any_finite_numbers_come_back(tmp_path, rows, suffix):
 
 
 @pytest.mark.parametrize(
-    ("separator", "encoding"), [(";", "utf-8"), ("\t", "utf-16"), (";", "utf-8-sig")]
+    ("between", "code"), [(";", "utf-8"), ("\t", "utf-16"), (";", "utf-8-sig")]
 )
-def test_tables_of_spreadsheets_have_commas_in_their_decimals(separator, encoding, file):
+def test_tables_of_spreadsheets_have_commas_in_their_decimals(between, code, file):
     rows = [["a", "b", "x", "y"], ["-0,5", "1", "2,25e-1", ",5"], ["0,5", "3,0", "4", "1,5"]]
-    text = "\n".join(map(separator.join, rows))
-    log = read_log(file(text.encode(encoding)), joints=["a", "b"])
+    text = "\n".join(map(between.join, rows))
+    log = read_log(file(text.encode(code)), joints=["a", "b"])
     assert log.q.tolist() == [[-0.5, 1.0], [0.5, 3.0]]
     assert log.x.tolist() == [[0.225, 0.5], [4.0, 1.5]]
 

@@ -79,9 +79,7 @@ def look(page: Path, folder: Path, size: tuple[int, int]) -> tuple[np.ndarray, l
     return pixels.astype(int), console
 
 
-def measured_pages(
-    pages: dict[str, Path], folder: Path, sizes: list[tuple[int, int]]
-) -> dict[tuple[str, tuple[int, int]], dict]:
+def measured_pages(pages: dict[str, Path], folder: Path, sizes: list[tuple[int, int]]) -> dict:
     """Lay pages out at some sizes, and return what `MEASURE` says of each, by name and size.
 
     They stand in frames: a window of Chromium is never as narrow as a telephone.

@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 import pytest
 from boards import World
+from conftest import refused
 from models import in_space, lengths, trained
-from refusals import refused
 from scenes import data_of, objects, page_of, tracks
 
 import calib

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boards import World
+from conftest import refused
 from models import babbled, bare, in_pixels, in_space, lengths, log, measured, no_arm, trained
-from refusals import refused
 from scenes import seen_by_two
 from scipy.special import stdtrit
 

@@ -6,9 +6,9 @@ from functools import cache, partial
 import models
 import numpy as np
 import pytest
+from conftest import refused
 from models import arm, babbled, error, lengths, model, trained, two_link
 from reference import random_joints
-from refusals import refused
 from small_maps import UNIT_BOX
 
 import calib
@@ -128,10 +128,9 @@ def test_distortion_falls_back_under_its_threshold():
     fresh = calib.train(babbled(change, n=4000, seed=2, noise=0.0), size=30)
     q = random_joints(arm(), 1000, seed=7)
     truth = samples.simulation.exact(q)
+    both = adapter.model(), fresh
     for readout, factor in (("local", 1.2), ("activity", 2.0)):
-        after, best = (
-            lengths(m.forward(q, readout) - truth).mean() for m in (adapter.model(), fresh)
-        )
+        after, best = (lengths(one.forward(q, readout) - truth).mean() for one in both)
         assert after < factor * best + 1e-6
     assert error(adapter.model(), samples) < 1e-5
 

@@ -6,8 +6,8 @@ from functools import partial
 import numpy as np
 import polars as pl
 import pytest
+from conftest import refused
 from models import built, draw, lengths, log_of, sensed
-from refusals import refused
 
 import calib
 

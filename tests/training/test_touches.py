@@ -6,8 +6,7 @@ from functools import cache
 import numpy as np
 import polars as pl
 import pytest
-from conftest import lengths
-from refusals import refused
+from conftest import lengths, refused
 from touching import World, touching
 
 import calib
@@ -46,9 +45,7 @@ def test_a_model_is_learned_evaluated_and_asked(tmp_path, run):
     rows(world, q, setup=setups, point=points).write_csv(path)
     distance = lengths(world.points[::2] - world.points[1::2]).mean()
     known = ["--distance", f"A,B={1e3 * distance}mm+-200mm"]
-    done = run.done(
-        "train", "six_axis", "--data", path, "-o", model, "--size", "5", "--json", *known
-    )
+    done = run.done("train", "six_axis", "--data", path, "-o", model, "--size=5", "--json", *known)
     assert "2 rows were in no socket" in done.err
     assert done.document["errors"]["local"]["forward"]["distance"]["mean"] < 0.6e-3
     document = run("evaluate", model, "--data", path, "--json", *known).document

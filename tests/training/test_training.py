@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import refused
 from models import bare, draw, lengths, log, log_of, measured, of_a_third, papers, trained, two_link
 from reference import random_joints
-from refusals import refused
 from scipy.spatial.transform import Rotation
 
 import calib
@@ -359,9 +359,8 @@ def test_a_log_of_other_joints_is_refused_and_one_in_another_order_is_the_same_l
     other = replace(s, joint_names=("hip", "knee"), arm=None)
     words = "log's joints are hip, knee, the model's are shoulder"
     refused(calib.LogError, words, calib.evaluate, model, other)
-    turned = calib.Samples(
-        s.q[:, ::-1], s.x, s.joint_names[::-1], s.lower[::-1], s.upper[::-1], s.revolute[::-1]
-    )
+    joints = (s.joint_names, s.lower, s.upper, s.revolute)
+    turned = calib.Samples(s.q[:, ::-1], s.x, *(values[::-1] for values in joints))
     assert calib.evaluate(model, turned).errors == calib.evaluate(model, s).errors
     assert calib.check(model, turned).score == calib.check(model, s).score
 

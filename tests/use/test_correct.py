@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import refused
 from models import arm, babbled, bare, lengths, model, of_the_drawing, six, wide
-from refusals import refused
 
 import calib
 

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from boards import SPEC, Rig
+from conftest import refused
 from models import in_pixels
 from numpy.testing import assert_allclose, assert_array_equal
-from refusals import refused
 from scipy.spatial.transform import Rotation
 
 import calib
+from calib import OptionError
 
 START = (0.0, 0.7, 1.0, 0.0, 1.0, 0.0)
 SIX = calib.load_arm("six_axis")
@@ -98,11 +99,9 @@ def test_a_model_of_pictures_knows_camera_and_board(run, tmp_path, in_hand):
 
 
 def test_what_cannot_be_aimed_at_is_told(run, tmp_path):
-    refused(calib.OptionError, "no posture", calib.plan, SIX, touch=(4, 0, 0))
-    refused(calib.OptionError, "start", calib.plan, SIX, handeye=SPEC)
-    refused(calib.OptionError, "one of", calib.plan, SIX, handeye=SPEC, touch=(0.4, 0, 0.3))
-    refused(
-        calib.OptionError, "in space", calib.plan, calib.load_arm("two_link"), touch=(0.3, 0.1, 0)
-    )
+    refused(OptionError, "no posture", calib.plan, SIX, touch=(4, 0, 0))
+    refused(OptionError, "start", calib.plan, SIX, handeye=SPEC)
+    refused(OptionError, "one of", calib.plan, SIX, handeye=SPEC, touch=(0.4, 0, 0.3))
+    refused(OptionError, "in space", calib.plan, calib.load_arm("two_link"), touch=(0.3, 0.1, 0))
     done = run(f"plan six_axis --touch 0.45,0,0.35 -n 8 -o {tmp_path}/poses.csv --json")
     assert len(done.document["poses"]["elbow"]) == 8
