@@ -4,7 +4,7 @@ import pickle
 import re
 import shutil
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -230,6 +230,21 @@ def built(*, curves: bool = False):
     for k in range(3 * curves):
         beta[groups[f"curve.{k}"][[9, 48 + 14]]] = rng.normal(0, 5e-4, 2)
     return arm, structure, beta, rng
+
+
+def seen_from(sensor: str, rows: int, seed: int, shift: float):
+    """Return what a tracker that stands at `shift` [m] reads of the arm, and its truth for it."""
+    arm, structure, beta, _ = built()
+    beta[structure.groups["view.shift"]] += shift
+    truth = partial(structure.predict, beta=beta)
+    return sensed(arm, rows, seed, truth, sensor=sensor), truth
+
+
+@cache
+def seen_by_two() -> calib.Model:
+    """Return a model of two trackers whose frames are half a metre apart."""
+    logs = [seen_from("left", 40, 1, 0.0)[0], seen_from("right", 60, 2, 0.5)[0]]
+    return calib.train(logs, size=3)
 
 
 @cache

@@ -4,8 +4,6 @@ import base64
 import json
 import math
 import re
-from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,19 +11,6 @@ from typing import Any
 import numpy as np
 
 import calib
-from calib.arm.rotations import exponential
-
-
-@cache
-def seen_by_two() -> calib.Model:
-    """A model of `spatial_three` that two sensors saw, the second turned and far away."""
-    arm = calib.load_arm("spatial_three")
-    logs = []
-    for seed, name in enumerate(("tracker", "left")):
-        rows = calib.babble(arm, 80, seed=seed, noise=1e-4, changes=["shoulder_lift.offset=0.02"])
-        x = rows.x @ exponential(np.array([0.0, 0.0, 0.5 * seed])).T + 0.4 * seed
-        logs.append(replace(rows, x=x, simulation=None, sensor=name))
-    return calib.train(logs, size=5)
 
 
 def page_of(model, **options) -> str:

@@ -104,7 +104,7 @@ def test_equal_arms_are_told_and_a_log_must_choose():
     assert arm_from_urdf(two_arms(0.4, "prismatic")).joint_names == ("l1", "l2")
 
 
-def test_what_a_file_misses_is_mended_aloud():
+def test_what_a_file_misses_is_mended_aloud_and_giant_links_are_told():
     arm = arm_from_urdf(chain_urdf(turning(), turning(), turning(more='<mimic joint="no"/>')))
     assert any("'no', which does not exist" in note for note in arm.notes)
     text = TWO.replace('<axis xyz="0 0 1"/>', "")
@@ -112,6 +112,9 @@ def test_what_a_file_misses_is_mended_aloud():
     assert any("no <axis>" in note for note in arm.notes)
     assert pin.buildModelFromXML(text).joints[1].shortname() == "JointModelRX"
     assert arm.chain.axes[0] == pytest.approx([1, 0, 0])
+    # giant links may be in millimetres
+    notes = arm_from_urdf(chain_urdf(turning(), turning("0 0 1", "300 0 0"))).notes
+    assert any(note.startswith("links of 300") and "in mm" in note for note in notes)
 
 
 def test_a_byte_order_mark_a_namespace_and_what_a_comment_says_are_no_obstacle(tmp_path):
@@ -123,14 +126,11 @@ def test_a_byte_order_mark_a_namespace_and_what_a_comment_says_are_no_obstacle(t
     np.testing.assert_array_equal(load_arm(path).forward(q), arm_from_urdf(TWO).forward(q))
 
 
-def test_a_range_narrows_one_joint_and_is_clipped_into_its_limits():
+def test_a_range_narrows_a_joint_within_its_limits_and_mends_those_that_are_none():
     arm = load_arm("two_link", ranges={"elbow": (0.5, 1.0), "shoulder": (0, 1.5708)})
     np.testing.assert_array_equal([arm.lower, arm.upper], [[0, 0.5], [np.pi / 2, 1.0]])
     again = arm.with_range({"elbow": (0.3, 2.0)})  # limits are the joint's, not the last range
     assert again.lower[1] == 0.3
-
-
-def test_a_range_mends_limits_that_are_missing_or_unusable():
     text = chain_urdf(turning(), turning(lower="2", upper="-2"))
     refused(RobotError, r"2 to -2 rad are unusable.*ranges=.*j2", arm_from_urdf, text)
     assert arm_from_urdf(text, ranges={"j2": (-2, 2)}).upper[1] == 2
@@ -138,11 +138,6 @@ def test_a_range_mends_limits_that_are_missing_or_unusable():
     refused(RobotError, r"j1' .*no limits.*j2' .*no limits", arm_from_urdf, text)
     arm = arm_from_urdf(text, ranges={"j1": (-1, 1), "j2": (0, 1)})
     np.testing.assert_array_equal([arm.lower, arm.upper], [[-1, 0], [1, 1]])
-
-
-def test_an_arm_of_giant_links_may_be_one_in_millimetres():
-    notes = arm_from_urdf(chain_urdf(turning(), turning("0 0 1", "300 0 0"))).notes
-    assert any(note.startswith("links of 300") and "in mm" in note for note in notes)
 
 
 @pytest.mark.parametrize(

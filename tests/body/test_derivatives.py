@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import seen_by_two
+from models import seen_by_two
 
 import calib
 from calib.body.planar import planar_structure
@@ -29,7 +29,7 @@ def in_space(robot, view, sensors=1):
     """An arm a little off everywhere, before a sensor that stands somewhere."""
     arm = calib.load_arm(robot)
     alone = sensors == 1
-    structure = structure_of(arm, view) if alone else seen_by_two().by("left").body.structure
+    structure = structure_of(arm, view) if alone else seen_by_two().by("right").body.structure
     rng, groups = np.random.default_rng(0), structure.groups
     beta = structure.neutral() + rng.normal(0, 1e-2, structure.size)
     beta[groups["lens"]] = (900.0, 640.0, 360.0, -0.1)

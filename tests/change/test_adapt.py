@@ -86,9 +86,12 @@ def simulated():
     return calib.train(calib.babble(arm(), 2000, seed=0), size=12, seed=0)
 
 
-def real(q):
-    """The tip (n, 2) of an arm whose joints follow waves of 2 mrad, the elbow 10 mrad off."""
-    return arm().forward(q + 2e-3 * np.sin([5.0, 7.0] * q + [0.0, 1.0]) + [0.0, 0.01])
+def waving(size, cycles, phase, offset=(0.0, 0.0)):
+    """The tip (n, 2) by joints of an arm whose joints follow waves [rad] and are off [rad]."""
+    return lambda q: arm().forward(q + size * np.sin(np.multiply(cycles, q) + phase) + offset)
+
+
+real = waving(2e-3, (5.0, 7.0), (0.0, 1.0), (0.0, 0.01))
 
 
 def bumped(q):
@@ -123,11 +126,7 @@ def test_the_bound_holds_where_no_row_was(simulated, most, times):
 
 def test_a_whole_log_adapts_a_drawing_as_well_as_it_trains(simulated):
     """Waves of a size that no simulation tells are learned as training learns them."""
-
-    def wavy(q):
-        waves = 5e-4 * np.sin([9.0, 14.0] * q + [0.0, 1.0])
-        return arm().forward(q + waves + [0.0, 2e-3])
-
+    wavy = waving(5e-4, (9.0, 14.0), (0.0, 1.0), (0.0, 2e-3))
     log = rows_of(np.random.default_rng(1).random((600, 2)), wavy)
     off, covered = elsewhere(calib.adapt(simulated, log).model, wavy)
     assert off.mean() < 1.03 * elsewhere(calib.train(log), wavy)[0].mean()
@@ -141,10 +140,7 @@ def learned():
 
 def test_the_bound_holds_where_a_joint_stood_still(learned):
     """Rows at one angle of the elbow do not tell links from offsets; the bound says so."""
-
-    def changed(q):
-        return arm().forward(q + np.array([4e-3, 3e-3]))
-
+    changed = waving(0.0, 1.0, 0.0, (4e-3, 3e-3))
     u = np.random.default_rng(3).random((60, 2)) * [1.0, 0.0] + [0.0, 0.5]
     found = calib.adapt(learned, rows_of(u, changed))
     assert found.improved
@@ -187,11 +183,8 @@ def test_the_bound_holds_where_changes_are_hidden(learned, offset, scale, shift,
 def test_a_corner_that_no_cause_explains_moves_the_rest_by_little(learned, seed):
     """Waves of the joints were taken for gains and offsets: 2.9 times the error elsewhere."""
     rng = np.random.default_rng(seed)
-    cycles, phase, corner = rng.integers(3, 16, 2), rng.uniform(0, 6.28, 2), 0.7 * rng.random(2)
-
-    def waved(q):
-        return arm().forward(q + 8e-3 * np.sin(cycles * q + phase))
-
+    waved = waving(8e-3, rng.integers(3, 16, 2), rng.uniform(0, 6.28, 2))
+    corner = 0.7 * rng.random(2)
     found = calib.adapt(learned, rows_of(corner + 0.3 * rng.random((150, 2)), waved))
     off, covered = elsewhere(found.model, waved)
     assert off.mean() < 1.12 * elsewhere(learned, waved)[0].mean()
@@ -302,12 +295,8 @@ def test_what_no_cause_explains_near_the_rows_is_no_noise(simulated):
 def waves_along_a_line(seed):
     """Thirty rows along a line of joints that follow waves of 8 mrad, and the moved arm."""
     rng = np.random.default_rng(seed)
-    cycles, phase = rng.integers(3, 16, 2), rng.uniform(0, 6.28, 2)
+    moved = waving(8e-3, rng.integers(3, 16, 2), rng.uniform(0, 6.28, 2))
     u = np.linspace(*rng.uniform(0.05, 0.95, (2, 2)), 30)
-
-    def moved(q):
-        return arm().forward(q + 8e-3 * np.sin(cycles * q + phase))
-
     return rows_of(u, moved, 5e-4), moved
 
 

@@ -254,22 +254,30 @@ def test_a_position_a_hair_beyond_a_limit_is_no_answer():
     assert_allclose(fast.inverse(x, near=q), q, atol=1e-8)
 
 
-@needs_compiler
-def test_places_with_joints_at_their_upper_limits_are_reached(monkeypatch):
-    """Optimised, a limit's share of its range rounds to less than one: once out of reach for C."""
+CHAINS = [  # axes, places and limits of three joints, where the tip is, who answers
+    (("0.88 -0.16 0.45", "0 0 0.1", "-1.6", "1.3"),
+     ("-0.42 -0.91 0", "0.39 0.37 0.03", "-6.2", "7.0"),
+     ("0 1 0", "-0.39 0.31 0.32", "-1.2", "2.9"), "-0.17 -0.03 0.08", lambda model: model),
+    # optimised, a limit's share of its range rounds to less than one: once out of reach for C
+    (("0.13 -0.13 0.64", "0 0 0", "-0.8", "2.9"),
+     ("-1.27 -0.62 0.04", "-0.32 0.36 0.04", "-2.7", "1.0"),
+     ("0.41 1.04 -0.13", "0.12 -0.12 0.5", "-1.1", "2.2"), "0.38 0.15 0.12", warm),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("chain", CHAINS)
+def test_of_joints_at_their_limits_every_branch_is_found(chain, monkeypatch):
+    """The way that a target is made of is among the answers."""
+    *joints, tip, answering = chain
     # as users' compilers optimise it
     quick = Compiler(quick=("-O3", "-freciprocal-math"))
     monkeypatch.setattr("calib.kernel.compiled.COMPILER", quick)
-    joints = (
-        turning("0.13 -0.13 0.64", "0 0 0", "-0.8", "2.9"),
-        turning("-1.27 -0.62 0.04", "-0.32 0.36 0.04", "-2.7", "1.0"),
-        turning("0.41 1.04 -0.13", "0.12 -0.12 0.5", "-1.1", "2.2"),
-    )
-    arm = arm_from_urdf(chain_urdf(*joints, tip="0.38 0.15 0.12"))
-    fast = warm(calib.train(calib.babble(arm, 600, seed=0), size=8))
+    arm = arm_from_urdf(chain_urdf(*(turning(*each) for each in joints), tip=tip))
+    model = answering(calib.train(calib.babble(arm, 1500, seed=0), size=20))
     u = np.random.default_rng(0).random((300, 3))
     q = arm.lower + np.where(u < 0.7, u, u.round()) * (arm.upper - arm.lower)
-    x = fast.forward(q)
-    assert np.isfinite(fast.inverse(x)).all()
-    for row, ways in zip(q, fast.inverse_all(x), strict=True):
-        assert np.abs(ways - row).max(axis=1).min(initial=1.0) < 1e-3
+    x, scale = arm.forward(q), model.motor.scale
+    assert np.isfinite(model.inverse(x)).all()
+    for row, ways in zip(q, model.inverse_all(x), strict=True):
+        gap = scale.difference(scale.to_unit(ways), scale.to_unit(row[None]))
+        assert np.abs(gap).max(axis=1).min(initial=1.0) < 1e-3

@@ -60,6 +60,10 @@ def test_links_are_the_fixed_point_of_ojas_rule_but_for_weak_ones(pair):
     assert (dense[~kept] < 0.02 * weakest[~kept] * 1.001).all()
     assert kept.any(axis=0).all()
     assert kept.any(axis=1).all()
+    # a node that was hardly active has hardly a link
+    one, faint = csr_array(np.array([[1.0]])), csr_array(np.array([[1e-3]]))
+    assert link(one, faint).toarray()[0, 0] == pytest.approx(1e-3, rel=1e-3)
+    assert link(one, one).toarray()[0, 0] == pytest.approx(1 - np.exp(-1), rel=1e-6)
 
 
 def test_mutual_links_are_the_same_in_both_directions(pair):
@@ -70,13 +74,6 @@ def test_mutual_links_are_the_same_in_both_directions(pair):
     i, j = (a.toarray() / np.linalg.norm(a.toarray(), axis=0) for a in pair)
     kept = there > 0
     assert_allclose(there[kept], (i.T @ j)[kept], rtol=1e-6)
-
-
-def test_a_node_that_was_hardly_active_has_hardly_a_link():
-    one = csr_array(np.array([[1.0]]))
-    faint = csr_array(np.array([[1e-3]]))
-    assert link(one, faint).toarray()[0, 0] == pytest.approx(1e-3, rel=1e-3)
-    assert link(one, one).toarray()[0, 0] == pytest.approx(1 - np.exp(-1), rel=1e-6)
 
 
 def line(places, periodic=False, d=1):

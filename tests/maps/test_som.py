@@ -69,6 +69,8 @@ def test_a_map_is_ordered_and_close_to_the_best_quantizer(name):
     assert som.quantization_error(x) < near * BOUND / side
     assert som.quantization_error(fresh) < (near + 0.05) * BOUND / side
     assert som.topographic_error(fresh) < folded
+    if name == "som":
+        assert_allclose(som.history[-1, 2:], [som.quantization_error(x), som.topographic_error(x)])
     if name == "gng":  # it grows to its size
         assert 95 <= som.size <= 100
         assert som.history[0, 0] < som.history[-1, 0]
@@ -101,23 +103,13 @@ def test_a_few_places_are_answered_without_scipy_as_by_its_tree(turning, monkeyp
     assert_allclose(found[0], wanted[0], rtol=1e-12, atol=1e-15)
 
 
-def test_history_ends_with_the_errors_of_the_map():
-    x = points(300)
-    som = SOM((8, 8), "som", epochs=100, sigma=(0.5, 0.5)).fit(x, scale=UNIT_BOX)
-    errors = som.quantization_error(x), som.topographic_error(x)
-    assert_allclose(som.history[-1, 2:], errors)
-
-
-def test_quantization_error_is_the_mean_distance_in_own_units():
+def test_errors_are_mean_distances_in_own_units_and_shares_between_nodes_that_are_no_neighbours():
     scale = Scale.of_range(np.array([0.0, -5.0]), np.array([2.0, 5.0]), (False, False))
     square = network([[0, 0], [0, 1], [1, 0], [1, 1]], (2, 2), scale)
     # a fifth of the width beside the first node; a tenth of the height below the last
     x = [[0.4, -5.0], [2.0, 4.0]]
     assert square.quantization_error(x) == pytest.approx((0.4 + 1.0) / 2)
     assert square.quantization_error(square.weights) == 0.0
-
-
-def test_topographic_error_counts_samples_between_nodes_that_are_no_neighbours():
     # a line of four nodes folded over: nodes 0 and 3 lie side by side
     folded = network([[0.0, 0.0], [0.5, 0.0], [0.5, 0.4], [0.0, 0.1]], (4,))
     fold, middle = [0.0, 0.05], [0.3, 0.0]

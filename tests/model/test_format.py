@@ -128,10 +128,18 @@ def test_no_time_no_date_and_no_path_is_inside(tmp_path):
     assert text == again
 
 
-def test_what_is_no_model_and_what_is_no_maps_is_told_in_one_line(tmp_path):
+def test_maps_are_read_as_they_were_saved_and_what_is_no_maps_or_no_model_is_told(tmp_path):
     path, maps = tmp_path / "model.calib", tmp_path / "maps.calib"
-    trained("two_link", 300, 5).save(path)
-    trained("two_link", n=400, size=4).association.save(maps)
+    model = trained("two_link", 300, 5)
+    model.save(path)
+    for each in (model.motor, model.association):
+        each.save(maps)
+        first, again = maps.read_bytes(), calib.load_maps(maps)
+        assert type(again) is type(each)
+        again.save(maps)
+        assert maps.read_bytes() == first
+    q = np.array([[0.5, 1.0], [1.0, 2.0]])
+    np.testing.assert_array_equal(again.predict(q), model.association.predict(q))
     damaged = bytearray(maps.read_bytes())
     damaged[-3] ^= 1
     (tmp_path / "damaged.calib").write_bytes(bytes(damaged))
@@ -156,18 +164,6 @@ def test_an_older_file_is_replaced_only_by_one_that_was_read_back(tmp_path):
     refused(calib.ModelError, "nothing was written", damaged.save, path)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["m.calib"]
-
-
-def test_maps_are_read_as_they_were_saved(tmp_path):
-    association, path = trained("two_link", n=400, size=4).association, tmp_path / "maps.calib"
-    for maps in (association.motor, association):
-        maps.save(path)
-        first, again = path.read_bytes(), calib.load_maps(path)
-        assert type(again) is type(maps)
-        again.save(path)
-        assert path.read_bytes() == first
-    q = np.array([[0.5, 1.0], [1.0, 2.0]])
-    np.testing.assert_array_equal(calib.load_maps(path).predict(q), association.predict(q))
 
 
 RECIPES = {

@@ -26,8 +26,11 @@ def test_versions_agree():
     assert f"## [{calib.__version__}]" in text_of("CHANGELOG.md")
 
 
-def test_every_package_is_named():
-    """Setuptools packs what is listed: a forgotten folder would be missing in the wheel."""
+def test_every_package_is_named_and_every_dependency_has_a_lower_bound():
+    """Setuptools packs what is listed: a forgotten folder would be missing in the wheel.
+
+    A bound is what `.ci/legs lowest` installs; without one it would try the newest.
+    """
     listed = re.search(r"^packages = \[(.*)\]$", text_of("pyproject.toml"), re.MULTILINE)
     package = Path(calib.__file__).parent
     packages = {
@@ -36,10 +39,6 @@ def test_every_package_is_named():
     }
     elsewhere = {"calib._robots", "calib_cli", "calib_cli.commands", "calib_cli.commands.query"}
     assert set(re.findall(r'"(.+?)"', listed[1])) == packages | elsewhere
-
-
-def test_every_dependency_has_a_lower_bound():
-    """A bound is what `.ci/legs lowest` installs; without one it would try the newest."""
     table = re.search(r"^dependencies = \[\n(.*?)^\]", text_of("pyproject.toml"), re.M | re.S)
     wanted = re.findall(r'^  "(.+?)",$', table[1], re.M)
     assert len(wanted) == 10

@@ -110,13 +110,9 @@ def test_tables_of_other_columns_and_of_other_numbers_are_refused_in_one_line(tm
     ):
         path.write_text(f"{header}\n{row}\n")
         refused(calib.LogError, words, world.solve, path)
-    (tmp_path / "cut.npz").write_bytes(b"PK\x03\x04 cut off")
-    refused(
-        calib.LogError,
-        "cut.npz cannot be read: expected numbers",
-        world.solve,
-        tmp_path / "cut.npz",
-    )
+    cut = tmp_path / "cut.npz"
+    cut.write_bytes(b"PK\x03\x04 cut off")
+    refused(calib.LogError, "cut.npz cannot be read: expected numbers", world.solve, cut)
     for unit, words in (("um", "expected one of"), ("mm", "from its base")):
         refused(calib.OptionError, words, world.solve, unit=unit)
     refused(calib.OptionError, "either an arm", calib.handeye, pictures=world.shots())

@@ -116,7 +116,7 @@ def test_rows_find_their_pictures_by_name(copy):
     assert any("1 pictures, without joints, are left out" in note for note in made.notes)
 
 
-def test_metres_by_the_board_and_the_height(shot):
+def test_metres_by_the_board_and_the_height_and_the_pose_by_the_size_of_the_tag(shot):
     setting = Setting(7, board=BOARD, lens=LENS, tag_height=0.025)
     made = make(shot.folder, setting)
     miss = np.linalg.norm(made.x - truth_on_board(shot.scene, shot.q), axis=1)
@@ -125,11 +125,8 @@ def test_metres_by_the_board_and_the_height(shot):
     assert 0.3 * np.sqrt((miss**2).mean()) < 2 * made.source["noise"] < 5e-3
     flat = make(shot.folder, Setting(7, board=BOARD, lens=LENS))
     assert np.linalg.norm(flat.x - made.x, axis=1).max() > 5e-3
-
-
-def test_the_pose_of_the_tag(shot):
-    setting = Setting(7, board=BOARD, lens=LENS, tag_size=0.04)
-    made = make(shot.folder, setting)
+    # of a tag whose size is known, its pose
+    made = make(shot.folder, Setting(7, board=BOARD, lens=LENS, tag_size=0.04))
     assert made.x.shape == (16, 3)
     assert np.abs(made.x[:, 2] - 0.025).max() < 0.02
     angle = shot.q.sum(1) - shot.scene.still[0].place[3]

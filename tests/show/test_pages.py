@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boards import World
-from models import in_space, log, measured, trained
-from scenes import data_of, objects, project, seen_by_two
+from models import in_space, log, measured, seen_by_two, trained
+from scenes import data_of, objects, project
 
 import calib
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import models
 import numpy as np
 import pytest
 from boards import World
 from conftest import refused
 from models import babbled, bare, in_pixels, in_space, lengths, log, measured, no_arm, trained
-from scenes import seen_by_two
 from scipy.special import stdtrit
 
 import calib
@@ -124,13 +124,13 @@ def test_the_largest_cause_is_the_change_within_its_interval(robot, change, caus
 
 
 def test_each_of_several_sensors_has_its_bars_and_its_rows():
-    page = words(seen_by_two())
-    assert "By tracker: the tip" in page
+    page = words(models.seen_by_two())
     assert "By left: the tip" in page
+    assert "By right: the tip" in page
     names = set(re.findall(r'id="([^"]*)"', page))
     assert {"accuracy", "accuracy-2", "where-2", "order-2"} <= names
     assert page.count('id="causes"') == 1
-    assert "where-2" in calib.figures(seen_by_two())
+    assert "where-2" in calib.figures(models.seen_by_two())
 
 
 def test_a_rig_repeats_to_no_less_than_is_known():

@@ -1,25 +1,16 @@
 """Several sensors of one arm: files or a column, repeated poses, one model, its own answers."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import polars as pl
 import pytest
 from conftest import refused
-from models import built, draw, lengths, log_of, sensed
+from models import built, draw, lengths, log_of, seen_by_two, seen_from
 
 import calib
 
 NOISE = 1e-4  # [m]
-
-
-def seen_from(sensor, rows, seed, shift):
-    """What a tracker that stands at `shift` [m] reads of the arm, and the arm's truth for it."""
-    arm, structure, beta, _ = built()
-    beta[structure.groups["view.shift"]] += shift
-    truth = partial(structure.predict, beta=beta)
-    return sensed(arm, rows, seed, truth, NOISE, sensor=sensor), truth
 
 
 @pytest.fixture(scope="module")
@@ -28,9 +19,8 @@ def logs():
 
 
 @pytest.fixture(scope="module")
-def two(logs):
-    """A model of two sensors, whose frames are half a metre apart."""
-    return calib.train([log for log, _ in logs], size=3)
+def two():
+    return seen_by_two()
 
 
 def test_files_and_a_column_make_the_same_model_of_two_sensors(logs, run, tmp_path):

@@ -175,12 +175,8 @@ def test_touches_that_tell_nothing_or_are_wrong_are_told():
     model = calib.train(replace(good, touch=replace(good.touch, number=named)), size=5)
     assert model.about.left_out == 1
     assert "row 6" in " ".join(model.about.notes)
-    refused(
-        calib.LogError,
-        "11 touches of 1 sockets tell nothing",
-        calib.train,
-        good.take(np.arange(11)),
-    )
+    one = good.take(np.arange(11))
+    refused(calib.LogError, "11 touches of 1 sockets tell nothing", calib.train, one)
     alike = replace(good, q=good.q[12 * (good.touch.number)] + 1e-3 * np.sin(good.q))
     refused(calib.LogError, "all alike", calib.train, alike)
     mixed = np.random.default_rng(0).permutation(good.touch.number)

@@ -125,7 +125,7 @@ def test_rows_of_the_last_minutes_tell_of_drift(corrector, moved, level):
     assert message.status[0].level == level
 
 
-def test_the_package_is_whole(package):
+def test_the_package_is_whole_and_other_folders_are_left_alone(package, tmp_path, run):
     root = ElementTree.parse(package / "package.xml").getroot()
     assert root.findtext("name") == "arm_calib"
     launch = ast.parse((package / "launch" / "arm_calib.launch.py").read_text())
@@ -138,9 +138,7 @@ def test_the_package_is_whole(package):
     values = {entry.get("name"): float(entry.get("value")) for entry in offsets}
     assert values["elbow_offset"] == pytest.approx(OFFSET, abs=3e-4)
     assert calib.load(package / "arm.calib").about.robot == "two_link"
-
-
-def test_other_folders_are_left_alone(package, tmp_path, run):
+    # other folders are left alone
     (tmp_path / "notes").mkdir()
     (tmp_path / "notes" / "text.txt").write_text("mine")
     export = ("export", package / "arm.calib", "--ros2")
