@@ -1,7 +1,9 @@
 """URDF texts of small chains, for the tests of arms."""
 
 import re
+from pathlib import Path
 
+DATA = Path(__file__).parent / "data"
 SLIDE, ENDLESS = "<!--slide-->", "<!--endless-->"
 KINDS = {SLIDE: "prismatic", ENDLESS: "continuous"}
 LIMIT = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
@@ -51,17 +53,5 @@ def planar_chain(joints: int, slide: int | None = None, reach: float = 0.6) -> s
 
 
 NO_TIP = chain_urdf(turning(), turning(), tip="0 0 0")
-MIXED = robot(
-    joint("turn", "base", "a", "0 0 0.2", "0 0 1"),
-    joint("slide", "a", "b", "0.1 0 0", "1 0.2 0", "prismatic"),
-    joint("lift", "b", "c", "0.3 0.02 0", "0 1 0"),
-    joint("roll", "c", "d", "0.2 0 0.05", "1 0 0"),
-    joint("tool", "d", "tip", "0.1 0.02 0.01", "1 0 0", "fixed"),
-)
-FOLLOWS = '<mimic joint="lift" multiplier="-0.5" offset="0.3"/>'
-FOLLOWED = robot(
-    joint("turn", "base", "a", "0 0 0.2", "0 0 1"),
-    joint("lift", "a", "b", "0.3 0 0", "0 1 0"),
-    joint("copy", "b", "c", "0.3 0 0", "0 1 0", extra=FOLLOWS),
-    joint("tool", "c", "tip", "0.1 0.02 0.01", "1 0 0", "fixed"),
-)
+MIXED = (DATA / "mixed.xml").read_text()
+FOLLOWED = (DATA / "followed.xml").read_text()

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from models import arm, babbled, bare, distances, error, model, trained
+from models import accuracy, arm, babbled, bare, distances, error, model, trained
 from reference import random_joints
 
 import calib
@@ -31,9 +31,9 @@ def test_a_sensor_that_bends_or_is_another_is_learned(seen, unit, most):
     samples = babbled(n=100, noise=0.0)
     found = calib.adapt(model(), replace(samples, x=seen(samples.x), simulation=None, unit=unit))
     q = random_joints(arm(), 500, 3)
-    off = distances(found.model, q, seen(samples.simulation.exact(q)))
-    assert off.mean() < most
-    assert np.mean(off <= found.model.model_error(q)) > 0.95
+    error, covered = accuracy(found.model, q, seen(samples.simulation.exact(q)))
+    assert error < most
+    assert covered > 0.95
     assert ("lens" in [c.cause for c in found.changed]) == (seen is bent)
 
 
@@ -400,5 +400,4 @@ def test_a_path_of_a_changed_world_leaves_the_bound_wide():
     adapted = calib.adapt(old, rows(path, elsewhere(path), rng))
     assert adapted.improved
     probes = within(800, 0.0, 1.0, np.random.default_rng(99))
-    missed = distances(adapted.model, probes, elsewhere(probes))
-    assert np.mean(missed <= adapted.model.expected_error(probes)) > 0.85
+    assert accuracy(adapted.model, probes, elsewhere(probes), "expected_error")[1] > 0.85

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import refused
-from models import arm, babbled, bare, learned, log_of, model, trained
+from models import accuracy, arm, babbled, bare, learned, log_of, model, trained
 from reference import random_joints
 
 import calib
@@ -468,5 +468,4 @@ def test_a_corner_that_no_cause_explains_to_the_noise_says_little_of_the_rest():
     q = arm.lower + 0.1 * (arm.upper - arm.lower) + 0.4 * (log.q - arm.lower)
     corner = replace(log, q=q, x=seen(q) + log.x - arm.forward(log.q), side=None)
     adapted = calib.adapt(model, corner).model
-    miss = np.linalg.norm(adapted.forward(probes) - seen(probes), axis=1)
-    assert np.mean(miss <= adapted.expected_error(probes)) > 0.9
+    assert accuracy(adapted, probes, seen(probes), "expected_error")[1] > 0.9

@@ -33,17 +33,7 @@ def turn_at(t):
     return float(np.sin(t / 2)), 0.0, 0.0, float(np.cos(t / 2))
 
 
-def write(
-    path,
-    kind="ros2",
-    tip="PointStamped",
-    n=300,
-    latency=0.0,
-    turning=False,
-    lost=(),
-    stamped=True,
-    published=1,
-):
+def write(path, kind="ros2", tip="PointStamped", n=300, late=0.0, lost=(), stamped=True, every=1):
     store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
     types = {name.rpartition("/")[2]: made for name, made in store.types.items()}
     types["Time"] = store.types["builtin_interfaces/msg/Time"]  # std_msgs has one, too
@@ -61,16 +51,14 @@ def write(
 
     def position(t, x):
         point = types["Point"](*map(float, x))
-        turn = types["Quaternion"](*turn_at(t * turning))
+        turn = types["Quaternion"](*turn_at(t))
         if tip == "TFMessage":
             moved = (("camera", "tag", x), ("base", "link", 2 * x))
             return types["TFMessage"]([transformed(t, *m, turn) for m in moved])
         made = {"PointStamped": point, "PoseStamped": types["Pose"](point, turn)}
-        return (
-            types[tip](header(t), made[tip])
-            if tip in made
-            else transformed(t, "base", "tip", x, turn)
-        )
+        if tip in made:
+            return types[tip](header(t), made[tip])
+        return transformed(t, "base", "tip", x, turn)
 
     def transformed(t, parent, child, x, turn):
         transform = types["Transform"](types["Vector3"](*map(float, x)), turn)
@@ -78,17 +66,15 @@ def write(
         stamped.header.frame_id = parent
         return stamped
 
-    read = np.arange(n) // published * published
+    read = np.arange(n) // every * every
     states = zip(joint_t, q_at(joint_t[read]), strict=True)
     joints = ("/joint_states", "sensor_msgs/msg/JointState")
     messages = [(t, *joints, joint_state(t, q)) for t, q in states]
     kinds, topic = ("tf2_msgs", "/tf") if tip == "TFMessage" else ("geometry_msgs", "/tracker")
     places = x_at(tip_t)
     places[list(lost)] = np.nan
-    messages += [
-        (t, topic, f"{kinds}/msg/{tip}", position(t + latency, x))
-        for t, x in zip(tip_t, places, strict=True)
-    ]
+    for t, x in zip(tip_t, places, strict=True):
+        messages.append((t, topic, f"{kinds}/msg/{tip}", position(t + late, x)))
     if tip == "TFMessage":
         unturned = types["Quaternion"](*turn_at(0.0))
         still = [transformed(0.0, "tag", "tool", (0.0, 0.0, 0.1), unturned)]
@@ -128,14 +114,14 @@ def test_joints_are_interpolated_to_the_positions(tmp_path, bag):
 
 def test_joints_published_more_often_than_they_are_read_are_no_stairs(tmp_path):
     """They were up to two messages old: 15 mrad."""
-    found = read_bag(write(tmp_path / "a", published=3), time_offset=0.0)
+    found = read_bag(write(tmp_path / "a", every=3), time_offset=0.0)
     assert len(found.q) == 297
     assert np.abs(found.q[:, ::-1] - q_at(0.013 + found.time)).max() < 5e-4
 
 
 @pytest.mark.parametrize("kind", ["mcap", "ros2"])
 def test_poses_of_tf_between_two_frames(tmp_path, kind):
-    bag = write(tmp_path / "a", kind, "TFMessage", n=100, turning=True)
+    bag = write(tmp_path / "a", kind, "TFMessage", n=100)
     refused(calib.LogError, r"2 transforms or topics move.*base,link.*camera,tag", read_bag, bag)
     found = read_bag(bag, frames=("camera", "tag"))
     assert found.source["frame"] == "camera"
@@ -147,7 +133,7 @@ def test_poses_of_tf_between_two_frames(tmp_path, kind):
 
 
 def test_time_offset_undoes_latency(tmp_path):
-    path = write(tmp_path / "a", latency=0.2)
+    path = write(tmp_path / "a", late=0.2)
     wrong, right = (read_bag(path, time_offset=offset) for offset in (0.0, -0.2))
     arm = calib.load_arm("two_link")
 
@@ -165,7 +151,7 @@ def test_lost_positions_and_too_little_motion_for_clocks_are_told(tmp_path):
     found = read_bag(write(tmp_path / "lost", n=100, lost=(0, 7, 8)))
     assert len(found) == 95
     assert "3 positions left out: not finite" in found.notes
-    found = read_bag(write(tmp_path / "b", n=60, latency=0.1))
+    found = read_bag(write(tmp_path / "b", n=60, late=0.1))
     assert "stamps are taken as they are" in found.notes[0]
 
 

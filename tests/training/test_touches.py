@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import lengths, refused
+from models import accuracy
 from touching import World, touching
 
 import calib
@@ -138,19 +139,17 @@ def test_positions_of_a_sensor_stand_beside_touches(tmp_path, run):
     model = calib.train(log, size=5)
     fresh = rng.uniform(*world.limits, (200, 6))
     true = world.truth.predict(fresh, world.beta) @ turn.T + shift
-    off = lengths(model.forward(fresh) - true)
-    assert off.mean() < 1e-3
-    assert np.mean(off < model.expected_error(fresh)) > 0.9
     readings = true + 0.2e-3 * rng.standard_normal(true.shape)
-    off = lengths(model.forward(fresh) - readings)
-    assert np.mean(off < model.expected_error(fresh)) > 0.9
+    for told in (true, readings):
+        error, covered = accuracy(model, fresh, told, "expected_error")
+        assert error < 1e-3
+        assert covered > 0.9
     assert calib.evaluate(model, log).touch["scatter"]["mean"] < 0.5e-3
     apart = 1.01e3 * np.linalg.norm(world.points[0] - world.points[1])
     stated = replace(log, touch=log.touch.stated([f"A,B={apart}mm"]))
     beside = calib.train(stated, size=3)
     assert "by the sensor's size they are" in " ".join(beside.about.notes)
-    off = lengths(beside.forward(fresh) - true)
-    assert np.mean(off < beside.model_error(fresh)) > 0.9
+    assert accuracy(beside, fresh, true)[1] > 0.9
 
 
 def test_points_of_a_plane_are_stated_on_the_command_line(tmp_path, run):
