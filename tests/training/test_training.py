@@ -2,21 +2,11 @@
 
 from dataclasses import replace
 
+import models
 import numpy as np
 import pytest
 from conftest import lengths, refused
-from models import (
-    accuracy,
-    bare,
-    draw,
-    log,
-    log_of,
-    measured,
-    of_a_third,
-    papers,
-    trained,
-    two_link,
-)
+from models import bare, draw, log, log_of, measured, of_a_third, papers, trained, two_link
 from reference import random_joints
 from scipy.spatial.transform import Rotation
 
@@ -138,8 +128,8 @@ def test_both_bounds_hold_where_no_row_was():
     asked = log(3000, 1 * MM, seed=9)
     other = asked.take(asked.q[:, 1] >= 1.4)
     assert np.isfinite(model.forward(other.q)).all()
-    assert accuracy(model, other.q, other.x, "expected_error")[1] >= 0.93
-    assert accuracy(model, other.q, two_link(other.q))[1] >= 0.93
+    assert models.accuracy(model, other.q, other.x, "expected_error")[1] >= 0.93
+    assert models.accuracy(model, other.q, two_link(other.q))[1] >= 0.93
     assert model.model_error(other.q).max() < 0.1 * model.reach
     # both grow with the distance from the rows
     beside, far = model.model_error([[0.8, 1.3], [0.8, 2.5]])
@@ -261,7 +251,7 @@ def test_rows_held_out_of_few_without_a_drawing_do_not_contradict_a_bound_that_h
     # what is left without a block of 24 rows knows such an arm worse than all of them do
     rows, exact, q = of_a_third(24, 1e-3, seed=1)
     model = calib.train(rows, size=4)
-    assert accuracy(model, q, exact(q), "expected_error")[1] > 0.9
+    assert models.accuracy(model, q, exact(q), "expected_error")[1] > 0.9
     assert model.about.bound_holds
     assert model.about.within["covered"] > 0.9
 
