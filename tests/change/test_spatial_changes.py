@@ -237,10 +237,8 @@ def test_a_tool_that_is_bent_in_its_orientation_only_is_noticed(oriented):
         turned = (Rotation.from_quat(fresh.orientation) * answered.inv()).magnitude()
         assert least < np.degrees(np.median(turned)) < most
         assert errors(model, fresh)[0] < 3 * NOISE
-
-
-def test_the_interval_of_a_bent_tool_holds_and_a_turned_tracker_bends_none(oriented):
-    bend, inside = np.radians(0.3), 0
+    # its interval holds, and a turned tracker bends none
+    inside = 0
     for seed in range(12, 18):
         (cause,) = calib.check(oriented, posed(seed, bend)).causes
         inside += cause.interval[0] < bend < cause.interval[1]

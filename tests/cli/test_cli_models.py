@@ -196,7 +196,7 @@ def test_a_plan_stays_above_a_table(run):
     assert done.document["error"]["parameter"] == "--above"
 
 
-def test_what_has_no_answer_is_exit_code_3_with_one_line(run, model):
+def test_what_has_no_answer_is_exit_code_3_with_one_line_and_in_its_place_in_a_batch(run, model):
     done = run("query", "inverse", model, "2", "2", "--json")
     assert (done.code, done.document["reachable"]) == (3, False)
     assert done.document["solutions"][0]["distance"] > 2.0
@@ -209,6 +209,17 @@ def test_what_has_no_answer_is_exit_code_3_with_one_line(run, model):
     assert done.document["position"] == [None, None]
     assert done.document["expected_error"] is done.document["model_error"] is None
     assert "elbow = 200 deg is outside of the learned range 15 to 150 deg" in done.err
+    # of a batch, each row has its place
+    typed = "x,y\n0.1,0.4\nabc,1\n2,2\n,\n-0.1,0.3\n"
+    done = run("query", "inverse", model, "--input", "-", stdin=typed)
+    assert done.code == 1
+    found = read(done.out)
+    assert found["reachable"].tolist() == [1, 0, 0, 0, 1]
+    assert np.isnan([found["shoulder"][1], found["distance"][1]]).all()
+    assert np.isnan([found["shoulder"][2], found["elbow"][2]]).all()
+    assert found["distance"][2] > 1.0
+    assert "rows 2, 4 of 5" in done.err
+    assert "row 3 of 5: out of reach" in done.err
 
 
 def test_batch_forward_and_back_returns_the_positions(run, model, tmp_path):
@@ -228,19 +239,6 @@ def test_batch_forward_and_back_returns_the_positions(run, model, tmp_path):
     assert np.abs(two_link(joints) - positions).max() < 1e-3
     empty = run("query", "forward", model, "--input", "-", stdin="shoulder,elbow\n")
     assert empty.err == "standard input has no rows below its header\n"
-
-
-def test_batch_keeps_bad_rows_in_their_place(run, model):
-    typed = "x,y\n0.1,0.4\nabc,1\n2,2\n,\n-0.1,0.3\n"
-    done = run("query", "inverse", model, "--input", "-", stdin=typed)
-    assert done.code == 1
-    found = read(done.out)
-    assert found["reachable"].tolist() == [1, 0, 0, 0, 1]
-    assert np.isnan([found["shoulder"][1], found["distance"][1]]).all()
-    assert np.isnan([found["shoulder"][2], found["elbow"][2]]).all()
-    assert found["distance"][2] > 1.0
-    assert "rows 2, 4 of 5" in done.err
-    assert "row 3 of 5: out of reach" in done.err
 
 
 @pytest.mark.parametrize("readout", ["linear", "activity", "winner"])

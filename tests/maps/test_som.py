@@ -73,11 +73,15 @@ def test_a_map_is_ordered_and_close_to_the_best_quantizer(name):
     assert som.quantization_error(x) < near * BOUND / side
     assert som.quantization_error(fresh) < (near + 0.05) * BOUND / side
     assert som.topographic_error(fresh) < folded
-    if name == "som":
-        assert_allclose(som.history[-1, 2:], [som.quantization_error(x), som.topographic_error(x)])
     if name == "gng":  # it grows to its size
         assert 95 <= som.size <= 100
         assert som.history[0, 0] < som.history[-1, 0]
+
+
+def test_history_ends_with_the_errors_of_the_map():
+    x = points(300)
+    som = SOM((8, 8), "som", epochs=100, sigma=(0.5, 0.5)).fit(x, scale=UNIT_BOX)
+    assert_allclose(som.history[-1, 2:], [som.quantization_error(x), som.topographic_error(x)])
 
 
 @pytest.mark.parametrize(("x", "message"), NO_SAMPLES)
@@ -120,6 +124,8 @@ def test_errors_are_mean_distances_in_own_units_and_shares_between_nodes_that_ar
     assert folded.topographic_error([fold]) == 1.0
     assert folded.topographic_error([middle]) == 0.0
     assert folded.topographic_error([fold, middle, middle, middle]) == 0.25
+    nodes = np.array([[0.0, 0.0], [1.0, 1.0]])
+    assert zeta(nodes, np.array([[0.3, 0.0], [1.0, 0.9]])) == pytest.approx((0.09 + 0.01) / 2)
 
 
 @given(shapes)
@@ -227,11 +233,6 @@ def test_links_are_those_of_eq_5_and_11_step_by_step(beta):
     none = np.zeros(n)
     net.show(samples, rates(n, none + 1, none, 2, eta, beta))
     assert_allclose(net.links, c, rtol=2e-3)
-
-
-def test_zeta_is_the_mean_square_distance_to_the_winner():
-    nodes = np.array([[0.0, 0.0], [1.0, 1.0]])
-    assert zeta(nodes, np.array([[0.3, 0.0], [1.0, 0.9]])) == pytest.approx((0.09 + 0.01) / 2)
 
 
 @pytest.mark.parametrize("side", [8, 16])

@@ -61,7 +61,7 @@ def test_a_second_sensor_helps_the_first_and_both_bounds_hold(logs, two):
         assert np.mean(miss(seen, truth) <= seen.model_error(q)) > 0.9
 
 
-def test_sensors_whose_scales_disagree_are_told_and_leave_the_first_one_as_good(logs):
+def test_sensors_whose_scales_or_arms_disagree_are_told_and_leave_the_first_as_good(logs, two):
     """A second tracker that read lengths .3 % longer made errors of .05 mm .4, all drifted."""
     (left, truth), (right, _) = logs
     model = calib.train([left, replace(right, x=1.003 * right.x)], size=3)
@@ -70,6 +70,11 @@ def test_sensors_whose_scales_disagree_are_told_and_leave_the_first_one_as_good(
     assert lengths(model.forward(q) - truth(q)).mean() < 1e-4
     fresh, _ = seen_from("left", 40, 7, 0.0)
     assert not calib.check(model, fresh).drifted
+    # one of another arm is named
+    moved = replace(right, q=right.q + np.array([0.0, 0.05, 0.0]))
+    notes = calib.train([left, moved], size=3).notes
+    assert any("right: it disagrees with the other sensors" in note for note in notes)
+    assert not any("disagrees" in note for note in two.notes)
 
 
 def test_what_only_the_second_sensor_shows_of_the_arm_is_learned(logs):
@@ -137,14 +142,6 @@ def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused(logs):
     refused(calib.LogError, "simulation", calib.train, [log, other])
     plane = replace(other, simulation=None, sensor="plane")
     refused(calib.CalibError, "a log of the same arm", calib.train, [log, plane])
-
-
-def test_a_sensor_of_another_arm_is_named(logs, two):
-    (left, _), (right, _) = logs
-    moved = replace(right, q=right.q + np.array([0.0, 0.05, 0.0]))
-    notes = calib.train([left, moved], size=3).notes
-    assert any("right: it disagrees with the other sensors" in note for note in notes)
-    assert not any("disagrees" in note for note in two.notes)
 
 
 def test_poses_that_are_read_again_are_no_new_poses(logs):
