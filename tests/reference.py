@@ -12,9 +12,7 @@ import pytest
 
 ROBOTS = Path(pin.__file__).parents[4] / "share/example-robot-data/robots"
 """Descriptions of real robots, where their package is installed."""
-needs_robots = pytest.mark.skipif(
-    not ROBOTS.is_dir(), reason="pip install example-robot-data to run it"
-)
+needs_robots = pytest.mark.skipif(not ROBOTS.is_dir(), reason="pip install example-robot-data")
 
 
 def pinocchio_pose(arm, q: np.ndarray):

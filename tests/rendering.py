@@ -110,9 +110,7 @@ def tag(number: int, size: float, place: Sequence[float], **more: object) -> Sti
     return Sticker(cells, size / len(cells), tuple(place), **more)  # type: ignore[arg-type]
 
 
-def board(
-    columns: int, rows: int, square: float, marker: float, place: Sequence[float], **more: object
-) -> Sticker:
+def board(columns: int, rows: int, square: float, marker: float, place, **more: object) -> Sticker:
     """Return a ChArUco board (5x5_100) as OpenCV draws it; x, y of `place` is its middle."""
     known = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
     made = cv2.aruco.CharucoBoard((columns, rows), square, marker, known)

@@ -50,10 +50,8 @@ class World:
         self.q, self.number = touching(self, self.beta, self.points, each, play, rng)
 
     def known(self, *pairs):
-        return [
-            Known(pair, float(np.linalg.norm(np.subtract(*self.points[list(pair)]))), 0.1 * MM)
-            for pair in pairs
-        ]
+        apart = (np.linalg.norm(np.subtract(*self.points[list(pair)])) for pair in pairs)
+        return [Known(pair, float(m), 0.1 * MM) for pair, m in zip(pairs, apart, strict=True)]
 
     def log(self, q=None, number=None, known=()):
         """Touches as a log holds them: the world's own, or others."""

@@ -50,11 +50,9 @@ def test_sizes_are_told_to_the_digits_of_their_intervals():
 
 def test_each_episode_of_a_log_has_a_verdict():
     calm, bumped = babbled(n=60, seed=1), babbled("elbow.offset=0.02", n=60, seed=2)
-    q, x, side = (
-        np.concatenate([getattr(rows, name) for rows in (calm, bumped)])
-        for name in ("q", "x", "side")
-    )
-    both = replace(calm, q=q, x=x, side=side, episode=np.repeat([4.0, 7.0], 60))
+    columns = ("q", "x", "side")
+    rows = {n: np.vstack([getattr(log, n) for log in (calm, bumped)]) for n in columns}
+    both = replace(calm, **rows, episode=np.repeat([4.0, 7.0], 60))
     verdict = calib.check(model(1e-3), both)
     assert verdict.drifted
     assert not verdict.is_calm
@@ -317,13 +315,11 @@ def states():
     return plain, calib.adapt(plain, babbled(TOOL, n=100)).model
 
 
-@pytest.mark.parametrize(
-    ("changes", "index"), [((), 0), ((TOOL,), 1), (("elbow.length=-20%",), None)]
-)
-def test_the_state_is_recognised_by_few_rows_or_none_is(changes, index):
+@pytest.mark.parametrize(("change", "who"), [((), 0), ((TOOL,), 1), (("elbow.length=-20%",), None)])
+def test_the_state_is_recognised_by_few_rows_or_none_is(change, who):
     for seed in (5, 6):
-        rows = babbled(*changes, n=25, seed=seed)
-        assert calib.recognise(states(), rows).index == index
+        rows = babbled(*change, n=25, seed=seed)
+        assert calib.recognise(states(), rows).index == who
 
 
 def test_states_that_differ_by_less_than_the_noise_are_told_by_many_rows():

@@ -23,11 +23,8 @@ _FORBIDDEN = ("socket.connect", "socket.getaddrinfo", "socket.sendto", "socket.b
               "urllib.Request", "http.client.connect", "ftplib.connect", "subprocess.Popen",
               "os.system", "os.exec", "os.posix_spawn", "os.fork", "webbrowser.open",
               "pty.spawn")  # fmt: skip
-_LIBRARIES = tuple(
-    str(Path(path).resolve())
-    for path in (sys.prefix, sys.base_prefix, *sys.path, Path(__file__).parents[2])
-    if path
-)
+_INSTALLED = (sys.prefix, sys.base_prefix, *sys.path, Path(__file__).parents[2])
+_LIBRARIES = tuple(str(Path(path).resolve()) for path in _INSTALLED if path)
 _SPOOLED = str(Path(tempfile.gettempdir()).resolve() / "calib-")  # standard input is kept there
 _FONTS = (str(Path.home() / ".cache"), str(Path.home() / ".config"),
           os.environ.get("MPLCONFIGDIR") or "/usr/share/fonts")  # fmt: skip

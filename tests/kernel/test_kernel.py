@@ -212,9 +212,7 @@ def test_a_joint_of_several_turns_is_answered_on_the_turn_of_near():
         assert_allclose(alone, q, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("key", "value"), [("CALIB_NO_CC", "1"), ("CC", "no-such"), ("CC", "false")]
-)
+@pytest.mark.parametrize(("key", "value"), [("CALIB_NO_CC", "1"), ("CC", "none"), ("CC", "false")])
 def test_without_a_compiler_the_batch_answers(monkeypatch, key, value):
     monkeypatch.setenv(key, value)
     model = trained("two_link", 600, 6)

@@ -239,10 +239,8 @@ def test_links_are_those_of_eq_5_and_11_step_by_step(beta):
 def test_a_varying_density_helps_small_lattices_too(side):
     """At one strength for all sizes it tore a lattice of 8x8, and the map was useless."""
     q = calib.babble(calib.load_arm("two_link"), 3000, seed=0).q
-    plain, varying = (
-        SOM(side, name, rule="online", sigma=(side / 2, 1.5)).fit(q).history[-1, 2:]
-        for name in ("som", "vdsom")
-    )
+    maps = (SOM(side, name, rule="online", sigma=(side / 2, 1.5)) for name in ("som", "vdsom"))
+    plain, varying = (each.fit(q).history[-1, 2:] for each in maps)
     assert varying[0] < plain[0]  # distance to the winner
     assert varying[1] < 0.02  # topographic error
 

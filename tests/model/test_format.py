@@ -215,15 +215,10 @@ def digests(threads: int, hash_seed: int, cores: int) -> dict[str, str]:
     def pin():
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
 
-    done = subprocess.run(
-        [sys.executable, "-c", WORK, json.dumps(list(RECIPES.values()))],
-        env=environment,
-        preexec_fn=pin if hasattr(os, "sched_setaffinity") else None,
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
+    words = [sys.executable, "-c", WORK, json.dumps(list(RECIPES.values()))]
+    pinned = pin if hasattr(os, "sched_setaffinity") else None
+    quiet = {"capture_output": True, "text": True, "timeout": 600, "check": False}
+    done = subprocess.run(words, env=environment, preexec_fn=pinned, **quiet)
     assert done.returncode == 0, done.stderr
     return dict(zip(RECIPES, json.loads(done.stdout), strict=True))
 

@@ -174,11 +174,7 @@ def test_links_and_anchors_lead_somewhere(name):
 def test_every_page_and_picture_is_reached_from_the_index():
     linked = {(DOCS / link.split("#")[0]).resolve() for link in links(TEXTS["docs/README.md"])}
     assert {page for page in PAGES if page.is_relative_to(DOCS)} - linked == {DOCS / "README.md"}
-    targets = {
-        ((ROOT / name).parent / link).resolve()
-        for name, text in TEXTS.items()
-        for link in links(text)
-    }
+    targets = {(page.parent / link).resolve() for page in PAGES for link in links(page.read_text())}
     assert set(DOCS.glob("img/*.png")) == {path for path in targets if path.suffix == ".png"}
 
 
@@ -238,11 +234,8 @@ def test_errors_agree_with_those_of_other_versions(all_points):
     assert lines == [], "was training changed on purpose? python benchmarks/versions.py --write"
 
 
-MODULES = ["calib"] + [
-    m.name
-    for m in pkgutil.walk_packages(calib.__path__, "calib.")
-    if not m.name.endswith("__main__") and "._robots" not in m.name
-]
+NAMES = [module.name for module in pkgutil.walk_packages(calib.__path__, "calib.")]
+MODULES = ["calib", *(name for name in NAMES if not re.search(r"__main__$|\._robots", name))]
 FINDER = doctest.DocTestFinder(exclude_empty=True)
 SOURCE = "".join(p.read_text(encoding="utf-8") for p in Path(calib.__path__[0]).rglob("*.py"))
 _ITEM = re.compile(r"^(\w+(?:, \w+)*) : (.*(?:\n(?:    .*|$))*)", re.MULTILINE)

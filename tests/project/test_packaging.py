@@ -33,10 +33,8 @@ def test_every_package_is_named_and_every_dependency_has_a_lower_bound():
     """
     listed = re.search(r"^packages = \[(.*)\]$", text_of("pyproject.toml"), re.MULTILINE)
     package = Path(calib.__file__).parent
-    packages = {
-        ".".join(path.parent.relative_to(package.parent).parts)
-        for path in package.rglob("__init__.py")
-    }
+    folders = (path.parent.relative_to(package.parent) for path in package.rglob("__init__.py"))
+    packages = {".".join(folder.parts) for folder in folders}
     elsewhere = {"calib._robots", "calib_cli", "calib_cli.commands", "calib_cli.commands.query"}
     assert set(re.findall(r'"(.+?)"', listed[1])) == packages | elsewhere
     table = re.search(r"^dependencies = \[\n(.*?)^\]", text_of("pyproject.toml"), re.M | re.S)

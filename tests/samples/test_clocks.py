@@ -105,9 +105,8 @@ def test_along_a_line_a_delay_is_as_unsure_as_the_offset_that_does_the_same():
     """Exact rows between two poses got a delay of 11 rows: errors of 8.3 mm for .11."""
     velocity = np.ones((200, 2))
     residual = -0.02 * velocity + 1e-6 * np.random.default_rng(0).standard_normal((200, 2))
-    delay, _ = estimate_delay(
-        residual, velocity, velocity[..., None], np.array([0.03**-2.0]), np.zeros(1)
-    )
+    offset = velocity[..., None]
+    delay, _ = estimate_delay(residual, velocity, offset, np.array([0.03**-2.0]), np.zeros(1))
     assert not delay.clear
     assert delay.sd == pytest.approx(0.03, rel=0.01)
 

@@ -139,10 +139,8 @@ def test_six_joints_are_corrected_to_the_nominal_pose(tmp_path):
     (real, turned), (_, before) = (m.body.structure.pose(rows, beta) for rows in (fixed, q))
     wanted, aim = m.body.structure.pose(q, of_the_drawing(m.body))
     assert lengths(real - wanted).max() < 1e-9
-    after, off = (
-        Rotation.from_matrix(matrices @ np.swapaxes(aim, 1, 2)).magnitude()
-        for matrices in (turned, before)
-    )
+    back = np.swapaxes(aim, 1, 2)
+    after, off = (Rotation.from_matrix(each @ back).magnitude() for each in (turned, before))
     assert np.median(off) > 1e-3
     assert after.max() < 1e-4
 
