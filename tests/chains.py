@@ -37,10 +37,8 @@ def chain_urdf(*joints: str, tip: str = "0.2 0 0") -> str:
 
 
 def turning(axis="0 0 1", xyz="0.3 0 0", lower="-1", upper="1", more="") -> str:
-    return (
-        f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>'
-        f'<limit lower="{lower}" upper="{upper}" effort="1" velocity="1"/>{more}'
-    )
+    limit = f'<limit lower="{lower}" upper="{upper}" effort="1" velocity="1"/>'
+    return f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>{limit}{more}'
 
 
 def planar_chain(joints: int, slide: int | None = None, reach: float = 0.6) -> str:

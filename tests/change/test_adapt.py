@@ -94,10 +94,10 @@ def waving(size, cycles, phase, offset=(0.0, 0.0)):
 real = waving(2e-3, (5.0, 7.0), (0.0, 1.0), (0.0, 0.01))
 
 
-def bumped(q):
-    """The tip of an arm that is as drawn, but for a bump of 5 mm."""
-    away = (q - (arm().lower + arm().upper) / 2) / (arm().upper - arm().lower)
-    return arm().forward(q) + 5e-3 * np.exp(-50 * (away**2).sum(axis=1))[:, None]
+def bumped(middle, size, sharpness):
+    """The tip (n, 2) by joints of an arm that is as drawn, but for a bump [m] about a place."""
+    weights = np.broadcast_to(sharpness, 2)[:, None]
+    return lambda q: arm().forward(q) + size * np.exp(-((q - middle) ** 2) @ weights)
 
 
 def rows_of(u, truth=real, noise=2e-4):
@@ -275,21 +275,12 @@ def test_a_change_without_a_name_is_known_near_the_rows_that_saw_it(seed, simula
 
 def test_what_no_cause_explains_near_the_rows_is_no_noise(simulated):
     """A bump in a corner was taken for noise: the bound on the true position covered 64 %."""
-    rng = np.random.default_rng(4)
-    low, high = np.array(arm().lower), np.array(arm().upper)
-    corner = low + (high - low) * (0.3 + 0.3 * rng.random((300, 2)))
-    middle = corner.mean(axis=0)
-
-    def bumped(q):
-        away = ((q - middle) ** 2).sum(axis=1, keepdims=True)
-        return arm().forward(q) + [0.004, 0.003] * np.exp(-10.0 * away)
-
-    x = bumped(corner[:40]) + rng.normal(0.0, 3e-4, (40, 2))
-    log = replace(calib.babble(arm(), 40), q=corner[:40], x=x, simulation=None)
-    model = calib.adapt(simulated, log).model
-    bound = model.model_error(corner)
-    assert np.mean(distances(model, corner, bumped(corner)) <= bound) > 0.95
-    assert np.median(bound) < 4e-3
+    u = 0.3 + 0.3 * np.random.default_rng(4).random((300, 2))
+    corner = arm().lower + (arm().upper - arm().lower) * u
+    truth = bumped(corner.mean(axis=0), np.array([0.004, 0.003]), 10.0)
+    model = calib.adapt(simulated, rows_of(u[:40], truth, 3e-4)).model
+    assert accuracy(model, corner, truth(corner))[1] > 0.95
+    assert np.median(model.model_error(corner)) < 4e-3
 
 
 def waves_along_a_line(seed):
@@ -327,14 +318,15 @@ def test_an_improvement_along_a_line_says_nothing_of_the_rest(simulated):
 
 def test_a_bound_that_the_rows_contradict_is_widened(simulated, run, tmp_path):
     """A bump that few rows saw: nothing improves, and the bound of the drawing does not hold."""
-    rows = rows_of(np.random.default_rng(30).random((30, 2)), bumped, 0.0)
+    truth = bumped((arm().lower + arm().upper) / 2, 5e-3, 50 / (arm().upper - arm().lower) ** 2)
+    rows = rows_of(np.random.default_rng(30).random((30, 2)), truth, 0.0)
     found = calib.adapt(simulated, rows)
     assert not found.improved
     assert any("the prediction stays" in note for note in found.notes)
     q = random_joints(arm(), 500, 31)
     assert np.array_equal(found.model.forward(q), simulated.forward(q))
-    assert elsewhere(simulated, bumped)[1] < 0.1
-    assert elsewhere(found.model, bumped)[1] > 0.6
+    assert elsewhere(simulated, truth)[1] < 0.1
+    assert elsewhere(found.model, truth)[1] > 0.6
     # the command once wrote none
     old, new = tmp_path / "own.calib", tmp_path / "own.adapted.calib"
     simulated.save(old)

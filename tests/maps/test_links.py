@@ -229,15 +229,12 @@ def test_each_node_has_the_least_squares_fit_with_weights_that_end_at_its_radius
         assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
 
 
-def test_weights_have_slopes_where_many_nodes_stand_on_a_point():
+def test_nodes_count_smoothly_by_their_share_and_have_slopes_where_many_stand_on_a_point():
     """Of 12 rows a map's nodes stand on these: 0 over 0 stopped `train --body none`."""
     place = np.array([[0.1, 0.1]])
     blend = Blend(replace(grid(5), units=np.repeat(place, 25, axis=0)), place)
     assert_allclose(blend.weight, 0.25)
     assert_array_equal(blend.tilt(), 0.0)
-
-
-def test_nodes_with_models_count_smoothly_by_their_share():
     weight = np.array([[0.2, 0.8], [0.35, 0.65], [0.4, 0.6], [0.45, 0.55], [0.6, 0.4]])
     speaking = np.tile([True, False], (5, 1))
     answers = model_weights(weight, speaking)[:, 0]

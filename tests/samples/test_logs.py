@@ -115,7 +115,7 @@ def test_files_that_are_none(tmp_path, file):
     assert len(read_log(file(GOOD, "log.parquet"), joints=["a", "b"])) == 3  # by its content
 
 
-def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(file):
+def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(arm, file):
     path = file("\ufeffy, x ,note,b,a\r\n2,1, text,0.2,0.1\r\n4,3,,0.4,0.2\r\n")
     log = read_log(path, joints=["a", "b"], unit="px")
     assert log.q.tolist() == [[0.1, 0.2], [0.2, 0.4]]
@@ -126,6 +126,11 @@ def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(file):
     assert log.joint_names == ("a", "b")
     assert log.q.tolist() == [[1, 2], [2, 4]]
     assert log.x.tolist() == [[3, 4], [6, 8]]
+    # of an arm its own order holds, and its joints are the log's
+    path = file("elbow,shoulder,x,y\n0.5,0.1,1,2\n0.6,0.2,3,4\n")
+    assert read_log(path, arm).q.tolist() == [[0.1, 0.5], [0.2, 0.6]]
+    assert read_log(path, arm, joints=["elbow", "shoulder"]).joint_names == ("shoulder", "elbow")
+    refused(OptionError, "loaded with", read_log, path, arm, joints=["elbow"])
 
 
 @pytest.mark.parametrize(("header", "factors", "unit", "degrees"), HEADERS)
@@ -200,13 +205,6 @@ def test_joints_that_are_read_less_often_than_positions_are_told(arm, tmp_path, 
     assert log.left_out == left_out
     told = "repeat the joints of the row before although the positions moved on" in str(log.notes)
     assert told == (left_out > 0)
-
-
-def test_the_arms_order_holds_and_its_joints_are_the_log(arm, file):
-    path = file("elbow,shoulder,x,y\n0.5,0.1,1,2\n0.6,0.2,3,4\n")
-    assert read_log(path, arm).q.tolist() == [[0.1, 0.5], [0.2, 0.6]]
-    assert read_log(path, arm, joints=["elbow", "shoulder"]).joint_names == ("shoulder", "elbow")
-    refused(OptionError, "loaded with", read_log, path, arm, joints=["elbow"])
 
 
 def test_rows_without_a_finite_value_are_left_out_and_counted(arm, file):

@@ -17,6 +17,7 @@ from calib.maps.model_selection import blocks
 from calib.stream.follow import OnlineAdapter, matching_sigma
 
 small = partial(trained, n=2500, size=10)
+CHANGES = ["shoulder.length=-5%", "elbow.offset=0.0174", "sensor.rotate=0.0174", "elbow.lock=1.0"]
 
 
 def test_the_report_of_the_online_rule_is_of_blocks_that_it_never_saw(monkeypatch):
@@ -180,10 +181,7 @@ def test_a_calm_stream_raises_no_alarm(trained_noise, noise, changes):
     assert not alarmed(calib.monitor(model(trained_noise)), babbled(*changes, n=1000, noise=noise))
 
 
-@pytest.mark.parametrize(
-    "change",
-    ["shoulder.length=-5%", "elbow.offset=0.0174533", "sensor.rotate=0.0174533", "elbow.lock=1.0"],
-)
+@pytest.mark.parametrize("change", CHANGES)
 def test_a_change_within_a_stream(change):
     """Three wrong detections before it raise no alarm, and hide none."""
     monitor, calm = calib.monitor(model(1e-3)), babbled(n=300)

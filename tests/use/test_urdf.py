@@ -93,7 +93,7 @@ def test_pinocchio_and_yourdfpy_read_the_fitted_geometry(source):
     np.testing.assert_allclose(matrices, turns, atol=1e-9)
 
 
-def test_a_fit_beats_the_drawing_and_holds_the_first_joint(written):
+def test_a_fit_beats_the_drawing_and_holds_the_first_joint_and_pixels_tell_offsets(written):
     trained = in_space()
     geometry = fit_geometry(trained)
     assert geometry.free
@@ -107,9 +107,7 @@ def test_a_fit_beats_the_drawing_and_holds_the_first_joint(written):
     assert "sensed point, not written" in written(trained)[0].out
     lines = zip(trained.about.urdf.splitlines(), path.read_text().splitlines(), strict=True)
     assert {"<origin" in new for old, new in lines if old != new} == {True}
-
-
-def test_pixels_tell_offsets():
+    # pixels tell offsets
     geometry = fit_geometry(in_pixels())
     assert geometry.unit == "px"
     assert geometry.residual < 0.6 < 2.0 < geometry.before
