@@ -235,10 +235,8 @@ def true_rows(change):
 
 @pytest.mark.parametrize("change", ["elbow.backlash=0.01", "elbow.noise=0.005"])
 def test_the_bound_covers_the_true_tip(change):
-    q, x = true_rows(change)
-    model = babbled_with(change)
-    error = lengths(model.forward(q) - x)
-    assert 0.92 < np.mean(error <= model.expected_error(q)) < 0.98
+    _, covered = accuracy(babbled_with(change), *true_rows(change), "expected_error")
+    assert 0.92 < covered < 0.98
 
 
 def test_the_direction_pays_where_there_is_backlash():

@@ -31,7 +31,7 @@ def test_a_failure_half_way_keeps_the_old_file(tmp_path, monkeypatch, error, wor
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_symbolic_link_stays_and_its_target_is_replaced(tmp_path):
+def test_a_symbolic_link_stays_and_its_target_is_replaced(tmp_path, monkeypatch):
     (tmp_path / "sub").mkdir()
     target, link = tmp_path / "sub" / "target.csv", tmp_path / "link.csv"
     link.symlink_to(target)
@@ -39,6 +39,13 @@ def test_a_symbolic_link_stays_and_its_target_is_replaced(tmp_path):
     assert link.is_symlink()
     assert target.read_bytes().startswith(b"shoulder")
     assert list(target.parent.iterdir()) == [target]
+    # what replaces a private file is never public
+    modes = []
+    target.chmod(0o600)
+    monkeypatch.setattr(os, "fsync", lambda number: modes.append(os.fstat(number).st_mode & 0o777))
+    calib.write_log(LOG, target)
+    assert set(modes) == {0o600}
+    assert target.stat().st_mode & 0o777 == 0o600
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
@@ -60,13 +67,3 @@ def test_a_place_that_cannot_be_is_refused_before_the_work(run, tmp_path, name, 
     args = ("train", "two_link", "--samples", "2000000", "-o", f"{tmp_path}/{name}")
     assert run.refused(1, words, *args).err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
-
-
-def test_what_replaces_a_private_file_is_never_public(tmp_path, monkeypatch):
-    path, modes = tmp_path / "a.csv", []
-    path.write_bytes(b"old")
-    path.chmod(0o600)
-    monkeypatch.setattr(os, "fsync", lambda number: modes.append(os.fstat(number).st_mode & 0o777))
-    calib.write_log(LOG, path)
-    assert set(modes) == {0o600}
-    assert path.stat().st_mode & 0o777 == 0o600

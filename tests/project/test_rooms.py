@@ -131,9 +131,6 @@ def test_a_room_keeps_to_its_limits(room):
     assert {name: figures[name] for name in MOST if figures[name] > MOST[name] + 0.05} == {}
 
 
-ROOT = Path(__file__).parents[2]
-
-
 def text_of(name: str) -> str:
     return (ROOT / name).read_text(encoding="utf-8")
 

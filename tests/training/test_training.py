@@ -317,8 +317,7 @@ def test_another_log_is_compared_row_by_row():
     assert (evaluation.rows, evaluation.left_out) == (400, 0)
     assert evaluation.source == "measured rows of the log"
     learned = measured()
-    off = lengths(learned.forward(fresh.q) - fresh.x)
-    covered = np.mean(off <= learned.expected_error(fresh.q))
+    _, covered = models.accuracy(learned, fresh.q, fresh.x, "expected_error")
     assert calib.evaluate(learned, fresh).within["covered"] == covered
     assert calib.evaluate(learned, replace(fresh, left_out=3)).left_out == 3  # by who read it
     of_few = calib.evaluate(learned, log(9, 2e-3, seed=3))  # no share of fewer than ten
