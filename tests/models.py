@@ -167,8 +167,7 @@ def distances(model: calib.Model, q: np.ndarray, truth: np.ndarray) -> np.ndarra
 def accuracy(model: calib.Model, q: np.ndarray, truth: np.ndarray, bound: str = "model_error"):
     """Return the mean distance [m] of answers from the truth, and the share within a bound."""
     off = distances(model, q, truth)
-    known = np.isfinite(off)
-    return off[known].mean(), np.mean(off[known] <= getattr(model, bound)(q[known]))
+    return off.mean(), np.mean(off <= getattr(model, bound)(q))
 
 
 def error(adapted: calib.Model, samples: calib.Samples) -> float:

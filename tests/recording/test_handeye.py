@@ -186,11 +186,13 @@ def test_a_lens_that_is_off_is_told_by_few_pictures(seed):
     assert abs(found.lens["focal"] - rig.lens[0]) < found.lens["focal_95"]
 
 
-ON_THE_WAY = [  # what changes by how much, of how many pictures those from then on, what is told
-    *((*change, 2, 20, 13, "from 13.png on camera or board was moved, the camera refocused")
-      for change in (("view.shift", 0.05), ("tool", 0.05), ("lens", 60.0))),
+MOVED = "from 13.png on camera or board was moved, the camera refocused"
+ON_THE_WAY = [  # what changes by how much, a seed, pictures, the first after it, what is told
+    ("view.shift", 0.05, 2, 20, 13, MOVED),
+    ("tool", 0.05, 2, 20, 13, MOVED),
+    ("lens", 60.0, 2, 20, 13, MOVED),
     ("view.shift", 0.02, 3, 5, 4, "camera or board was moved (which 5 poses may not show"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("group", "step", "seed", "pictures", "first", "words"), ON_THE_WAY)
