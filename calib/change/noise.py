@@ -366,8 +366,9 @@ def _fits_of(noise: NoiseFit, x: Array) -> WaveFits:
     covariances = np.asarray(np.linalg.pinv(blocks, hermitian=True), float)
     amplitudes = np.einsum("wij,wj->wi", covariances, vector)
     gains = (amplitudes * vector).sum(axis=1) / noise.correlation_time
-    # of f squares of a mean of 1 a wave explains g: log p = -f / 2 log(1 - g / f)
-    share = np.minimum(gains / noise.freedom, 0.999)
+    # of squares y' C^-1 y a wave explains a share g: log p = -f / 2 log(1 - g)
+    squares = noise.residual.ravel() @ noise.system.y / noise.size
+    share = np.minimum(gains * noise.correlation_time / squares, 0.999)
     nats = -0.5 * noise.freedom * np.log1p(-share)
     chance = count * share_chance(float(share.max()), 2, noise.freedom)
     return WaveFits(matrix, covariances, amplitudes, gains, nats, chance)

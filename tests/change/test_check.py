@@ -217,6 +217,14 @@ def test_few_rows_say_nothing_but_of_a_clear_cause():
     assert cause.interval[0] < 0.005 < cause.interval[1]
 
 
+@pytest.mark.parametrize(
+    ("robot", "n", "seed"), [("two_link", 10, 8), ("three_link", 10, 6), ("three_link", 12, 0)]
+)
+def test_few_rows_ten_times_noisier_show_no_waves_of_joints(robot, n, seed):
+    """Of 400 waves one explains all that ten rows leave to the noise."""
+    assert calib.check(learned(robot), bare(robot, n, seed, noise=10 * NOISE)).drifted is not True
+
+
 def test_the_drawing_is_trusted_but_the_zeros():
     degree = float(np.radians(1.0))
     rows = bare("six_axis", 60, 11, f"elbow.offset={degree}")
