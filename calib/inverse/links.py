@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Index
+from ..common.rows import row_lengths
 from ..maps.association import Association
 from ..maps.predictor import Predictor
 from .newton import Newton, limit_length
@@ -36,6 +37,9 @@ class LinkSettings:
     flat: float = 1e-2
     # branches further apart than a node have separate starts
     folded: float = 1e-2
+    # of a longest first step: one that bends more, as beside folds, is straight
+    bent: float = 0.5
+    rounds: int = 2  # a second one leaves a third of what a first one misses
 
 
 LINKS = LinkSettings()
@@ -78,9 +82,12 @@ class LinkStarts:
         self._u = np.full((*starts, dof), np.nan)
         self._value = np.zeros((*starts, outputs))
         self._inverse = np.zeros((*starts, dof, outputs))
+        # of redundant joints none: they would take most of the memory
+        bends = 0 if newton.redundant else dof
+        self._bends = np.zeros((*starts, dof, bends, bends))
 
     def of(self, x: Array) -> tuple[Index, Array]:
-        """Starts of the nearest nodes, a linear step towards each target `x` (n, m) on."""
+        """Starts of the nearest nodes, a step towards each target `x` (n, m) on."""
         node = self._nearest_nodes(x)
         filled = np.isfinite(self._u[node, :, 0])
         target, place, column = filled.nonzero()
@@ -89,8 +96,10 @@ class LinkStarts:
         inverse = self._inverse[start]
         step = (inverse @ gap[..., None])[..., 0]
         longest = LINKS.step * self.association.motor.spacing
-        u = self._u[start] + limit_length(step, longest)
-        return target, u
+        step = limit_length(step, longest)
+        if not self._newton.redundant:
+            step = _bent(step, self._bends[start])
+        return target, self._u[start] + step
 
     def _nearest_nodes(self, x: Array) -> Index:
         """The sensory nodes nearest to each target (n, k), made ready."""
@@ -117,10 +126,12 @@ class LinkStarts:
         fits = column < self._width
         ways = ways.rows(fits)
         place = nodes[ways.target], column[fits]
-        value, inverse = self._linearise(ways.u)
+        value, slope, inverse = self._linearise(ways.u)
         self._u[place] = ways.u
         self._value[place] = value
         self._inverse[place] = inverse
+        if not self._newton.redundant:
+            self._bends[place] = self._bends_at(ways.u, slope, inverse)
         self._ready[nodes] = True
 
     def _ways(self, nodes: Index) -> Ways:
@@ -175,10 +186,36 @@ class LinkStarts:
         )
         return target[single], u[single]
 
-    def _linearise(self, u: Array) -> tuple[Array, Array]:
-        """Position (n, m) and inverse Jacobian (n, dof, m) at joints (n, dof)."""
+    def _linearise(self, u: Array) -> tuple[Array, Array, Array]:
+        """Position (n, m), Jacobian (n, m, dof) and its inverse at joints (n, dof)."""
         count = self._newton.task.count
         origin = np.zeros((len(u), count))
         stand = self._newton.at(u, origin)
         inverse = np.linalg.pinv(stand.slope, rcond=LINKS.flat)
-        return -stand.gap, np.asarray(inverse)
+        return -stand.gap, stand.slope, np.asarray(inverse)
+
+    def _bends_at(self, u: Array, slope: Array, inverse: Array) -> Array:
+        """How much steps du from joints (n, dof) have to bend, B (n, dof, dof, dof).
+
+        To second order ``J^-1 dx = du + B du du`` with ``B = J^-1 dJ/du / 2``.
+        """
+        n, dof = u.shape
+        origin = np.zeros((n, self._newton.task.count))
+        changes = []
+        for probe in SOLVER.probe * np.eye(dof):
+            _, ahead = self._newton.task.residual(u + probe, origin)
+            changes.append((ahead - slope) / SOLVER.probe)
+        bends = 0.5 * np.einsum("nim,knmj->nijk", inverse, np.array(changes))
+        longest = LINKS.step * self.association.motor.spacing
+        size = row_lengths(bends.reshape(n, -1)) * longest
+        bends[size > LINKS.bent] = 0.0
+        return np.asarray(bends)
+
+
+def _bent(steps: Array, bends: Array) -> Array:
+    """The steps du (n, dof) for which ``du + bends du du`` are straight ones (n, dof)."""
+    bent = steps
+    for _ in range(LINKS.rounds):
+        rates = (bends @ bent[:, None, :, None])[..., 0]
+        bent = steps - (rates @ bent[..., None])[..., 0]
+    return bent

@@ -13,7 +13,7 @@ from ..common.scale import Scale
 from .settings import SOLVER
 from .task import Task
 
-ROUNDING = 1e-13
+ROUNDING = 3e-13
 """Share of a task's size to which a target is met as well as numbers allow."""
 
 
@@ -28,7 +28,7 @@ class Stand(NamedTuple):
 
     def rows(self, index: Index | Mask | slice) -> Stand:
         """Some of the rows."""
-        return Stand._make(part[index] for part in self)
+        return Stand(*[part[index] for part in self])
 
     def put(self, index: Index | Mask, other: Stand) -> None:
         """Put other joints in the place of some, for the same targets."""
@@ -116,19 +116,17 @@ class Newton:
             return
         here = stand.rows(rows)
         damping = np.full(len(rows), SOLVER.easy)
-        rest = here.miss
-        is_last = False
         for _ in range(steps):
             move = self.move(here, damping)
-            u = here.u + limit_joints(move, SOLVER.longest)
-            if is_last and u.min() > 0.0 and u.max() < 1.0:
+            step = limit_joints(move, SOLVER.longest)
+            u = here.u + step
+            rest = self.most_left(here, step)
+            if rest.max() <= enough and u.min() >= 0.0 and u.max() <= 1.0:
                 # a look less, which counts of a single target
                 here = here._replace(u=u, miss=rest)
                 break
             trial = self.at(u, here.x)
             ratio = trial.miss / here.miss
-            # what the next step leaves, (n,): it gains twice as many digits as this one did
-            rest = trial.miss * ratio * ratio
             eased = np.maximum(damping / SOLVER.easier, SOLVER.easiest)
             if ratio.max() <= 1.0 - SOLVER.slow:
                 here = trial
@@ -152,9 +150,18 @@ class Newton:
                 rows = rows[going]
                 here = here.rows(going)
                 damping = damping[going]
-                rest = rest[going]
-            is_last = rest.max() <= enough
         stand.put(rows, here)
+
+    def most_left(self, stand: Stand, step: Array) -> Array:
+        """What steps (n, dof) leave of gaps at most, (n,).
+
+        An arm that turns by an angle in all leaves the straight line by half its square at most,
+        times the arm's reach.
+        """
+        closed = (stand.slope @ step[:, :, None])[:, :, 0]
+        angle = np.abs(step) @ self.scale.span
+        bent = 0.5 * self.task.size * angle * angle
+        return bent + row_lengths(stand.gap - closed)
 
     def closest(self, u: Array, x: Array) -> Stand:
         """Joints (n, dof) whose tip comes nearest to positions `x` (n, m) that nothing reaches.

@@ -161,17 +161,18 @@ class Solver:
             best.try_starts(rows[target], start)
         rows = best.rows_beyond(SOLVER.near_enough)
         if len(rows) and not self.redundant:
-            place, start = twins(newton, best.stand.rows(rows), self.folded)
-            best.try_likely(rows[place], start)
+            rows, start = twins(newton, best.stand, rows, self.folded)
+            best.try_likely(rows, start)
         return best.stand
 
     def _try_all_at_once(self, x: Array, near: Array) -> Nearest:
         """Lead all starts to targets, with the joints of `near` where they are close."""
         newton = self.newton
         count = len(x)
+        targets = np.arange(count)
         target, start = self.starts.of(x)
         # the last of the starts first: of ways as near the first one counts
-        owner = np.concatenate([np.arange(count), target[::-1]])
+        owner = np.concatenate([targets, target[::-1]])
         u = np.concatenate([near, start[::-1]])
         stand = newton.at(u, x[owner])
         hopeful = stand.miss <= SOLVER.rough * newton.task.size
@@ -179,7 +180,7 @@ class Solver:
         newton.descend(stand, hopeful)
         cost = _cost(newton, stand, near[owner])
         order = np.lexsort((cost, owner))
-        first = np.searchsorted(owner[order], np.arange(count))
+        first = owner[order].searchsorted(targets)
         best = order[first]
         return Nearest(newton, near, stand.rows(best), cost[best])
 
@@ -198,9 +199,10 @@ class Solver:
         if newton.redundant:
             ways = ways.sorted(newton.scale)
         else:  # where branches meet
-            place, across = twins(newton, stand, SOLVER.fold)
-            other = newton.refine(across, stand.x[place])
-            others = Ways(target[place], other.u, other.miss)
+            rows = np.arange(len(target))
+            rows, across = twins(newton, stand, rows, SOLVER.fold)
+            other = newton.refine(across, stand.x[rows])
+            others = Ways(target[rows], other.u, other.miss)
             ways = ways.joined(others, self.newton.scale)
         met = newton.is_met(ways.miss)
         ways = ways.rows(met)
@@ -217,8 +219,10 @@ class Solver:
         return targets, joints
 
 
-def twins(newton: Newton, stand: Stand, folded: float) -> tuple[Index, Array]:
-    """Rows (k,) near a fold, and starts (k, dof) for the ways across it.
+def twins(
+    newton: Newton, stand: Stand, rows: Index, folded: float
+) -> tuple[Index, Array]:
+    """Which of some rows are near a fold (k,), and starts (k, dof) for the ways across it.
 
     Along the direction v that hardly moves the tip the least singular value s = w' J v falls
     linearly to zero, at a rate ``w' (dJ/dv) v``, and the other way lies about as far beyond as this
@@ -226,9 +230,10 @@ def twins(newton: Newton, stand: Stand, folded: float) -> tuple[Index, Array]:
 
     folded : least singular value beside a fold, of the Jacobian's squares
     """
-    squares = np.linalg.eigvalsh(stand.slope.swapaxes(1, 2) @ stand.slope)
+    slope = stand.slope[rows]
+    squares = np.linalg.eigvalsh(slope.swapaxes(1, 2) @ slope)
     folds = squares[:, 0] <= folded * squares.sum(axis=1)
-    rows = folds.nonzero()[0]
+    rows = rows[folds]
     if not len(rows):
         return rows, stand.u[rows]
     here = stand.rows(rows)
