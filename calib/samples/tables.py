@@ -12,7 +12,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import count, dropwhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +47,7 @@ UNNAMED = "column_"
 """Begins Polars' names of the columns of an array."""
 
 _ROW = "\0row"  # column with the number of each row, counted below the header from 1
+_SEPARATORS = ",;\t"
 _NUMBER = r"^\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*$"
 _LATEST = 1e11  # [s] after 1970: a clock of the year 5138 counts in ms or less
 _HEAD = 1 << 16  # [bytes], of a file, in which its header is
@@ -270,11 +271,15 @@ def _read_text(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
     about = ""
     if lines and lines[0].startswith(COMMENT):
         about = lines.pop(0).removeprefix(COMMENT)
+    if lines and not re.search(f"^[^#].*[{_SEPARATORS}]", lines[0]):
+        content = _from_numpy(content)
+        text = content[:_HEAD].decode(errors="replace")
+        lines = [line for line in text.splitlines() if line.strip()]
     if not lines:
         raise LogError(
             f"{label} is empty: expected a header with the names of the columns"
         )
-    separator = max(",;\t", key=lines[0].count)
+    separator = max(_SEPARATORS, key=lines[0].count)
     try:
         table = pl.read_csv(
             content,
@@ -292,6 +297,23 @@ def _read_text(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
     is_filled = table.select(pl.any_horizontal(pl.all().is_not_null()))
     numbers = is_filled.to_series().arg_true()
     return table.head(numbers[-1] + 1 if len(numbers) else 0), about
+
+
+def _from_numpy(content: bytes) -> bytes:
+    """A table as NumPy writes it, blanks between columns and its header behind a ``#``, as CSV.
+
+    Lines of comments before the header are left out.
+    """
+    lines = content.decode("utf-8-sig", errors="replace").splitlines()
+    rows = list(dropwhile(lambda line: line.startswith("#"), lines))
+    comments = lines[: len(lines) - len(rows)]
+    first_cell = re.split(r"[,;\s]", rows[0].strip())[0] if rows else "0"
+    if comments and re.match(_NUMBER, first_cell):
+        rows.insert(0, comments[-1].lstrip("# "))
+    has_blanks = len(rows) > 1 and len(rows[1].split()) > 1
+    if has_blanks and not re.search(f"[{_SEPARATORS}]", rows[0]):
+        rows = [",".join(row.split()) for row in rows]
+    return "\n".join(rows).encode()
 
 
 def _refuse_long_rows(content: bytes, separator: str, label: str) -> None:
