@@ -42,8 +42,7 @@ class ClosedForm:
         """The closed form of a chain, None where it has none."""
         if chain.joints != 6 or not all(chain.revolute) or chain.bias.any():
             return None
-        independent = np.array_equal(chain.coupling, np.eye(6))
-        if not independent:
+        if not np.array_equal(chain.coupling, np.eye(6)):
             return None
         axes = chain.axes
         points = chain.points
@@ -52,10 +51,8 @@ class ClosedForm:
         exact = _EXACT * size
         if gap > exact or not _parallel(axes[1], axes[2]):
             return None
-        to_meeting = meeting - points[3]
-        moment = np.cross(axes[3], to_meeting)
-        distance = np.linalg.norm(moment)
-        spherical = bool(distance < exact)
+        moment = np.cross(axes[3], meeting - points[3])
+        spherical = bool(np.linalg.norm(moment) < exact)
         if not spherical and not _parallel(axes[1], axes[3]):
             return None
         return ClosedForm(
@@ -68,8 +65,7 @@ class ClosedForm:
         Every angle that has two values gets its own axis in front.
         """
         turn = rotation @ self.rotation.T
-        tip_to_wrist = self.meeting - self.tip
-        wrist = position + turn @ tip_to_wrist
+        wrist = position + turn @ (self.meeting - self.tip)
         # the first joint brings the wrist into the plane in which the parallel axes move it
         first, second = self.axes[:2]
         base = self.points[0]
@@ -90,11 +86,9 @@ class ClosedForm:
         else:
             others = self._parallel_arm(turn_left, in_plane)
         angles = np.broadcast_arrays(-back, *others)
-        stacked = np.stack(angles, axis=-1)
-        ways = stacked.reshape(8, len(position), 6)
+        ways = np.stack(angles, axis=-1).reshape(8, len(position), 6)
         q = np.swapaxes(ways, 0, 1)
-        within_turn = (q + np.pi) % TURN
-        return within_turn - np.pi
+        return (q + np.pi) % TURN - np.pi
 
     def _arm(self, place: Array, point: Array) -> tuple[Array, Array]:
         """Angles (2, ...) of joints 2 and 3 that bring a point (3,) to places (..., 3).
@@ -108,9 +102,7 @@ class ClosedForm:
         forearm = _across(axis, point - elbow)
         goal = _across(axis, place - shoulder)
         squared = (goal**2).sum(axis=-1)
-        upper_squared = upper_arm @ upper_arm
-        forearm_squared = forearm @ forearm
-        rest = squared - upper_squared - forearm_squared
+        rest = squared - upper_arm @ upper_arm - forearm @ forearm
         bend_axis = self.axes[2]
         lower = _at_height(
             bend_axis,
@@ -129,9 +121,7 @@ class ClosedForm:
         """
         upper, lower = self._arm(place, self.meeting)
         shoulder_axis, elbow_axis, first, second, third = self.axes[1:]
-        shoulder = _turns(shoulder_axis, upper)
-        elbow = _turns(elbow_axis, lower)
-        arm = shoulder @ elbow
+        arm = _turns(shoulder_axis, upper) @ _turns(elbow_axis, lower)
         wrist = np.swapaxes(arm, -1, -2) @ turn
         goal = wrist @ third
         height = goal @ first

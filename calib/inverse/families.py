@@ -121,8 +121,7 @@ def _pairs(target: Index) -> tuple[Index, Index]:
     """Pairs of solutions (n,) of one target."""
     begins = np.searchsorted(target, np.unique(target))
     edges = [*begins.tolist(), len(target)]
-    none = np.zeros((2, 0), dtype=np.intp)
-    parts = [none]
+    parts = [np.zeros((2, 0), dtype=np.intp)]
     for first, last in itertools.pairwise(edges):
         pairs = np.tril_indices(last - first, -1)
         parts.append(first + np.array(pairs))
@@ -135,9 +134,7 @@ def _labels(count: int, a: Index, b: Index) -> Index:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    ones = np.ones(len(a))
-    pairs = (a, b)
-    graph = coo_array((ones, pairs), shape=(count, count))
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
     _, labels = connected_components(graph.tocsr())
     return np.asarray(labels, dtype=np.intp)
 

@@ -10,7 +10,7 @@ from ..common.arrays import Array, Index
 from ..common.rows import row_lengths
 from ..maps.association import Association
 from ..maps.predictor import Predictor
-from .newton import Newton, limit_length
+from .newton import Newton, Stand, limit_length
 from .settings import SOLVER
 from .solver import Solver
 from .task import Positions
@@ -51,10 +51,9 @@ def solver_by_links(association: Association, predictor: Predictor) -> Solver:
     extent = float(np.linalg.norm(span))
     task = Positions(predictor.value_and_slope, len(span), extent)
     newton = Newton(task, association.motor.scale)
-    starts = LinkStarts(association, newton)
     return Solver(
         newton,
-        starts,
+        LinkStarts(association, newton),
         not newton.redundant,
         LINKS.folded,
     )
@@ -120,25 +119,18 @@ class LinkStarts:
 
     def _prepare(self, nodes: Index) -> None:
         """Remember the starts of sensory nodes, and how each moves with its position."""
-        proposals = self._ways(nodes)
-        ways = self._branches(proposals)
+        ways = self._branches(self._ways(nodes))
         column = rank_within(ways.target)
         fits = column < self._width
         ways = ways.rows(fits)
         place = nodes[ways.target], column[fits]
-        value, slope, inverse = self._linearise(ways.u)
-        self._u[place] = ways.u
-        self._value[place] = value
-        self._inverse[place] = inverse
-        if not self._newton.redundant:
-            self._bends[place] = self._bends_at(ways.u, slope, inverse)
+        self._remember(place, ways.u)
         self._ready[nodes] = True
 
     def _ways(self, nodes: Index) -> Ways:
         """Ways to sensory nodes from the joints that links propose; of each the closest first."""
         sensory = self.association.sensory
-        places = sensory.units[nodes]
-        x = sensory.scale.from_unit(places)
+        x = sensory.scale.from_unit(sensory.units[nodes])
         target, u = self._proposals(nodes)
         stand = self._newton.refine(u, x[target], SOLVER.close)
         order = np.lexsort((stand.miss, target))
@@ -186,25 +178,29 @@ class LinkStarts:
         )
         return target[single], u[single]
 
-    def _linearise(self, u: Array) -> tuple[Array, Array, Array]:
-        """Position (n, m), Jacobian (n, m, dof) and its inverse at joints (n, dof)."""
-        count = self._newton.task.count
-        origin = np.zeros((len(u), count))
+    def _remember(self, place: tuple[Index, Index], u: Array) -> None:
+        """Remember joints (n, dof), and how positions move around them."""
+        origin = np.zeros((len(u), self._newton.task.count))
         stand = self._newton.at(u, origin)
-        inverse = np.linalg.pinv(stand.slope, rcond=LINKS.flat)
-        return -stand.gap, stand.slope, np.asarray(inverse)
+        inverse = np.asarray(
+            np.linalg.pinv(stand.slope, rcond=LINKS.flat), float
+        )
+        self._u[place] = u
+        self._value[place] = -stand.gap
+        self._inverse[place] = inverse
+        if not self._newton.redundant:
+            self._bends[place] = self._bends_at(stand, inverse)
 
-    def _bends_at(self, u: Array, slope: Array, inverse: Array) -> Array:
-        """How much steps du from joints (n, dof) have to bend, B (n, dof, dof, dof).
+    def _bends_at(self, stand: Stand, inverse: Array) -> Array:
+        """How much steps du from joints have to bend, B (n, dof, dof, dof).
 
         To second order ``J^-1 dx = du + B du du`` with ``B = J^-1 dJ/du / 2``.
         """
-        n, dof = u.shape
-        origin = np.zeros((n, self._newton.task.count))
+        n, dof = stand.u.shape
         changes = []
         for probe in SOLVER.probe * np.eye(dof):
-            _, ahead = self._newton.task.residual(u + probe, origin)
-            changes.append((ahead - slope) / SOLVER.probe)
+            _, ahead = self._newton.task.residual(stand.u + probe, stand.x)
+            changes.append((ahead - stand.slope) / SOLVER.probe)
         bends = 0.5 * np.einsum("nim,knmj->nijk", inverse, np.array(changes))
         longest = LINKS.step * self.association.motor.spacing
         size = row_lengths(bends.reshape(n, -1)) * longest

@@ -70,13 +70,7 @@ class Newton:
         u = self.clip(u)
         gap, slope = self.task.residual(u, x)
         miss = row_lengths(gap)
-        return Stand(
-            x,
-            u,
-            gap,
-            slope,
-            miss,
-        )
+        return Stand(x, u, gap, slope, miss)
 
     def refine(
         self,
@@ -109,7 +103,7 @@ class Newton:
     ) -> None:
         """Refine some rows (n,) of a stand in place, see `refine`."""
         enough = tolerance * self.task.size
-        rounding = max(tolerance, 1e-12) * self.task.size
+        rounding = 1e-12 * self.task.size
         going = which & (stand.miss > enough)
         rows = going.nonzero()[0]
         if not len(rows):
@@ -184,68 +178,37 @@ class Newton:
             stand.put(rows, here)
         return stand
 
-    def move(self, stand: Stand, damping: Array) -> Array:
-        """The shortest move (n, dof) that closes gaps.
-
-        A joint at a limit that the move would push further stays, and the others take over.
-        """
-        return self._move_within_limits(stand, stand.gap, damping)
-
     def tangent(self, stand: Stand, wish: Array) -> Array:
-        """The move (n, dof) nearest to a wish (n, dof) that leaves gaps as they are.
-
-        A joint at a limit that the move would push further stays, as in `move`.
-        """
-        still = np.zeros(stand.gap.shape)
+        """The move (n, dof) nearest to a wish (n, dof) that leaves gaps as they are."""
+        still = stand._replace(gap=np.zeros(stand.gap.shape))
         damping = np.full(len(wish), SOLVER.easiest)
-        return self._move_within_limits(
-            stand,
-            still,
-            damping,
-            wish,
-        )
+        return self.move(still, damping, wish)
 
-    def _move_within_limits(
-        self,
-        stand: Stand,
-        gap: Array,
-        damping: Array,
-        wish: Array | None = None,
+    def move(
+        self, stand: Stand, damping: Array, wish: Array | None = None
     ) -> Array:
-        """Of all moves (n, dof) that close gaps (n, m) the one nearest to a wish, or the shortest.
+        """Of all moves (n, dof) that close gaps the one nearest to a wish, or the shortest.
 
-        Each pass holds the joints that the last one would have pushed beyond their limits.
+        Joints at a limit that a move would push further stay, and the others take over.
         """
         slope = stand.slope
         slack = 0.0 if wish is None else SOLVER.slack
-        move = _nearest_move(
-            slope,
-            gap,
-            damping,
-            wish,
-        )
-        lowest_place = stand.u.min(initial=1.0)
-        highest_place = stand.u.max(initial=0.0)
-        if lowest_place > slack and highest_place < 1.0 - slack:
-            return move
-        turning = self.scale.periodic
-        lowest = (stand.u <= slack) & ~turning
-        highest = (stand.u >= 1.0 - slack) & ~turning
-        for _ in range(stand.u.shape[1] - 1):
-            below = lowest & (move < 0.0)
-            above = highest & (move > 0.0)
-            stuck = below | above
+        room = 1.0 - slack
+        ends = ~self.scale.periodic
+        lowest = (stand.u <= slack) & ends
+        highest = (stand.u >= room) & ends
+        for _ in range(stand.u.shape[1]):
+            move = _nearest_move(slope, stand.gap, damping, wish)
+            ahead = stand.u + move
+            if ahead.min(initial=1.0) > slack and ahead.max(initial=0.0) < room:
+                break
+            stuck = lowest & (move < 0.0)
+            stuck |= highest & (move > 0.0)
             if not stuck.any():
                 break
             slope = np.where(stuck[:, None], 0.0, slope)
             if wish is not None:
                 wish = np.where(stuck, 0.0, wish)
-            move = _nearest_move(
-                slope,
-                gap,
-                damping,
-                wish,
-            )
         return move
 
 
@@ -278,10 +241,7 @@ def limit_length(moves: Array, longest: float) -> Array:
 
 def limit_joints(moves: Array, longest: float) -> Array:
     """Moves (n, d) shortened so that no joint goes further than that."""
-    size = np.abs(moves)
-    if size.max(initial=0.0) <= longest:
-        return moves
-    return _limit(moves, size.max(axis=1), longest)
+    return _limit(moves, np.abs(moves).max(axis=1), longest)
 
 
 def _limit(moves: Array, size: Array, longest: float) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index, Mask
 from ..common.rows import row_lengths
-from .newton import Newton, Stand, limit_joints, limit_length
+from .newton import Newton, Stand, limit_length
 from .settings import SOLVER
 
 
@@ -61,10 +61,8 @@ class Slides:
     @staticmethod
     def of(newton: Newton, near: Array) -> Slides:
         """Slides towards joints (n, dof), before the first."""
-        share = np.ones(len(near))
-        pull = np.zeros(near.shape)
-        shift = np.zeros(near.shape)
-        return Slides(newton, near, share, pull, shift)
+        still = np.zeros_like(near)
+        return Slides(newton, near, np.ones(len(near)), still, still.copy())
 
     def next(self, stand: Stand, rows: Index, longest: float) -> Index:
         """Slide some rows of a stand once, and return those that have not settled.
@@ -93,7 +91,6 @@ class Slides:
         near = self.near[rows]
         step = newton.move(here, np.full(len(rows), SOLVER.easy))
         step += self.share[rows, None] * pull
-        step = limit_joints(step, SOLVER.longest)
         step = limit_length(step, longest)
         step = self._within_limits(here.u, step)
         trial = newton.at(here.u + step, here.x)
@@ -136,6 +133,5 @@ class Slides:
         free |= room <= SOLVER.slack
         size = np.where(free, 1.0, size)
         room = np.where(free, np.inf, room)
-        shares = room / size
-        share = np.minimum(1.0, shares.min(axis=1))
+        share = np.minimum(1.0, (room / size).min(axis=1))
         return np.asarray(share[:, None] * move)

@@ -67,9 +67,8 @@ class Nearest:
         """Lead starts (k, dof) to targets (k,) and take the ways that are better."""
         if not len(owner):
             return
-        near = self.near[owner]
         targets = self.stand.x[owner]
-        trial = settle(self.newton, start, targets, near)
+        trial = settle(self.newton, start, targets, self.near[owner])
         self.take(owner, trial)
 
     def take(self, owner: Index, trial: Stand) -> None:
@@ -203,10 +202,10 @@ class Solver:
             rows, across = twins(newton, stand, rows, SOLVER.fold)
             other = newton.refine(across, stand.x[rows])
             others = Ways(target[rows], other.u, other.miss)
-            ways = ways.joined(others, self.newton.scale)
+            ways = ways.joined(others, newton.scale)
         met = newton.is_met(ways.miss)
         ways = ways.rows(met)
-        single = distinct(self.newton.scale, ways.target, ways.u, SOLVER.same)
+        single = distinct(newton.scale, ways.target, ways.u, SOLVER.same)
         return ways.rows(single)
 
     def _starts_everywhere(self, x: Array) -> tuple[Index, Array]:
@@ -243,14 +242,10 @@ def twins(
     probe = here.u + SOLVER.probe * flat
     _, ahead = newton.task.residual(probe, here.x)
     change = (ahead - here.slope) / SOLVER.probe
-    columns = change @ flat[:, :, None]
-    along = columns[:, :, 0]
-    rate = (side * along).sum(axis=1)
+    rate = np.einsum("nm,nmk,nk->n", side, change, flat)
     rate[rate == 0.0] = np.inf
-    least = size[:, -1]
-    reach = -2.0 * least / rate
+    reach = -2.0 * size[:, -1] / rate
     near = np.abs(reach) < SOLVER.twin_reach
-    near &= reach != 0.0
     shift = reach[near, None] * flat[near]
     across = here.u[near] + shift
     return rows[near], newton.clip(across)

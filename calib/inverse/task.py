@@ -98,8 +98,7 @@ class Poses:
         if self.free is not None:  # along the tip's two other axes
             axes = np.swapaxes(turn, 1, 2)
             sides = np.delete(axes, self.free, axis=1)
-            columns = sides @ rest[:, :, None]
-            rest = columns[:, :, 0]
+            rest = (sides @ rest[:, :, None])[:, :, 0]
             spin = sides @ spin
         missing = goal_place - place
         missing_turn = self.lever * rest

@@ -23,10 +23,7 @@ class Ways:
 
     def rows(self, index: Index | Mask) -> Ways:
         """Some of the ways."""
-        target = self.target[index]
-        u = self.u[index]
-        miss = self.miss[index]
-        return Ways(target, u, miss)
+        return Ways(self.target[index], self.u[index], self.miss[index])
 
     def joined(self, other: Ways, scale: Scale) -> Ways:
         """These and other ways, by target and distance to the middle of the ranges."""
