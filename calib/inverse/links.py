@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Index
-from ..common.rows import row_lengths
 from ..maps.association import Association
 from ..maps.predictor import Predictor
 from .newton import Newton, Stand, limit_length
@@ -37,8 +36,6 @@ class LinkSettings:
     flat: float = 1e-2
     # branches further apart than a node have separate starts
     folded: float = 1e-2
-    # of a longest first step: one that bends more, as beside folds, is straight
-    bent: float = 0.5
     rounds: int = 2  # a second one leaves a third of what a first one misses
 
 
@@ -196,16 +193,12 @@ class LinkStarts:
 
         To second order ``J^-1 dx = du + B du du`` with ``B = J^-1 dJ/du / 2``.
         """
-        n, dof = stand.u.shape
         changes = []
-        for probe in SOLVER.probe * np.eye(dof):
+        for probe in SOLVER.probe * np.eye(stand.u.shape[1]):
             _, ahead = self._newton.task.residual(stand.u + probe, stand.x)
             changes.append((ahead - stand.slope) / SOLVER.probe)
-        bends = 0.5 * np.einsum("nim,knmj->nijk", inverse, np.array(changes))
-        longest = LINKS.step * self.association.motor.spacing
-        size = row_lengths(bends.reshape(n, -1)) * longest
-        bends[size > LINKS.bent] = 0.0
-        return np.asarray(bends)
+        bends = np.einsum("nim,knmj->nijk", inverse, np.array(changes))
+        return np.asarray(0.5 * bends)
 
 
 def _bent(steps: Array, bends: Array) -> Array:

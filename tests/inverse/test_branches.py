@@ -235,6 +235,10 @@ def test_no_attainable_point_is_closer_and_the_edge_is_reached(robot):
     at_limits = model.solve(positions[: 6 * 40])
     assert at_limits.reachable.all()
     assert at_limits.distance.max() < 1e-8
+    # one by one, places that a limit leaves out by a hair
+    beyond = arm.forward(np.where(grid == arm.upper, grid + 3e-7, grid))
+    for place in beyond[: 6 * arm.dof]:
+        assert (model.solve(place).q <= arm.upper + 1e-12).all()
 
 
 def test_a_small_step_goes_where_the_jacobian_says_and_a_gain_is_a_share_of_the_way():
