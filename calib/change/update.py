@@ -256,7 +256,11 @@ def _as_uncertain(body: Body, best: Explanation, evidence: Evidence) -> Body:
     is_all = evidence.is_attributed and best.noise < NOISIER * usual
     is_unknown = not (is_all or evidence.rows.widespread)
     if is_unknown or evidence.unnamed > greatest:
-        missed = evidence.rows.x - evidence.rows.predicted
+        # in the frame of the log: that of a sensor that was put elsewhere is known
+        observations = evidence.observations
+        reference = best.reference
+        expected = reference.structure.predict(observations.q, reference.beta)
+        missed = reference.structure.residual(observations.x, expected)
         size = np.sqrt((missed**2).mean(axis=0))
         body = replace(body, residual=np.maximum(body.residual, size))
     if not differences:

@@ -6,7 +6,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from models import accuracy, arm, babbled, bare, distances, error, model, trained
+from models import accuracy, arm, babbled, bare, distances, error, log_of, model, trained
+from models import learned as of_rows
 from reference import random_joints
 
 import calib
@@ -191,6 +192,21 @@ def test_a_corner_that_no_cause_explains_moves_the_rest_by_little(learned, seed)
     assert covered > 0.95
     # a shoulder that "moves -459 % further" was named
     assert found.verdict.evidence.is_attributed or found.changed[0].cause == "unknown"
+
+
+@pytest.mark.parametrize("robot", ["three_link", "six_axis"])
+def test_how_far_a_sensor_was_moved_is_no_doubt_of_the_arm(robot):
+    """Noisier rows in a part of the ranges left a bound of metres, and no answer anywhere."""
+    arm = calib.load_arm(robot)
+    part = np.random.default_rng(3).uniform(0.3, 0.65, (80, arm.dof))
+    q = arm.lower + (arm.upper - arm.lower) * part
+    noise = np.random.default_rng(4).normal(0.0, 5e-4, arm.forward(q).shape)
+    found = calib.adapt(of_rows(robot), log_of(arm, q, arm.forward(q) + 2.0 + noise))
+    elsewhere = bare(robot, 300, 5).q
+    mean, covered = accuracy(found.model, elsewhere, arm.forward(elsewhere) + 2.0)
+    assert found.improved
+    assert mean < 5e-4
+    assert covered > 0.95
 
 
 def test_a_smooth_error_of_one_log_moves_nothing_and_makes_no_belief_surer(learned):
