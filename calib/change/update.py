@@ -48,6 +48,9 @@ class UpdateSettings:
     # the same where nothing changed, also of the error that a belief expects of itself: half of the
     # rows of series A were added to a model of the other, which was then 1.15 times as far off
     refined: float = 0.85
+    # the same of a log within which something changed: a sensor that was moved by metres, and by
+    # .2 mm along the log, is better known where it is
+    within: float = 0.1
     # standard errors by which the held-out blocks must gain
     sure: float = 2.0
 
@@ -170,7 +173,10 @@ def _is_better(
 
     before, after : distances (k,) from the model, and from the updated belief [unit]
     """
-    if evidence.is_one_place or evidence.step is not None:
+    if evidence.is_one_place:
+        return False
+    within = UPDATING.within * float(before.mean())
+    if evidence.step is not None and after.mean() > within:
         return False
     changed = evidence.score > 1.0
     gain = before - after

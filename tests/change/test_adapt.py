@@ -194,18 +194,20 @@ def test_a_corner_that_no_cause_explains_moves_the_rest_by_little(learned, seed)
     assert found.verdict.evidence.is_attributed or found.changed[0].cause == "unknown"
 
 
+@pytest.mark.parametrize("creep", [0.0, 1e-2])
 @pytest.mark.parametrize("robot", ["three_link", "six_axis"])
-def test_how_far_a_sensor_was_moved_is_no_doubt_of_the_arm(robot):
+def test_how_far_a_sensor_was_moved_is_no_doubt_of_the_arm(robot, creep):
     """Noisier rows in a part of the ranges left a bound of metres, and no answer anywhere."""
     arm = calib.load_arm(robot)
     part = np.random.default_rng(3).uniform(0.3, 0.65, (80, arm.dof))
     q = arm.lower + (arm.upper - arm.lower) * part
     noise = np.random.default_rng(4).normal(0.0, 5e-4, arm.forward(q).shape)
+    noise += creep * np.linspace(-0.5, 0.5, 80)[:, None]
     found = calib.adapt(of_rows(robot), log_of(arm, q, arm.forward(q) + 2.0 + noise))
     elsewhere = bare(robot, 300, 5).q
     mean, covered = accuracy(found.model, elsewhere, arm.forward(elsewhere) + 2.0)
     assert found.improved
-    assert mean < 5e-4
+    assert mean < 5e-4 + creep / 2
     assert covered > 0.95
 
 
