@@ -122,25 +122,23 @@ static inline void calib_product(int rows, const calib_real *matrix, int width,
   }
 }
 
-/* Cosines and sines of many angles: by their series, of what is left of quarters of a turn. */
+/* Cosines and sines of many angles: by their series, of what is left of half turns; vectorised. */
 static inline void calib_waves(int count, const calib_real *angle, calib_real *cosine,
                                calib_real *sine) {
-  const calib_real coarse = (calib_real)1.5707963267341256; /* a quarter, but for its last digits */
-  const calib_real fine = (calib_real)(1.5707963267948966 - (double)coarse);
+  const calib_real coarse = (calib_real)3.141592653468251; /* half a turn, but for its last digits */
+  const calib_real fine = (calib_real)(3.141592653589793 - (double)coarse);
   int i, n;
   for (i = 0; i < count; ++i) {
-    const calib_real quarters = floor(angle[i] * (calib_real)0.6366197723675814 + (calib_real)0.5);
-    const calib_real rest = angle[i] - quarters * coarse - quarters * fine;
-    const calib_real half = floor(quarters / 2), odd = quarters - 2 * half;
-    const calib_real sign = 1 - 2 * (half - 2 * floor(half / 2));
-    calib_real c = 1, s = 1;
-    for (n = 16; n > 0; n -= 2) {
-      c = 1 - rest * rest * c * ((calib_real)1 / (calib_real)(n * (n - 1)));
-      s = 1 - rest * rest * s * ((calib_real)1 / (calib_real)(n * (n + 1)));
+    const calib_real halves = floor(angle[i] / coarse + (calib_real)0.5);
+    const calib_real rest = angle[i] - halves * coarse - halves * fine;
+    const calib_real sign = 1 - 2 * (halves - 2 * floor(halves / 2));
+    cosine[i] = sign;
+    sine[i] = sign;
+    for (n = 22; n > 0; n -= 2) {
+      cosine[i] = sign - rest * rest / (calib_real)(n * (n - 1)) * cosine[i];
+      sine[i] = sign - rest * rest / (calib_real)(n * (n + 1)) * sine[i];
     }
-    s *= rest;
-    cosine[i] = sign * (odd > 0 ? -s : c);
-    sine[i] = sign * (odd > 0 ? c : s);
+    sine[i] *= rest;
   }
 }
 
