@@ -106,7 +106,7 @@ static inline void calib_quaternion(const calib_rotation R, calib_real q[4]) {
 
 /* The rotation of a quaternion x, y, z, w of any length. */
 static inline void calib_matrix(const calib_real q[4], calib_rotation R) {
-  const calib_real s = 2 / (calib_dot(q, q) + q[3] * q[3]);
+  const calib_real s = 2 / (calib_dot(3, q, q) + q[3] * q[3]);
   int i;
   for (i = 0; i < 3; ++i) {
     const int j = (i + 1) % 3, k = (i + 2) % 3;

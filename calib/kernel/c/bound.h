@@ -51,11 +51,11 @@ static inline void calib_loads_off(const calib_bend *bend, calib_real by_joint[C
       lever[3] += weight[0];
     }
     calib_swing(at, i, lever, moved);
-    calib_add_times(calib_dot(moved, calib_gravity), by_joint[i], motion[n]);
+    calib_add_times(calib_dot(3, moved, calib_gravity), by_joint[i], motion[n]);
   }
   for (i = 0; i < CALIB_CHAIN; ++i)
     for (n = 0; n < 2; ++n)
-      calib_add_times(calib_dot(bend->swung[i], calib_tilt[n]), by_joint[i], motion[CALIB_LOADS + n]);
+      calib_add_times(calib_dot(3, bend->swung[i], calib_tilt[n]), by_joint[i], motion[CALIB_LOADS + n]);
 }
 #endif
 

@@ -116,12 +116,12 @@ static inline void calib_sag(const calib_joints q, calib_frame *at, calib_real s
       calib_copy(4, sum, lever[j]);
     }
     calib_swing(at, i, lever[i], swung[i]);
-    value[i] += calib_dot(swung[i], calib_gravity);
+    value[i] += calib_dot(3, swung[i], calib_gravity);
     for (j = 0; slope && j < CALIB_CHAIN; ++j) {
       /* a joint before turns the whole lever, one beyond only the weights that follow it */
       calib_real by_joint;
       calib_swing(at, j > i ? j : i, lever[j > i ? j : i], moved);
-      by_joint = calib_dot(across[j < i ? j : i], moved);
+      by_joint = calib_dot(3, across[j < i ? j : i], moved);
       for (k = 0; k < CALIB_DOF; ++k) slope[i][k] += by_joint * calib_drawn.mix[j][k];
     }
   }

@@ -84,15 +84,15 @@ static inline void calib_cross(const calib_vector a, const calib_vector b, calib
   out[1] = y;
 }
 
-static inline calib_real calib_dot(const calib_vector a, const calib_vector b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+static inline calib_real calib_dot(int count, const calib_real *a, const calib_real *b) {
+  calib_real sum = 0;
+  int i;
+  for (i = 0; i < count; ++i) sum += a[i] * b[i];
+  return sum;
 }
 
 static inline calib_real calib_length(int count, const calib_real *vector) {
-  calib_real squared = 0;
-  int i;
-  for (i = 0; i < count; ++i) squared += vector[i] * vector[i];
-  return sqrt(squared);
+  return sqrt(calib_dot(count, vector, vector));
 }
 
 static inline calib_real calib_between(calib_real value, calib_real least, calib_real most) {

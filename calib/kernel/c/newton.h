@@ -1,32 +1,27 @@
 
-/* (J J' + damping trace) y = r for n residuals, by factors L D L' without square roots. */
+/* (J J' + damping trace) y = r for n residuals, by elimination in the upper half of the matrix. */
 static inline int calib_forces(int n, const calib_real *J, const calib_real *r, calib_real damping,
                                calib_real y[6]) {
   calib_real a[6][6], inverse[6], trace = 0;
   int i, j, k;
   for (i = 0; i < n; ++i) {
-    for (j = 0; j <= i; ++j) {
-      a[i][j] = 0;
-      for (k = 0; k < CALIB_DOF; ++k) a[i][j] += J[i * CALIB_DOF + k] * J[j * CALIB_DOF + k];
-    }
+    for (j = i; j < n; ++j) a[i][j] = calib_dot(CALIB_DOF, J + i * CALIB_DOF, J + j * CALIB_DOF);
     trace += a[i][i];
     y[i] = r[i];
   }
   for (i = 0; i < n; ++i) {
     a[i][i] += damping * trace;
-    for (j = 0; j < i; ++j) { /* a[j][i] is what L has not yet been divided by */
-      a[j][i] = a[i][j];
-      for (k = 0; k < j; ++k) a[j][i] -= a[k][i] * a[j][k];
-      a[i][j] = a[j][i] * inverse[j];
-      a[i][i] -= a[i][j] * a[j][i];
-      y[i] -= a[i][j] * y[j];
-    }
     if (!(a[i][i] > 0)) return 0;
     inverse[i] = 1 / a[i][i];
+    for (j = i + 1; j < n; ++j) {
+      const calib_real share = a[i][j] * inverse[i];
+      for (k = j; k < n; ++k) a[j][k] -= share * a[i][k];
+      y[j] -= share * y[i];
+    }
   }
   for (i = n - 1; i >= 0; --i) {
+    for (k = i + 1; k < n; ++k) y[i] -= a[i][k] * y[k];
     y[i] *= inverse[i];
-    for (k = i + 1; k < n; ++k) y[i] -= a[k][i] * y[k];
   }
   return 1;
 }
@@ -51,9 +46,7 @@ static inline int calib_move(int n, const calib_real *J, const calib_real *r, co
   calib_copy(n * CALIB_DOF, J, own);
   if (wish) calib_copy(CALIB_DOF, wish, ahead);
   for (pass = 0; again && pass < CALIB_DOF; ++pass) {
-    calib_copy(n, r, lacking);
-    for (i = 0; wish && i < n; ++i)
-      for (k = 0; k < CALIB_DOF; ++k) lacking[i] -= own[i * CALIB_DOF + k] * ahead[k];
+    for (i = 0; i < n; ++i) lacking[i] = r[i] - calib_dot(CALIB_DOF, own + i * CALIB_DOF, ahead);
     if (!calib_forces(n, own, lacking, damping, y)) return 0;
     for (again = 0, k = 0; k < CALIB_DOF; ++k) {
       /* joint values: a share of the range at its upper end may round to less than 1 */

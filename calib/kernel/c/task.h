@@ -26,7 +26,7 @@ static inline void calib_turn_left(const calib_rotation from, const calib_rotati
     if (axis >= 0 && axis != i) continue;
     calib_cross(from + 3 * i, to + 3 * i, across);
     calib_add_times(1, across, turn);
-    cosine += calib_dot(from + 3 * i, to + 3 * i);
+    cosine += calib_dot(3, from + 3 * i, to + 3 * i);
   }
   sine = calib_length(3, turn);
   angle = atan2(sine, cosine);
