@@ -93,94 +93,105 @@ typedef struct {
   calib_real nearest[CALIB_DOF], left; /* what comes closest where there is none */
 } calib_search;
 
-/* Slides of redundant joints along their self-motion towards the joints that are asked for. */
-typedef struct {
-  int count, moved;                           /* slides so far; whether the last one was taken */
-  calib_real share, pull[CALIB_DOF];          /* of the pull that a slide goes */
-  calib_real before[CALIB_DOF], slid[CALIB_DOF]; /* the pull of the last slide, and its way */
-} calib_slides;
-
-/* Adds the next slide to a move; 0 where joints have settled.  Its share of the pull, which leaves the
- * task as it is, follows from how the last slide turned that (Barzilai and Borwein 1988). */
-static inline int calib_slide(const calib_search *search, const calib_joints q,
-                              const calib_gap *gap, calib_real settled, calib_slides *slides,
-                              calib_joints move) {
-  const calib_real none[6] = {0, 0, 0, 0, 0, 0}, slid = calib_length(CALIB_DOF, slides->slid);
-  calib_real wish[CALIB_DOF], along = 0, part = 1;
-  int k;
-  calib_way(search->from, q, wish);
-  if (!calib_move(search->task->rows, gap->J, none, q, wish, @calm@, slides->pull)) return 0;
-  for (k = 0; k < CALIB_DOF; ++k)
-    along += slides->slid[k] * (slides->before[k] - slides->pull[k]);
-  if (slides->moved)
-    slides->share = calib_between(along > 0 ? slid * slid / along : (calib_real)1.5, (calib_real)0.1, 3);
-  if (calib_length(CALIB_DOF, slides->pull) <= settled) return 0;
-  if (slides->share < @stuck@ || ++slides->count > CALIB_SLIDES) return 0;
-  for (k = 0; k < CALIB_DOF; ++k) { /* no joint beyond its limit */
-    const calib_real u = calib_share_of(k, q[k]);
-    calib_real room;
-    move[k] += slides->share * slides->pull[k];
-    room = move[k] > 0 ? 1 - u : u;
-    if (!calib_periodic[k] && room > @slack@ && fabs(part * move[k]) > room)
-      part = room / fabs(move[k]);
-  }
-  for (k = 0; k < CALIB_DOF; ++k) move[k] *= part;
-  return 1;
-}
-
-/* Joints from a start (in q) to a task by damped Newton steps.  More joints than residuals slide once
- * they are close.  Returns whether they are there; the gap is theirs.  What leads to one of `count`
- * ways is given up. */
-static inline int calib_descend(calib_search *search, int count, calib_joints q, calib_gap *gap) {
+/* Joints by damped Newton steps until so little of their task is left, or no step leads on; the gap is
+ * theirs.  0 where they are given up: what leads to one of `count` ways. */
+static inline int calib_steps(calib_search *search, int count, calib_real enough, calib_joints q,
+                              calib_gap *gap) {
   const calib_task *task = search->task;
-  const calib_real close = @close@ * task->size, rough = @rough@ * task->size;
-  calib_slides slides = {0, 0, 1, {0}, {0}, {0}};
+  const calib_real close = @close@ * task->size;
   calib_real move[CALIB_DOF], trial[CALIB_DOF], damping = @calm@;
   calib_gap next;
-  int sliding = CALIB_DOF > task->rows, step = 0, last = 0;
-  calib_clipped(q);
-  calib_left(task, q, gap);
-  while (step < CALIB_STEPS && search->budget > 0) {
-    const int near = sliding && gap->left <= rough;
-    int better, inside;
+  int step, last = 0;
+  for (step = 0; step < CALIB_STEPS && search->budget > 0 && gap->left > enough; ++step) {
+    int better, slow, inside;
     search->budget -= task->straight ? 1 : @step_cost@;
-    if (!near && gap->left <= (task->straight ? rough : @enough@ * task->size)) break;
     if (!calib_move(task->rows, gap->J, gap->r, q, 0, damping, move)) return 0;
-    if (near) {
-      const calib_real settled = task->straight ? 100 * @settled@ : gap->left <= close ? @settled@ : -1;
-      sliding = calib_slide(search, q, gap, settled, &slides, move);
-      if (!sliding && task->straight) break;
-      if (!sliding) continue;
-    }
     inside = calib_moved(q, move, trial);
-    if (last && inside && !near) { /* what this step leaves is known to be less */
+    if (last && inside) { /* what this step leaves is known to be less */
       calib_copy(CALIB_DOF, trial, q);
+      gap->left = 0;
       return 1;
     }
     if (calib_beside(trial, search->way, count, @margin@ / 4)) return 0;
     calib_left(task, trial, &next);
-    if (near) {
-      better = next.left <= rough && (gap->left > close || calib_apart(trial, search->from) <
-                                                               calib_apart(q, search->from));
-      if (!better) slides.share /= 4;
-      calib_way(trial, q, slides.slid);
-      calib_copy(CALIB_DOF, slides.pull, slides.before);
-      slides.moved = better;
-    } else {
-      const int slow = !(next.left < gap->left * (1 - @slow@));
-      ++step;
-      better = next.left < gap->left;
-      if (better ? slow : gap->left <= close || !(damping < @hardest@)) step = CALIB_STEPS;
-      damping = better ? damping / @easier@ : damping * @easier@;
-      damping = calib_between(damping, better ? @calm@ : @hard@, @hardest@ * @easier@);
-      last = better && inside && !task->straight && damping <= @calm@ &&
-             next.left <= @surplus@ * gap->left && /* at a fold a step leaves a quarter */
-             next.left * next.left <= @surplus@ * close * gap->left;
-    }
+    better = next.left < gap->left;
+    slow = !(next.left < gap->left * (1 - @slow@));
+    if (better ? slow : gap->left <= close || !(damping < @hardest@)) step = CALIB_STEPS;
+    damping = better ? damping / @easier@ : damping * @easier@;
+    damping = calib_between(damping, better ? @calm@ : @hard@, @hardest@ * @easier@);
+    last = better && inside && damping <= @calm@ &&
+           next.left <= @surplus@ * gap->left && /* at a fold a step leaves a quarter */
+           next.left * next.left <= @surplus@ * close * gap->left;
     if (!better) continue;
     calib_copy(CALIB_DOF, trial, q);
     *gap = next;
   }
+  return 1;
+}
+
+/* Redundant joints that are close to their task along their self-motion towards those that are asked
+ * for.  The share of the pull that they slide follows from how the last slide turned it (Barzilai and
+ * Borwein 1988).  0 where they are given up, as of calib_steps. */
+static inline int calib_slides(calib_search *search, int count, calib_joints q, calib_gap *gap) {
+  const calib_task *task = search->task;
+  const calib_real rough = @rough@ * task->size, close = @close@ * task->size;
+  const calib_real none[6] = {0, 0, 0, 0, 0, 0};
+  calib_real pull[CALIB_DOF], before[CALIB_DOF], slid[CALIB_DOF], move[CALIB_DOF], trial[CALIB_DOF];
+  calib_real wish[CALIB_DOF], share = 1;
+  calib_gap next;
+  int k, n, better = 0;
+  for (n = 0; n < CALIB_SLIDES && search->budget > 0 && gap->left <= rough; ++n) {
+    const calib_real settled = task->straight ? 100 * @settled@ : gap->left <= close ? @settled@ : -1;
+    calib_real part = 1;
+    search->budget -= task->straight ? 1 : @step_cost@;
+    if (!calib_move(task->rows, gap->J, gap->r, q, 0, @calm@, move)) return 0;
+    calib_way(search->from, q, wish);
+    if (!calib_move(task->rows, gap->J, none, q, wish, @calm@, pull)) return 1;
+    if (better) {
+      const calib_real along = calib_dot(CALIB_DOF, slid, before) - calib_dot(CALIB_DOF, slid, pull);
+      share = along > 0 ? calib_dot(CALIB_DOF, slid, slid) / along : (calib_real)1.5;
+      share = calib_between(share, (calib_real)0.1, 3);
+    }
+    if (calib_length(CALIB_DOF, pull) <= settled || share < @stuck@) return 1;
+    for (k = 0; k < CALIB_DOF; ++k) { /* no joint beyond its limit */
+      const calib_real u = calib_share_of(k, q[k]);
+      calib_real room;
+      move[k] += share * pull[k];
+      room = move[k] > 0 ? 1 - u : u;
+      if (!calib_periodic[k] && room > @slack@ && fabs(part * move[k]) > room)
+        part = room / fabs(move[k]);
+    }
+    for (k = 0; k < CALIB_DOF; ++k) move[k] *= part;
+    calib_moved(q, move, trial);
+    if (calib_beside(trial, search->way, count, @margin@ / 4)) return 0;
+    calib_left(task, trial, &next);
+    better = next.left <= rough && (gap->left > close || calib_apart(trial, search->from) <
+                                                             calib_apart(q, search->from));
+    if (!better) {
+      share /= 4;
+      continue;
+    }
+    calib_way(trial, q, slid);
+    calib_copy(CALIB_DOF, pull, before);
+    calib_copy(CALIB_DOF, trial, q);
+    *gap = next;
+  }
+  return 1;
+}
+
+/* Joints from a start (in q) to a task; redundant ones slide once they are close.  Returns whether they
+ * are there; the gap is theirs.  What leads to one of `count` ways is given up. */
+static inline int calib_descend(calib_search *search, int count, calib_joints q, calib_gap *gap) {
+  const calib_task *task = search->task;
+  const calib_real rough = @rough@ * task->size, close = @close@ * task->size;
+  const calib_real enough = task->straight ? rough : @enough@ * task->size;
+  calib_clipped(q);
+  calib_left(task, q, gap);
+  if (CALIB_DOF > task->rows) {
+    if (!calib_steps(search, count, rough, q, gap) || gap->left > 10 * rough) return 0;
+    if (!calib_slides(search, count, q, gap)) return 0;
+  }
+  if (!calib_steps(search, count, enough, q, gap)) return 0;
   return gap->left <= (task->straight ? 10 * rough : close); /* what misses by far does so bent */
 }
 
