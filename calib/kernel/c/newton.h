@@ -84,14 +84,20 @@ static inline int calib_moved(const calib_joints q, const calib_joints move, cal
 
 /* A search: from where, and the ways so far that do the task; with room for one the nearest stays. */
 typedef struct {
-  const calib_task *task;
+  calib_task *task;
   calib_real from[CALIB_DOF]; /* joints that answers should be near to */
-  calib_real *way;            /* joints of the ways, the nearest first */
+  calib_real *way;            /* joints of the ways, the nearest first; of none what comes closest, */
+  calib_real left;            /* and what it misses */
   int count, most;            /* ways, and how many have room */
   int budget;                 /* steps that are left */
   calib_real away;            /* from `from` to the furthest way */
-  calib_real nearest[CALIB_DOF], left; /* what comes closest where there is none */
 } calib_search;
+
+/* Whether the nearest way alone is asked for, and joints are so much further than the one so far. */
+static inline int calib_beyond(const calib_search *search, const calib_joints q, calib_real margin) {
+  return search->most == 1 && search->count &&
+         calib_apart(q, search->from) > search->away + margin;
+}
 
 /* Joints by damped Newton steps until so little of their task is left, or no step leads on; the gap is
  * theirs.  0 where they are given up: what leads to one of `count` ways. */
@@ -140,7 +146,7 @@ static inline int calib_slides(calib_search *search, int count, calib_joints q, 
   calib_real wish[CALIB_DOF], share = 1;
   calib_gap next;
   int k, n, better = 0;
-  for (n = 0; n < CALIB_SLIDES && search->budget > 0 && gap->left <= rough; ++n) {
+  for (n = 0; n < CALIB_SLIDES && search->budget > 0; ++n) {
     const calib_real settled = task->straight ? 100 * @settled@ : gap->left <= close ? @settled@ : -1;
     calib_real part = 1;
     search->budget -= task->straight ? 1 : @step_cost@;
@@ -185,30 +191,25 @@ static inline int calib_descend(calib_search *search, int count, calib_joints q,
   const calib_task *task = search->task;
   const calib_real rough = @rough@ * task->size, close = @close@ * task->size;
   const calib_real enough = task->straight ? rough : @enough@ * task->size;
+  const int spare = CALIB_DOF > task->rows;
   calib_clipped(q);
   calib_left(task, q, gap);
-  if (CALIB_DOF > task->rows) {
-    if (!calib_steps(search, count, rough, q, gap) || gap->left > 10 * rough) return 0;
+  if (!calib_steps(search, count, spare ? rough : enough, q, gap)) return 0;
+  if (spare && gap->left <= rough) {
     if (!calib_slides(search, count, q, gap)) return 0;
+    if (!calib_steps(search, count, enough, q, gap)) return 0;
   }
-  if (!calib_steps(search, count, enough, q, gap)) return 0;
   return gap->left <= (task->straight ? 10 * rough : close); /* what misses by far does so bent */
 }
 
 /* The same, first roughly by the arm without what bends it; a way further than the nearest is given up. */
 static inline int calib_reach(calib_search *search, calib_joints q, calib_gap *gap) {
   if (@step_cost@ > 1) {
-    const calib_task *task = search->task;
-    calib_task rough = *task;
     int there;
-    rough.straight = 1;
-    search->task = &rough;
+    search->task->straight = 1;
     there = calib_descend(search, search->count, q, gap);
-    search->task = task;
-    if (!there) return 0;
-    if (search->most == 1 && search->count &&
-        calib_apart(q, search->from) > search->away + @margin@ / 4)
-      return 0;
+    search->task->straight = 0;
+    if (!there || calib_beyond(search, q, @margin@ / 4)) return 0;
   }
   return calib_descend(search, search->count, q, gap);
 }
@@ -218,30 +219,25 @@ static inline int calib_reach(calib_search *search, calib_joints q, calib_gap *g
 static inline int calib_twin(const calib_task *task, const calib_joints q, const calib_gap *here,
                              calib_joints out) {
   const int n = task->rows;
-  calib_real y[6], r[6], v[CALIB_DOF], size, reach, rate = 0;
+  calib_real y[6], v[CALIB_DOF] = {0}, least = 0, all, rate = 0, reach;
   calib_gap gap;
-  int i, k, side;
-  for (i = 0; i < n; ++i) y[i] = (calib_real)(1 + i) / n;
+  int i, k;
+  for (i = 0; i < n; ++i) y[i] = (calib_real)(1 + i);
   for (k = 0; k < 4; ++k) { /* residuals that joints hardly reach, by inverse iteration */
-    if (!calib_forces(n, here->J, y, @calm@, r)) return 0;
-    size = calib_length(n, r);
-    if (!(size > 0)) return 0;
-    for (i = 0; i < n; ++i) y[i] = r[i] / size;
+    if (!calib_forces(n, here->J, y, @calm@, y)) return 0;
+    least = calib_length(n, y);
+    for (i = 0; i < n; ++i) y[i] /= least;
   }
-  for (k = 0; k < CALIB_DOF; ++k)
-    for (v[k] = 0, i = 0; i < n; ++i) v[k] += here->J[i * CALIB_DOF + k] * y[i];
-  size = calib_length(CALIB_DOF, v);
-  reach = calib_length(n * CALIB_DOF, here->J);
-  if (!(size > 0) || size * size > @fold@ * reach * reach) return 0;
-  for (side = -1; side <= 1; side += 2) { /* how fast that singular value changes */
-    for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + side * @probe@ * calib_span[k] * v[k] / size;
-    calib_left(task, out, &gap);
-    for (i = 0; i < n; ++i)
-      for (k = 0; k < CALIB_DOF; ++k)
-        rate += side * y[i] * gap.J[i * CALIB_DOF + k] * v[k] / (2 * @probe@ * size);
-  }
-  reach = -2 * size / rate;
+  for (i = 0; i < n; ++i)
+    for (k = 0; k < CALIB_DOF; ++k) v[k] += here->J[i * CALIB_DOF + k] * y[i];
+  least = calib_length(CALIB_DOF, v); /* singular value */
+  all = calib_length(n * CALIB_DOF, here->J);
+  if (!(least * least <= @fold@ * all * all)) return 0;
+  for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + @probe@ * calib_span[k] * v[k] / least;
+  calib_left(task, out, &gap);
+  for (i = 0; i < n; ++i) rate += y[i] * calib_dot(CALIB_DOF, gap.J + i * CALIB_DOF, v) / least;
+  reach = -2 * least * @probe@ / (rate - least);
   if (!(fabs(reach) < @twin_reach@)) return 0;
-  for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + reach * calib_span[k] * v[k] / size;
+  for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + reach * calib_span[k] * v[k] / least;
   return 1;
 }

@@ -57,31 +57,30 @@ static inline int calib_try(calib_search *search, const calib_joints start) {
     gain = calib_take(search, way);
     if (!gain && !one) return 0;
   } else {
-    if (!search->count && gap.left - gap.left == 0 && !(search->left <= gap.left)) {
+    if (!search->count && gap.left < search->left) {
       search->left = gap.left;
-      calib_copy(CALIB_DOF, way, search->nearest);
+      calib_copy(CALIB_DOF, way, search->way);
     }
     if (!(gap.left <= @edge@ * search->task->size)) return 0;
   }
   if (CALIB_DOF > search->task->rows || (!one && search->count == search->most)) return gain;
   if (one && gain && search->away <= @near_enough@) return gain;
   if (!calib_twin(search->task, way, &gap, across)) return gain;
-  if (one && search->count && calib_apart(across, search->from) > search->away + @margin@) return gain;
+  if (calib_beyond(search, across, @margin@)) return gain;
   return (calib_descend(search, 0, across, &gap) && calib_take(search, across)) || gain;
 }
 
 /* A search for ways to a task from joints on, with room for `most`. */
-static inline calib_search calib_begin(const calib_task *task, const calib_joints from, int most,
+static inline calib_search calib_begin(calib_task *task, const calib_joints from, int most,
                                        int budget, calib_real *way) {
-  calib_search search = {task, {0}, way, 0, most, budget, 0, {0}, 0};
-  calib_unknown(1, &search.left);
+  calib_search search = {task, {0}, way, (calib_real)INFINITY, 0, most, budget, 0};
   calib_copy(CALIB_DOF, from, search.from);
   return search;
 }
 
 /* Begins a search for the way to a task that is nearest to joints; 0 where they are none.  1 where no
  * other way can be nearer than what they lead to, or what lies across a fold beside it; else 2. */
-static inline int calib_try_near(calib_search *search, const calib_task *task,
+static inline int calib_try_near(calib_search *search, calib_task *task,
                                  const calib_joints near, int budget, calib_joints way) {
   const int spare = CALIB_DOF > task->rows || task->arm;
   int k;
@@ -97,14 +96,14 @@ static inline int calib_try_near(calib_search *search, const calib_task *task,
 
 /* The same of starts, but for those that can lead to no new or nearer way. */
 static inline void calib_try_starts(calib_search *search, const calib_starts *starts) {
-  const int one = search->most == 1;
   int n, runs = 0;
   for (n = 0; n < starts->count && runs < starts->runs; n += starts->step) {
     const calib_real *start = starts->q + n * CALIB_DOF;
-    if (search->count && (n >= starts->likely || (!one && search->count == search->most))) return;
+    if (search->count && n >= starts->likely) return;
+    if (search->count == search->most && search->most > 1) return;
     if (!(start[0] - start[0] == 0)) continue;
     if (calib_beside(start, search->way, search->count, starts->apart)) continue;
-    if (one && search->count && calib_apart(start, search->from) > search->away + @margin@) continue;
+    if (calib_beyond(search, start, @margin@)) continue;
     runs = calib_try(search, start) ? 0 : runs + 1;
   }
 }
@@ -157,7 +156,7 @@ static inline int calib_answered(const calib_search *search, const calib_joints 
 /* All ways to a position that the table of starts leads to, at most `most`, the nearest to the middle of
  * the joints' ranges first; returns how many. */
 static inline int calib_inverse_all(const calib_place x, int most, calib_real q[][CALIB_DOF]) {
-  const calib_task task = calib_position_task(x);
+  calib_task task = calib_position_task(x);
   calib_search search = calib_begin(&task, calib_middle, most, CALIB_BUDGET * CALIB_TRIES, q[0]);
   calib_try_position(&search);
   return search.count;
@@ -166,7 +165,7 @@ static inline int calib_inverse_all(const calib_place x, int most, calib_real q[
 /* As calib_inverse, with a budget of steps. */
 static inline int calib_inverse_within(const calib_place x, const calib_joints near, int budget,
                                        calib_joints q) {
-  const calib_task task = calib_position_task(x);
+  calib_task task = calib_position_task(x);
   calib_search search;
   calib_real bound, most = @sure@ * @extent@;
   int sure = calib_try_near(&search, &task, near, budget, q);
@@ -174,10 +173,10 @@ static inline int calib_inverse_within(const calib_place x, const calib_joints n
     if (CALIB_DOF <= CALIB_OUT) sure = 1;
     calib_try_position(&search);
   }
-  if (!search.count && search.left - search.left == 0) {
+  if (!search.count && search.left < (calib_real)INFINITY) {
     /* within the expected error it may still count as reached */
     const calib_starts starts = {calib_start_q[0], CALIB_STARTS, 1, 0, CALIB_STARTS, 0};
-    if (calib_expected_error(search.nearest, &bound) && bound < most) most = bound;
+    if (calib_expected_error(search.way, &bound) && bound < most) most = bound;
     most *= 2;
     if (CALIB_DOF > CALIB_OUT && most < @edge@ * @extent@) most = @edge@ * @extent@;
     if (search.budget > 0 && search.left > most) return calib_answered(&search, near, 3);
@@ -205,7 +204,7 @@ static inline calib_task calib_pose_task(const calib_vector x, const calib_rotat
 }
 
 /* The way to a pose nearest to joints that these, and then starts lead to, as calib_inverse. */
-static inline int calib_pose_from(const calib_task *task, const calib_starts *starts,
+static inline int calib_pose_from(calib_task *task, const calib_starts *starts,
                                   const calib_joints near, calib_joints q) {
   calib_search search;
   int sure = calib_try_near(&search, task, near, CALIB_BUDGET, q);
@@ -221,7 +220,7 @@ static inline int calib_pose_from(const calib_task *task, const calib_starts *st
 static inline int calib_inverse_pose(const calib_vector x, const calib_rotation R, int axis,
                                      const calib_joints near, calib_joints q) {
   const calib_starts none = {0, 0, 1, 0, 0, 0};
-  const calib_task task = calib_pose_task(x, R, axis);
+  calib_task task = calib_pose_task(x, R, axis);
   return calib_pose_from(&task, &none, near, q);
 }
 #endif
