@@ -24,9 +24,9 @@ _FUNCTIONS = re.compile(r"\b(cos|sin|sqrt|floor|fabs|atan2|pow)\(")
 
 
 def source(*names: str) -> str:
-    """Files of the C source, one after another."""
+    """Files of the C source, a blank line between them."""
     folder = files(__package__) / "c"
-    return "".join(
+    return "\n".join(
         (folder / f"{name}.h").read_text(encoding="ascii") for name in names
     )
 

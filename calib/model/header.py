@@ -18,10 +18,24 @@ from .nominal import Goal, nominal_for_kernel
 from .parts import Parts
 from .sections import Section, Tables, Words
 
-_FILES = (
-    *("head", "chain", "nodes", "bound", "local", "answers"),
-    *("task", "newton", "search", "many"),
-)
+# files of the source, and the table or word of a model that each is for
+_FILES = {
+    **dict.fromkeys(("head", "frames"), "dof"),
+    "curve": "curve",
+    "sag": "gravity",
+    "lens": "lens",
+    "chain": "dof",
+    "nodes": "node",
+    "bound": "belief_scale",
+    "local": "local_terms",
+    **dict.fromkeys(("answers", "task", "newton", "search"), "dof"),
+    "grid": "grid",
+    "postures": "start_x",
+    "inverse": "dof",
+    "poses": "placed",
+    "correct": "limit",
+    "many": "dof",
+}
 _NO_LIMIT = 3e38  # of corrections
 
 # what a search can expect of a C type: least damping, and residuals that end a search and of a
@@ -89,9 +103,10 @@ class Header:
         for name, values in tables.items():
             constants.append(table(f"calib_{name}", values, single))
         text = "".join(constants)
-        whole = source(*_FILES).replace("@tables@", text)
-        # templates ask which tables there are
+        # files and templates ask which tables there are
         words = {**dict.fromkeys(tables, True), **words, **(comments or {})}
+        names = [name for name, word in _FILES.items() if word in words]
+        whole = source(*names).replace("@tables@", text)
         return c_source(whole, words, prefix, single), text
 
     @cached_property

@@ -1,6 +1,3 @@
-
-#if @belief_scale@
-
 enum {
   CALIB_KNOTS = @knots@, CALIB_LOADS = @loads@, CALIB_PARTS = @parts@, CALIB_VIEW = 12,
   CALIB_BELIEFS = @beliefs@, CALIB_WAYS = @ways@, CALIB_TOGETHER = CALIB_BELIEFS * CALIB_WAYS
@@ -165,4 +162,3 @@ static inline calib_real calib_posterior(const calib_joints q, const calib_vecto
   }
   return bound;
 }
-#endif

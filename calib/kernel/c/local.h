@@ -1,5 +1,3 @@
-#if @local_terms@
-
 /* Factor on what nodes with a model say, by their share of the weight beside those without one. */
 static inline calib_real calib_heard(calib_real share) {
   const calib_real silent = @silent@;
@@ -34,5 +32,3 @@ static inline void calib_local(const calib_joints q, calib_real *x, calib_real *
       }
   }
 }
-#endif
-

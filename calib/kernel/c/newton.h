@@ -1,4 +1,3 @@
-
 /* (J J' + damping trace) y = r for n residuals, by elimination in the upper half of the matrix. */
 static inline int calib_forces(int n, const calib_real *J, const calib_real *r, calib_real damping,
                                calib_real y[6]) {

@@ -1,5 +1,3 @@
-#if @node@
-
 enum { CALIB_NODES = @nodes@, CALIB_NEAR = @near@ };
 
 /* The nodes that speak for q and their weights, which sum to one. */
@@ -28,5 +26,3 @@ static inline calib_real calib_blended(const calib_real *values, const calib_joi
   for (k = 0; k < CALIB_NEAR; ++k) sum += weight[k] * values[node[k]];
   return sum;
 }
-#endif
-

@@ -1,4 +1,3 @@
-
 /* What joints are asked for: a position of the sensor, or of the arm's root frame a place, a pose, or a
  * pose whose turn about one axis of the tip is free. */
 typedef struct {
