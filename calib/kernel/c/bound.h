@@ -6,18 +6,10 @@ enum {
 /* Amounts of what beliefs vary together in: CALIB_WAYS directions of each. */
 typedef calib_real calib_ways[CALIB_TOGETHER];
 
-/* Radius of 95 % of a Gaussian of covariance S (xx, xy, xz, yy, yz, zz) and more (3). */
-static inline calib_real calib_radius_95(const calib_real S[6], calib_real share,
-                                         const calib_vector more) {
-  const calib_real a = share * S[0] + more[0], d = share * S[3] + more[1];
-  const calib_real f = share * S[5] + more[2], trace = a + d + f;
-  const calib_real off = share * share * (S[1] * S[1] + S[2] * S[2] + S[4] * S[4]);
-  const calib_real square = a * a + d * d + f * f + 2 * off;
-  calib_real g, r;
-  if (!(trace > 0)) return 0;
-  g = (calib_real)2 / 9 * square / (trace * trace);
-  r = 1 - g + @normal@ * sqrt(g);
-  return sqrt(trace * r * r * r);
+/* Radius of 95 % of a Gaussian, by the trace of its covariance and the sum of its squares. */
+static inline calib_real calib_radius_95(calib_real trace, calib_real squares) {
+  const calib_real g = (calib_real)2 / 9 * squares / (trace * trace), r = 1 - g + @normal@ * sqrt(g);
+  return trace > 0 ? sqrt(trace * r * r * r) : 0;
 }
 
 /* Adds amounts, so far apart, of rows of what beliefs vary together in. */
@@ -37,17 +29,13 @@ static inline void calib_add_rows(int count, const calib_real *__restrict amount
 static inline void calib_loads_off(const calib_bend *bend, calib_real by_joint[CALIB_CHAIN][3],
                                    calib_real motion[][3]) {
   const calib_frame *at = bend->drawn;
-  int i, j, k, n;
+  int i, j, n;
   for (n = 0; n < CALIB_LOADS; ++n) { /* a joint, and the first and last link that weigh on it */
-    calib_real lever[4] = {0, 0, 0, 0}, moved[3];
+    calib_real weights[4] = {0, 0, 0, 0}, moved[3];
     i = calib_loaded[n][0];
-    for (j = calib_loaded[n][1]; j <= calib_loaded[n][2]; ++j) {
-      const calib_real *weight = calib_load[n][j];
-      calib_add(at[j + 1].axes, weight + 1, lever);
-      for (k = 0; k < 3; ++k) lever[k] += weight[0] * (at[j + 1].p[k] - at[i].p[k]);
-      lever[3] += weight[0];
-    }
-    calib_swing(at, i, lever, moved);
+    for (j = calib_loaded[n][1]; j <= calib_loaded[n][2]; ++j)
+      calib_weigh(at + j + 1, calib_load[n][j], weights);
+    calib_swing(at, i, weights, moved);
     calib_add_times(calib_dot(3, moved, calib_gravity), by_joint[i], motion[n]);
   }
   for (i = 0; i < CALIB_CHAIN; ++i)
@@ -56,19 +44,20 @@ static inline void calib_loads_off(const calib_bend *bend, calib_real by_joint[C
 }
 #endif
 
-/* Where the tip is, and how it moves with joints and with each part of the arm, in the order of those of
+/* Where the tip is (its fourth number is 1), and how it moves with joints and with each part of the arm, in the order of those of
  * calib_by_part between the numbers of view and lens: as origins shift and turn along the axes of their
  * frames, by offsets of joints, by gains of their own and of the joints before, and by loads. */
-static inline void calib_parts_off(const calib_joints q, calib_bend *bend, calib_vector tip,
+static inline void calib_parts_off(const calib_joints q, calib_bend *bend, calib_real tip[4],
                                    calib_real motion[CALIB_PARTS][3], calib_real joint[CALIB_DOF][3]) {
   calib_frame at[CALIB_CHAIN + 1];
-  calib_real by_joint[CALIB_CHAIN][3], lever[4];
+  calib_real by_joint[CALIB_CHAIN][3], lever[3];
   int i, k, n, row = 0;
   calib_posture(&calib_body, q, bend, at, 0);
   calib_copy(3, at[CALIB_CHAIN].p, tip);
   for (i = 0; i <= CALIB_CHAIN; ++i, row += 3) calib_copy(9, at[i].axes, motion[row]);
   for (i = 0; i < CALIB_CHAIN; ++i) {
-    calib_tip_moved(at, i, lever, by_joint[i]);
+    calib_swing(at, i, tip, by_joint[i]);
+    for (k = 0; k < 3; ++k) lever[k] = tip[k] - at[i].p[k];
     for (k = 0; k < 9; k += 3) calib_cross(at[i].axes + k, lever, motion[row++]);
     for (n = 0; n < CALIB_DOF; ++n) calib_add_times(calib_coupling[i][n], by_joint[i], joint[n]);
   }
@@ -140,24 +129,27 @@ static inline void calib_moves(const calib_joints q, calib_ways z[3], calib_real
   for (n = 0; n < CALIB_DOF; ++n) calib_product(3, seen, 1, joint[n], by_joint[n]);
 }
 
+/* 95 % bound of all beliefs, with variances that are added to those of the position. */
 static inline calib_real calib_posterior(const calib_joints q, const calib_vector more) {
   calib_real alone[CALIB_DOF][CALIB_BELIEFS] = {{0}}, joint[CALIB_DOF][3], bound = 0;
   calib_ways z[3];
-  int b, i, j, k, n, r;
+  int b, i, j, k;
   calib_moves(q, z, joint, alone);
   for (b = 0; b < CALIB_BELIEFS; ++b) {
-    const int first = b * CALIB_WAYS, last = first + CALIB_WAYS - 1;
-    calib_real S[6], apart = 0, radius;
-    for (n = 0, j = 0; j < 3; ++j)
-      for (k = j; k < 3; ++k, ++n) {
-        S[n] = 0;
-        for (r = first; r < last; ++r) S[n] += z[j][r] * z[k][r];
-        for (i = 0; i < CALIB_DOF; ++i) S[n] += alone[i][b] * joint[i][j] * joint[i][k];
-      }
     /* the last direction is by how much the beliefs are apart */
-    for (k = 0; k < 3; ++k) apart += z[k][last] * z[k][last];
-    radius = calib_radius_95(S, calib_belief_scale[b][1], more);
-    apart = sqrt(apart) + calib_belief_scale[b][0] * radius;
+    const int first = b * CALIB_WAYS, last = CALIB_WAYS - 1;
+    calib_real trace = 0, squares = 0, apart = 0;
+    for (j = 0; j < 3; ++j) {
+      for (k = j; k < 3; ++k) {
+        calib_real sum = calib_dot(last, z[j] + first, z[k] + first);
+        for (i = 0; i < CALIB_DOF; ++i) sum += alone[i][b] * joint[i][j] * joint[i][k];
+        sum = calib_belief_scale[b][1] * sum + (j == k ? more[j] : 0);
+        trace += j == k ? sum : 0;
+        squares += (j == k ? 1 : 2) * sum * sum;
+      }
+      apart += z[j][first + last] * z[j][first + last];
+    }
+    apart = sqrt(apart) + calib_belief_scale[b][0] * calib_radius_95(trace, squares);
     if (apart > bound) bound = apart;
   }
   return bound;

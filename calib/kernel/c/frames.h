@@ -39,22 +39,17 @@ static inline void calib_frames(const calib_arm *arm, const calib_values value, 
   }
 }
 
-/* How a joint turns or slides a mass, times it, at a lever: coordinates times the mass, the mass. */
-static inline void calib_swing(const calib_frame *at, int joint, const calib_real lever[4],
+/* How a joint turns or slides masses, of which there is the sum of their places and theirs (4). */
+static inline void calib_swing(const calib_frame *at, int joint, const calib_real masses[4],
                                calib_vector out) {
   const calib_real *axis = at[joint].axes + 6;
+  calib_real lever[3];
   int k;
+  for (k = 0; k < 3; ++k) {
+    lever[k] = masses[k] - masses[3] * at[joint].p[k];
+    out[k] = masses[3] * axis[k];
+  }
   if (calib_turns[joint]) calib_cross(axis, lever, out);
-  else for (k = 0; k < 3; ++k) out[k] = lever[3] * axis[k];
-}
-
-/* How a joint moves the tip, and the lever of that. */
-static inline void calib_tip_moved(const calib_frame *at, int joint, calib_real lever[4],
-                                   calib_vector out) {
-  int k;
-  for (k = 0; k < 3; ++k) lever[k] = at[CALIB_CHAIN].p[k] - at[joint].p[k];
-  lever[3] = 1;
-  calib_swing(at, joint, lever, out);
 }
 
 /* Values of an arm's joints without curves and loads, and where slope is not null their derivatives. */
