@@ -128,7 +128,6 @@ class Library:
             "model_bounds": Question("model_error", (), ()),
             "pose": Question("pose_row", (), (7,)),
             "inverse": Question("inverse_row", place, (dof,)),
-            "inverse_long": Question("inverse_long_row", place, (dof,)),
             "inverse_all": Question(
                 "inverse_all_row", (), (MOST.branches, dof)
             ),

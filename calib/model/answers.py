@@ -19,7 +19,7 @@ from ..inverse.settings import SOLVER
 from ..inverse.ways import slices
 from ..kernel.compiled import Flag
 from ..samples.motion import Motion
-from .compiling import INVERSE_ALL, INVERSE_LONG, kernel_for
+from .compiling import INVERSE, INVERSE_ALL, kernel_for
 from .parts import Parts
 from .turns import nearest_turn, on_turn
 
@@ -34,6 +34,7 @@ class AnswerSettings:
     # damping of a step of a servo, as a share of the Jacobian's power
     calm: float = 1e-3
     longest: float = 0.1  # of the joints' range: no step of a servo is longer
+    budgets: int = 50  # of steps, for a search of a batch
     # targets whose branches fit into the processor's cache
     chunk: int = 20_000
 
@@ -96,10 +97,11 @@ def inverse(
     """Joints (n, dof) for targets (n, m); NaN out of reach, or those that come `nearest`."""
     wish = anchor(model, near, len(x))
     wished = wished_joints(model, wish, near)
-    kernel = kernel_for(model, INVERSE_LONG, len(x))
+    kernel = kernel_for(model, INVERSE, len(x))
     if kernel is None:
         return _inverse_by_numpy(model, x, wish, wished, nearest)
-    q, flags = kernel.rows(INVERSE_LONG.name, wished, x)
+    more = np.full((len(x), 1), ANSWER.budgets - 1.0)
+    q, flags = kernel.rows(INVERSE.name, wished, x, more)
     lost = flags == Flag.NONE
     if nearest:
         lost |= flags == Flag.UNREACHABLE

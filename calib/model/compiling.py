@@ -46,8 +46,7 @@ TRUE_BOUND = Reading(
 )
 POSE = Reading("pose", 0.03, lambda prediction: prediction.pose)
 
-INVERSE = Query("inverse", 1.7)
-INVERSE_LONG = Query("inverse_long", 1.7)  # until the starts are tried
+INVERSE = Query("inverse", 1.7)  # of a batch until the starts are tried
 INVERSE_ALL = Query("inverse_all", 1.7)
 POSES = Query("poses", 40.0)
 POSES_ALL = Query("poses_all", 100.0)

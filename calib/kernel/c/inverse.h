@@ -12,20 +12,19 @@ static inline int calib_inverse_within(const calib_place x, const calib_joints n
                                        calib_joints q) {
   calib_task task = calib_position_task(x);
   calib_search search;
-  calib_real bound, most = @sure@ * @extent@;
-  int sure = calib_try_near(&search, &task, near, budget, q);
+  calib_real bound;
+  int n, sure = calib_try_near(&search, &task, near, budget, q);
   if (sure == 2) {
     if (CALIB_DOF <= CALIB_OUT) sure = 1;
     calib_try_position(&search);
   }
   if (!search.count && search.left < (calib_real)INFINITY) {
-    /* within the expected error it may still count as reached */
-    const calib_starts starts = {calib_start_q[0], CALIB_STARTS, 1, 0, CALIB_STARTS, 0};
-    if (calib_expected_error(search.way, &bound) && bound < most) most = bound;
-    most *= 2;
-    if (CALIB_DOF > CALIB_OUT && most < @edge@ * @extent@) most = @edge@ * @extent@;
-    if (search.budget > 0 && search.left > most) return calib_answered(&search, near, 3);
-    if (budget > CALIB_BUDGET) calib_try_starts(&search, &starts);
+    /* what misses by less than twice the expected error may still count as reached */
+    if (!calib_expected_error(search.way, &bound)) bound = @extent@;
+    bound = calib_between(bound, CALIB_DOF > CALIB_OUT ? @edge@ * @extent@ / 2 : 0, @sure@ * @extent@);
+    if (search.budget > 0 && search.left > 2 * bound) return calib_answered(&search, near, 3);
+    for (n = 0; budget > CALIB_BUDGET && !search.count && n < CALIB_STARTS; ++n)
+      calib_try(&search, calib_start_q[n]);
   }
   return calib_answered(&search, near, sure);
 }

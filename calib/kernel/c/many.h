@@ -1,7 +1,8 @@
 /* Rows of numbers: each kind of question has a function that answers one row by another and returns a
  * flag.  A question has joints, or those that an answer should be near to, and from 16 on a position
- * (4), a quaternion x, y, z, w, an axis of the tip that is free or -1, from which distance on starts
- * lead to other ways, how many starts there are, and these.  All ways are asked for by the position alone. */
+ * (4) and by how many budgets a search may be longer; or of a pose its quaternion x, y, z, w, an axis
+ * of the tip that is free or -1, from which distance on starts lead to other ways, how many starts
+ * there are, and these.  All ways are asked for by the position alone. */
 typedef int (*calib_row)(const calib_real *question, calib_real *answer);
 
 /* Answers rows from `first` up to `last`, questions and answers so many numbers apart. */
@@ -12,11 +13,7 @@ CALIB_API void calib_many(calib_row row, long first, long last, const calib_real
 }
 
 CALIB_API int calib_inverse_row(const calib_real *b, calib_real *out) {
-  return calib_inverse(b + 16, b, out);
-}
-
-CALIB_API int calib_inverse_long_row(const calib_real *b, calib_real *out) {
-  return calib_inverse_within(b + 16, b, 50 * CALIB_BUDGET, out);
+  return calib_inverse_within(b + 16, b, CALIB_BUDGET * (1 + (int)b[20]), out);
 }
 
 CALIB_API int calib_inverse_all_row(const calib_real *x, calib_real *out) {

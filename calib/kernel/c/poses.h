@@ -25,9 +25,10 @@ static inline void calib_quaternion(const calib_rotation R, calib_real q[4]) {
   for (i = 0; i < 4; ++i) q[i] = products[best][i] / (products[best][3] < 0 ? -size : size);
 }
 
-/* The rotation of a quaternion x, y, z, w of any length. */
+/* The rotation of a quaternion x, y, z, w; no numbers where its length is not 1. */
 static inline void calib_matrix(const calib_real q[4], calib_rotation R) {
-  const calib_real s = 2 / (calib_dot(3, q, q) + q[3] * q[3]);
+  const calib_real square = calib_dot(4, q, q);
+  const calib_real s = fabs(square - 1) <= @rounding@ ? 2 / square : (calib_real)NAN;
   int i;
   for (i = 0; i < 3; ++i) {
     const int j = (i + 1) % 3, k = (i + 2) % 3;
@@ -51,47 +52,37 @@ static inline calib_task calib_pose_task(const calib_vector x, const calib_rotat
 static inline int calib_pose_from(calib_task *task, const calib_starts *starts,
                                   const calib_joints near, calib_joints q) {
   calib_search search;
-  int sure = calib_try_near(&search, task, near, CALIB_BUDGET, q);
-  if (sure == 2 && starts->count) { /* all that starts lead to is looked at */
-    search.budget = CALIB_BUDGET * starts->count;
-    calib_try_starts(&search, starts);
-    sure = 1;
-  }
-  return calib_answered(&search, near, sure);
+  const int sure = calib_try_near(&search, task, near, CALIB_BUDGET * (1 + starts->count), q);
+  if (sure == 2) calib_try_starts(&search, starts);
+  return calib_answered(&search, near, starts->count ? 1 : sure); /* all that they lead to was seen */
 }
 
 /* The same from `near` alone, of a pose as calib_pose_task has it. */
 static inline int calib_inverse_pose(const calib_vector x, const calib_rotation R, int axis,
                                      const calib_joints near, calib_joints q) {
-  const calib_starts none = {0, 0, 1, 0, 0, 0};
+  const calib_starts none = {0, 0, 0, 0, 0};
   calib_task task = calib_pose_task(x, R, axis);
   return calib_pose_from(&task, &none, near, q);
 }
 
-/* The task and the starts of a question for a pose; whether its quaternion is one. */
-static inline int calib_asked(const calib_real *b, calib_task *task, calib_starts *starts) {
-  const calib_starts all = {b + 27, (int)b[26], 1, (int)b[26], CALIB_RUNS, b[25]};
-  const calib_real length = calib_length(4, b + 20);
+/* The task of a question for a pose. */
+static inline calib_task calib_asked(const calib_real *b) {
   calib_real R[9];
   calib_matrix(b + 20, R);
-  *task = calib_pose_task(b + 16, R, (int)b[24]);
-  *starts = all;
-  return fabs(length * length - 1) <= @rounding@;
+  return calib_pose_task(b + 16, R, (int)b[24]);
 }
 
 CALIB_API int calib_poses_row(const calib_real *b, calib_real *q) {
-  calib_starts starts;
-  calib_task task;
-  if (calib_asked(b, &task, &starts)) return calib_pose_from(&task, &starts, b, q);
-  return calib_unknown(CALIB_DOF, q);
+  const calib_starts starts = {b + 27, (int)b[26], (int)b[26], CALIB_RUNS, b[25]};
+  calib_task task = calib_asked(b);
+  return calib_pose_from(&task, &starts, b, q);
 }
 
 CALIB_API int calib_poses_all_row(const calib_real *b, calib_real *q) {
-  calib_starts starts;
-  calib_task task;
-  const int valid = calib_asked(b, &task, &starts);
+  const calib_starts starts = {b + 27, (int)b[26], (int)b[26], CALIB_RUNS, b[25]};
+  calib_task task = calib_asked(b);
   calib_search search = calib_begin(&task, b, @most_ways@, CALIB_BUDGET * starts.count, q);
-  if (valid) calib_try_starts(&search, &starts);
+  calib_try_starts(&search, &starts);
   return search.count;
 }
 

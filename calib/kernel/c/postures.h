@@ -2,7 +2,7 @@
 static inline void calib_try_position(calib_search *search) {
   const int most = CALIB_TRIES < CALIB_STARTS ? CALIB_TRIES : CALIB_STARTS;
   calib_real q[CALIB_TRIES][CALIB_DOF], far[CALIB_TRIES];
-  const calib_starts starts = {q[0], most, 1, most / 6, CALIB_TRIES, @margin@ / 2};
+  const calib_starts starts = {q[0], most, most / 6, most, @margin@ / 2};
   int row[CALIB_TRIES], count = 0, i, n;
   for (n = 0; n < CALIB_STARTS; ++n) {
     const calib_real joints = calib_apart(calib_start_q[n], search->from);

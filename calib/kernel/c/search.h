@@ -1,9 +1,9 @@
-/* Starts of a search: joints one after another, so far apart; no numbers are no start. */
+/* Starts of a search: joints one after another; no numbers are no start. */
 typedef struct {
   const calib_real *q;
-  int count, step;
-  int likely;      /* those after the likely ones are for what these lead to nowhere */
-  int runs;        /* so many runs without a new way end a search */
+  int count;
+  int likely;       /* those after the likely ones are for what these lead to nowhere */
+  int runs;         /* so many runs without a new way end a search */
   calib_real apart; /* starts closer to a known way lead to it */
 } calib_starts;
 
@@ -96,7 +96,7 @@ static inline int calib_try_near(calib_search *search, calib_task *task,
 /* The same of starts, but for those that can lead to no new or nearer way. */
 static inline void calib_try_starts(calib_search *search, const calib_starts *starts) {
   int n, runs = 0;
-  for (n = 0; n < starts->count && runs < starts->runs; n += starts->step) {
+  for (n = 0; n < starts->count && runs < starts->runs; ++n) {
     const calib_real *start = starts->q + n * CALIB_DOF;
     if (search->count && n >= starts->likely) return;
     if (search->count == search->most && search->most > 1) return;
