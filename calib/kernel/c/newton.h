@@ -135,34 +135,25 @@ static inline int calib_steps(calib_search *search, int count, calib_real enough
 }
 
 /* Redundant joints that are close to their task along their self-motion towards those that are asked
- * for.  The share of the pull that they slide follows from how the last slide turned it (Barzilai and
- * Borwein 1988).  0 where they are given up, as of calib_steps. */
+ * for.  The share of this way that they slide at once is where, by the last slide, the distance would be
+ * least on its parabola.  0 where they are given up, as of calib_steps. */
 static inline int calib_slides(calib_search *search, int count, calib_joints q, calib_gap *gap) {
   const calib_task *task = search->task;
   const calib_real rough = @rough@ * task->size, close = @close@ * task->size;
-  const calib_real none[6] = {0, 0, 0, 0, 0, 0};
-  calib_real pull[CALIB_DOF], before[CALIB_DOF], slid[CALIB_DOF], move[CALIB_DOF], trial[CALIB_DOF];
-  calib_real wish[CALIB_DOF], share = 1;
+  calib_real wish[CALIB_DOF], move[CALIB_DOF], trial[CALIB_DOF], share = 1;
   calib_gap next;
-  int k, n, better = 0;
-  for (n = 0; n < CALIB_SLIDES && search->budget > 0; ++n) {
+  int k, n;
+  for (n = 0; n < CALIB_SLIDES && search->budget > 0 && share >= @stuck@; ++n) {
     const calib_real settled = task->straight ? 100 * @settled@ : gap->left <= close ? @settled@ : -1;
-    calib_real part = 1;
+    const calib_real here = calib_way(search->from, q, wish);
+    calib_real part = 1, size, away;
     search->budget -= task->straight ? 1 : @step_cost@;
-    if (!calib_move(task->rows, gap->J, gap->r, q, 0, @calm@, move)) return 0;
-    calib_way(search->from, q, wish);
-    if (!calib_move(task->rows, gap->J, none, q, wish, @calm@, pull)) return 1;
-    if (better) {
-      const calib_real along = calib_dot(CALIB_DOF, slid, before) - calib_dot(CALIB_DOF, slid, pull);
-      share = along > 0 ? calib_dot(CALIB_DOF, slid, slid) / along : (calib_real)1.5;
-      share = calib_between(share, (calib_real)0.1, 3);
-    }
-    if (calib_length(CALIB_DOF, pull) <= settled || share < @stuck@) return 1;
+    for (k = 0; k < CALIB_DOF; ++k) wish[k] *= share;
+    if (!calib_move(task->rows, gap->J, gap->r, q, wish, @calm@, move)) return 0;
+    size = calib_length(CALIB_DOF, move);
+    if (size <= settled * share) return 1;
     for (k = 0; k < CALIB_DOF; ++k) { /* no joint beyond its limit */
-      const calib_real u = calib_share_of(k, q[k]);
-      calib_real room;
-      move[k] += share * pull[k];
-      room = move[k] > 0 ? 1 - u : u;
+      const calib_real u = calib_share_of(k, q[k]), room = move[k] > 0 ? 1 - u : u;
       if (!calib_periodic[k] && room > @slack@ && fabs(part * move[k]) > room)
         part = room / fabs(move[k]);
     }
@@ -170,16 +161,16 @@ static inline int calib_slides(calib_search *search, int count, calib_joints q, 
     calib_moved(q, move, trial);
     if (calib_beside(trial, search->way, count, @margin@ / 4)) return 0;
     calib_left(task, trial, &next);
-    better = next.left <= rough && (gap->left > close || calib_apart(trial, search->from) <
-                                                             calib_apart(q, search->from));
-    if (!better) {
+    away = calib_apart(trial, search->from);
+    if (next.left <= rough && (gap->left > close || away < here)) {
+      const calib_real slid = calib_apart(trial, q);
+      const calib_real bend = away * away - here * here + 2 * slid * size / share;
+      share = calib_between(bend > 0 ? slid * slid / bend : (calib_real)1.5, (calib_real)0.1, 3);
+      calib_copy(CALIB_DOF, trial, q);
+      *gap = next;
+    } else {
       share /= 4;
-      continue;
     }
-    calib_way(trial, q, slid);
-    calib_copy(CALIB_DOF, pull, before);
-    calib_copy(CALIB_DOF, trial, q);
-    *gap = next;
   }
   return 1;
 }
