@@ -10,11 +10,10 @@ static inline void calib_model(const calib_joints q, calib_real *x, calib_real *
 /* How far the tip may be with all joints at the worst side of their play. */
 static inline calib_real calib_play_reach(const calib_joints q) {
   calib_real x[CALIB_OUT], J[CALIB_OUT * CALIB_DOF], reach = 0;
-  int i, k;
   calib_model(q, x, J);
-  for (k = 0; k < CALIB_DOF; ++k) {
+  for (int k = 0; k < CALIB_DOF; ++k) {
     calib_real square = 0;
-    for (i = 0; i < CALIB_OUT; ++i) square += J[i * CALIB_DOF + k] * J[i * CALIB_DOF + k];
+    for (int i = 0; i < CALIB_OUT; ++i) square += J[i * CALIB_DOF + k] * J[i * CALIB_DOF + k];
     reach += calib_play[k] * sqrt(square);
   }
   return reach;

@@ -28,19 +28,18 @@ static inline void calib_chain(const calib_arm *arm, int bends, const calib_join
   calib_real slope[CALIB_CHAIN][CALIB_DOF];
   calib_bend bend;
   calib_real tip[4] = {0, 0, 0, 1};
-  int i, k, o;
   calib_posture(arm, q, bends ? &bend : 0, at, G ? slope : 0);
   calib_copy(3, at[CALIB_CHAIN].p, p);
   calib_copy(9, at[CALIB_CHAIN].axes, axes);
   if (!G) return;
   calib_copy(3, p, tip);
-  for (k = 0; k < 6 * CALIB_DOF; ++k) G[k] = 0;
-  for (i = 0; i < CALIB_CHAIN; ++i) {
+  for (int k = 0; k < 6 * CALIB_DOF; ++k) G[k] = 0;
+  for (int i = 0; i < CALIB_CHAIN; ++i) {
     calib_real twist[6] = {0, 0, 0, 0, 0, 0};
     calib_swing(at, i, tip, twist);
     if (calib_turns[i]) calib_copy(3, at[i].axes + 6, twist + 3);
-    for (o = 0; o < 6; ++o)
-      for (k = 0; k < CALIB_DOF; ++k) G[o * CALIB_DOF + k] += twist[o] * slope[i][k];
+    for (int o = 0; o < 6; ++o)
+      for (int k = 0; k < CALIB_DOF; ++k) G[o * CALIB_DOF + k] += twist[o] * slope[i][k];
   }
 }
 

@@ -5,7 +5,7 @@ CALIB_API int calib_correct(const calib_joints q, calib_joints out) {
   calib_real start[CALIB_DOF], x[CALIB_OUT];
   calib_search search;
   calib_gap gap;
-  int k, good = calib_inside(q, start);
+  int good = calib_inside(q, start);
   calib_copy(CALIB_DOF, start, out);
   calib_chain(&calib_nominal, 0, start, task.x, task.axes, 0);
   calib_seen(&calib_nominal, 0, start, x, 0);
@@ -14,7 +14,7 @@ CALIB_API int calib_correct(const calib_joints q, calib_joints out) {
   if (task.rows) good = good && calib_descend(&search, 0, out, &gap);
   search.task = &seen; /* what local models move is met as a position */
   if (@correcting_seen@) good = good && calib_descend(&search, 0, out, &gap);
-  for (k = 0; k < CALIB_DOF; ++k) {
+  for (int k = 0; k < CALIB_DOF; ++k) {
     const calib_real change = calib_span[k] * calib_short(k, (out[k] - start[k]) / calib_span[k]);
     if (!(fabs(change) <= calib_limit[k])) good = 0;
     out[k] = q[k] + change; /* on q's own turn, not beyond a stop */

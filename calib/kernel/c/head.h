@@ -67,8 +67,8 @@ static inline calib_real calib_wrapped(int k, calib_real value) {
 
 /* Joints with full turns moved into their range; 0 where they are outside of what was learned. */
 static inline int calib_inside(const calib_joints q, calib_joints out) {
-  int i, inside = 1;
-  for (i = 0; i < CALIB_DOF; ++i) {
+  int inside = 1;
+  for (int i = 0; i < CALIB_DOF; ++i) {
     const calib_real u = calib_share_of(i, q[i]);
     const calib_real beyond = calib_periodic[i] ? 1 + @rounded@ : @rounded@; /* at most a turn */
     if (!(u >= -beyond && u <= 1 + beyond)) inside = 0;
@@ -86,8 +86,7 @@ static inline void calib_cross(const calib_vector a, const calib_vector b, calib
 
 static inline calib_real calib_dot(int count, const calib_real *a, const calib_real *b) {
   calib_real sum = 0;
-  int i;
-  for (i = 0; i < count; ++i) sum += a[i] * b[i];
+  for (int i = 0; i < count; ++i) sum += a[i] * b[i];
   return sum;
 }
 
@@ -101,8 +100,7 @@ static inline calib_real calib_between(calib_real value, calib_real least, calib
 
 /* The short way from b to a in shares of the joints' ranges; returns its length. */
 static inline calib_real calib_way(const calib_joints a, const calib_joints b, calib_joints way) {
-  int k;
-  for (k = 0; k < CALIB_DOF; ++k) way[k] = calib_short(k, (a[k] - b[k]) / calib_span[k]);
+  for (int k = 0; k < CALIB_DOF; ++k) way[k] = calib_short(k, (a[k] - b[k]) / calib_span[k]);
   return calib_length(CALIB_DOF, way);
 }
 
@@ -114,10 +112,9 @@ static inline calib_real calib_apart(const calib_joints a, const calib_joints b)
 /* Rows of three of a matrix times `width` columns of three. */
 static inline void calib_product(int rows, const calib_real *matrix, int width,
                                  const calib_real *columns, calib_real *out) {
-  int i, k;
-  for (i = 0; i < rows; ++i) {
+  for (int i = 0; i < rows; ++i) {
     const calib_real a = matrix[3 * i], b = matrix[3 * i + 1], c = matrix[3 * i + 2];
-    for (k = 0; k < width; ++k)
+    for (int k = 0; k < width; ++k)
       out[i * width + k] = a * columns[k] + b * columns[width + k] + c * columns[2 * width + k];
   }
 }
@@ -127,14 +124,13 @@ static inline void calib_waves(int count, const calib_real *angle, calib_real *c
                                calib_real *sine) {
   const calib_real coarse = (calib_real)3.141592653468251; /* half a turn, but for its last digits */
   const calib_real fine = (calib_real)(3.141592653589793 - (double)coarse);
-  int i, n;
-  for (i = 0; i < count; ++i) {
+  for (int i = 0; i < count; ++i) {
     const calib_real halves = floor(angle[i] / coarse + (calib_real)0.5);
     const calib_real rest = angle[i] - halves * coarse - halves * fine;
     const calib_real sign = 1 - 2 * (halves - 2 * floor(halves / 2));
     cosine[i] = sign;
     sine[i] = sign;
-    for (n = 22; n > 0; n -= 2) {
+    for (int n = 22; n > 0; n -= 2) {
       cosine[i] = sign - rest * rest / (calib_real)(n * (n - 1)) * cosine[i];
       sine[i] = sign - rest * rest / (calib_real)(n * (n + 1)) * sine[i];
     }

@@ -8,25 +8,25 @@ static inline calib_real calib_heard(calib_real share) {
 /* Local models of what the body leaves over, added to position and derivative. */
 static inline void calib_local(const calib_joints q, calib_real *x, calib_real *J) {
   calib_real weight[CALIB_NEAR], gap[CALIB_DOF], value[@terms@], loud = 0;
-  int node[CALIB_NEAR], i, k, t, o;
+  int node[CALIB_NEAR];
   calib_near(q, node, weight);
-  for (k = 0; k < CALIB_NEAR; ++k)
+  for (int k = 0; k < CALIB_NEAR; ++k)
     if (calib_talks[node[k]]) loud += weight[k];
   loud = calib_heard(loud);
-  for (k = 0; k < CALIB_NEAR; ++k) {
+  for (int k = 0; k < CALIB_NEAR; ++k) {
     const calib_real r = calib_radius[node[k]], w = weight[k] * loud;
     const calib_real *c = calib_local_terms[node[k]];
     if (!calib_talks[node[k]]) continue;
     calib_way(q, calib_node[node[k]], gap);
     value[0] = 1;
-    for (t = 1; t < @terms@; ++t) value[t] = value[calib_parent[t]] * gap[calib_along[t]] / r;
-    for (t = 0; t < @terms@; ++t)
-      for (o = 0; o < CALIB_OUT; ++o) x[o] += w * c[t * CALIB_OUT + o] * value[t];
-    for (t = 1; J && t < @terms@; ++t)
-      for (i = 0; i < CALIB_DOF; ++i) {
+    for (int t = 1; t < @terms@; ++t) value[t] = value[calib_parent[t]] * gap[calib_along[t]] / r;
+    for (int t = 0; t < @terms@; ++t)
+      for (int o = 0; o < CALIB_OUT; ++o) x[o] += w * c[t * CALIB_OUT + o] * value[t];
+    for (int t = 1; J && t < @terms@; ++t)
+      for (int i = 0; i < CALIB_DOF; ++i) {
         const int power = calib_power[t * CALIB_DOF + i];
         if (!power) continue;
-        for (o = 0; o < CALIB_OUT; ++o)
+        for (int o = 0; o < CALIB_OUT; ++o)
           J[o * CALIB_DOF + i] += w * c[t * CALIB_OUT + o] * (calib_real)power *
                                   value[calib_below[t * CALIB_DOF + i]] / (r * calib_span[i]);
       }

@@ -2,24 +2,23 @@
 static inline int calib_forces(int n, const calib_real *J, const calib_real *r, calib_real damping,
                                calib_real y[6]) {
   calib_real a[6][6], inverse[6], trace = 0;
-  int i, j, k;
-  for (i = 0; i < n; ++i) {
-    for (j = i; j < n; ++j) a[i][j] = calib_dot(CALIB_DOF, J + i * CALIB_DOF, J + j * CALIB_DOF);
+  for (int i = 0; i < n; ++i) {
+    for (int j = i; j < n; ++j) a[i][j] = calib_dot(CALIB_DOF, J + i * CALIB_DOF, J + j * CALIB_DOF);
     trace += a[i][i];
     y[i] = r[i];
   }
-  for (i = 0; i < n; ++i) {
+  for (int i = 0; i < n; ++i) {
     a[i][i] += damping * trace;
     if (!(a[i][i] > 0)) return 0;
     inverse[i] = 1 / a[i][i];
-    for (j = i + 1; j < n; ++j) {
+    for (int j = i + 1; j < n; ++j) {
       const calib_real share = a[i][j] * inverse[i];
-      for (k = j; k < n; ++k) a[j][k] -= share * a[i][k];
+      for (int k = j; k < n; ++k) a[j][k] -= share * a[i][k];
       y[j] -= share * y[i];
     }
   }
-  for (i = n - 1; i >= 0; --i) {
-    for (k = i + 1; k < n; ++k) y[i] -= a[i][k] * y[k];
+  for (int i = n - 1; i >= 0; --i) {
+    for (int k = i + 1; k < n; ++k) y[i] -= a[i][k] * y[k];
     y[i] *= inverse[i];
   }
   return 1;
@@ -27,8 +26,8 @@ static inline int calib_forces(int n, const calib_real *J, const calib_real *r, 
 
 /* Joints within their limits; those of full turns go round.  Returns whether no limit holds any. */
 static inline int calib_clipped(calib_joints q) {
-  int k, inside = 1;
-  for (k = 0; k < CALIB_DOF; ++k) {
+  int inside = 1;
+  for (int k = 0; k < CALIB_DOF; ++k) {
     const calib_real least = calib_lower[k], most = least + calib_span[k];
     if (!calib_periodic[k] && !(q[k] > least && q[k] < most)) inside = 0;
     q[k] = calib_between(calib_wrapped(k, q[k]), least, most);
@@ -41,22 +40,22 @@ static inline int calib_clipped(calib_joints q) {
 static inline int calib_move(int n, const calib_real *J, const calib_real *r, const calib_joints q,
                              const calib_real *wish, calib_real damping, calib_joints move) {
   calib_real own[6 * CALIB_DOF], ahead[CALIB_DOF] = {0}, lacking[6], y[6];
-  int i, k, pass, again = 1;
+  int k, again = 1;
   calib_copy(n * CALIB_DOF, J, own);
   if (wish) calib_copy(CALIB_DOF, wish, ahead);
-  for (pass = 0; again && pass < CALIB_DOF; ++pass) {
-    for (i = 0; i < n; ++i) lacking[i] = r[i] - calib_dot(CALIB_DOF, own + i * CALIB_DOF, ahead);
+  for (int pass = 0; again && pass < CALIB_DOF; ++pass) {
+    for (int i = 0; i < n; ++i) lacking[i] = r[i] - calib_dot(CALIB_DOF, own + i * CALIB_DOF, ahead);
     if (!calib_forces(n, own, lacking, damping, y)) return 0;
     for (again = 0, k = 0; k < CALIB_DOF; ++k) {
       /* joint values: a share of the range at its upper end may round to less than 1 */
       const calib_real below = q[k] - calib_lower[k], above = calib_lower[k] + calib_span[k] - q[k];
       move[k] = ahead[k];
-      for (i = 0; i < n; ++i) move[k] += own[i * CALIB_DOF + k] * y[i];
+      for (int i = 0; i < n; ++i) move[k] += own[i * CALIB_DOF + k] * y[i];
       if (calib_periodic[k] || move[k] == 0) continue;
       if ((move[k] < 0 ? below : above) > (wish ? @slack@ * calib_span[k] : 0)) continue;
       again = 1;
       ahead[k] = 0;
-      for (i = 0; i < n; ++i) own[i * CALIB_DOF + k] = 0;
+      for (int i = 0; i < n; ++i) own[i * CALIB_DOF + k] = 0;
     }
   }
   return 1;
@@ -65,8 +64,7 @@ static inline int calib_move(int n, const calib_real *J, const calib_real *r, co
 /* Whether joints lie so close to one of some ways that they hardly lead to another. */
 static inline int calib_beside(const calib_joints q, const calib_real *ways, int count,
                                calib_real share) {
-  int j;
-  for (j = 0; j < count; ++j)
+  for (int j = 0; j < count; ++j)
     if (calib_apart(q, ways + j * CALIB_DOF) < share) return 1;
   return 0;
 }
@@ -74,10 +72,9 @@ static inline int calib_beside(const calib_joints q, const calib_real *ways, int
 /* Joints a move on, none further than a step may, within their limits; whether no limit holds any. */
 static inline int calib_moved(const calib_joints q, const calib_joints move, calib_joints out) {
   calib_real largest = @longest@;
-  int k;
-  for (k = 0; k < CALIB_DOF; ++k)
+  for (int k = 0; k < CALIB_DOF; ++k)
     if (fabs(move[k]) > largest) largest = fabs(move[k]);
-  for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + calib_span[k] * move[k] * @longest@ / largest;
+  for (int k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + calib_span[k] * move[k] * @longest@ / largest;
   return calib_clipped(out);
 }
 
@@ -106,8 +103,8 @@ static inline int calib_steps(calib_search *search, int count, calib_real enough
   const calib_real close = @close@ * task->size;
   calib_real move[CALIB_DOF], trial[CALIB_DOF], damping = @calm@;
   calib_gap next;
-  int step, last = 0;
-  for (step = 0; step < CALIB_STEPS && search->budget > 0 && gap->left > enough; ++step) {
+  int last = 0;
+  for (int step = 0; step < CALIB_STEPS && search->budget > 0 && gap->left > enough; ++step) {
     int better, slow, inside;
     search->budget -= task->straight ? 1 : @step_cost@;
     if (!calib_move(task->rows, gap->J, gap->r, q, 0, damping, move)) return 0;
@@ -142,22 +139,21 @@ static inline int calib_slides(calib_search *search, int count, calib_joints q, 
   const calib_real rough = @rough@ * task->size, close = @close@ * task->size;
   calib_real wish[CALIB_DOF], move[CALIB_DOF], trial[CALIB_DOF], share = 1;
   calib_gap next;
-  int k, n;
-  for (n = 0; n < CALIB_SLIDES && search->budget > 0 && share >= @stuck@; ++n) {
+  for (int n = 0; n < CALIB_SLIDES && search->budget > 0 && share >= @stuck@; ++n) {
     const calib_real settled = task->straight ? 100 * @settled@ : gap->left <= close ? @settled@ : -1;
     const calib_real here = calib_way(search->from, q, wish);
     calib_real part = 1, size, away;
     search->budget -= task->straight ? 1 : @step_cost@;
-    for (k = 0; k < CALIB_DOF; ++k) wish[k] *= share;
+    for (int k = 0; k < CALIB_DOF; ++k) wish[k] *= share;
     if (!calib_move(task->rows, gap->J, gap->r, q, wish, @calm@, move)) return 0;
     size = calib_length(CALIB_DOF, move);
     if (size <= settled * share) return 1;
-    for (k = 0; k < CALIB_DOF; ++k) { /* no joint beyond its limit */
+    for (int k = 0; k < CALIB_DOF; ++k) { /* no joint beyond its limit */
       const calib_real u = calib_share_of(k, q[k]), room = move[k] > 0 ? 1 - u : u;
       if (!calib_periodic[k] && room > @slack@ && fabs(part * move[k]) > room)
         part = room / fabs(move[k]);
     }
-    for (k = 0; k < CALIB_DOF; ++k) move[k] *= part;
+    for (int k = 0; k < CALIB_DOF; ++k) move[k] *= part;
     calib_moved(q, move, trial);
     if (calib_beside(trial, search->way, count, @margin@ / 4)) return 0;
     calib_left(task, trial, &next);
@@ -211,23 +207,22 @@ static inline int calib_twin(const calib_task *task, const calib_joints q, const
   const int n = task->rows;
   calib_real y[6], v[CALIB_DOF] = {0}, least = 0, all, rate = 0, reach;
   calib_gap gap;
-  int i, k;
-  for (i = 0; i < n; ++i) y[i] = (calib_real)(1 + i);
-  for (k = 0; k < 4; ++k) { /* residuals that joints hardly reach, by inverse iteration */
+  for (int i = 0; i < n; ++i) y[i] = (calib_real)(1 + i);
+  for (int k = 0; k < 4; ++k) { /* residuals that joints hardly reach, by inverse iteration */
     if (!calib_forces(n, here->J, y, @calm@, y)) return 0;
     least = calib_length(n, y);
-    for (i = 0; i < n; ++i) y[i] /= least;
+    for (int i = 0; i < n; ++i) y[i] /= least;
   }
-  for (i = 0; i < n; ++i)
-    for (k = 0; k < CALIB_DOF; ++k) v[k] += here->J[i * CALIB_DOF + k] * y[i];
+  for (int i = 0; i < n; ++i)
+    for (int k = 0; k < CALIB_DOF; ++k) v[k] += here->J[i * CALIB_DOF + k] * y[i];
   least = calib_length(CALIB_DOF, v); /* singular value */
   all = calib_length(n * CALIB_DOF, here->J);
   if (!(least * least <= @fold@ * all * all)) return 0;
-  for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + @probe@ * calib_span[k] * v[k] / least;
+  for (int k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + @probe@ * calib_span[k] * v[k] / least;
   calib_left(task, out, &gap);
-  for (i = 0; i < n; ++i) rate += y[i] * calib_dot(CALIB_DOF, gap.J + i * CALIB_DOF, v) / least;
+  for (int i = 0; i < n; ++i) rate += y[i] * calib_dot(CALIB_DOF, gap.J + i * CALIB_DOF, v) / least;
   reach = -2 * least * @probe@ / (rate - least);
   if (!(fabs(reach) < @twin_reach@)) return 0;
-  for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + reach * calib_span[k] * v[k] / least;
+  for (int k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + reach * calib_span[k] * v[k] / least;
   return 1;
 }

@@ -1,11 +1,10 @@
 /* Position, and the tip's orientation in the sensor's frame: a matrix, row by row. */
 static inline int calib_pose(const calib_joints q, calib_real *x, calib_rotation R) {
   calib_real inside[CALIB_DOF], p[3], axes[9];
-  int i;
   if (!calib_position(q, x, 0)) return calib_unknown(9, R);
   calib_inside(q, inside);
   calib_chain(&calib_placed, CALIB_BENDS, inside, p, axes, 0);
-  for (i = 0; i < 9; ++i) R[i] = axes[3 * (i % 3) + i / 3];
+  for (int i = 0; i < 9; ++i) R[i] = axes[3 * (i % 3) + i / 3];
   return 1;
 }
 
@@ -18,19 +17,18 @@ static inline void calib_quaternion(const calib_rotation R, calib_real q[4]) {
       {R[2] + R[6], R[5] + R[7], 1 - R[0] - R[4] + R[8], R[3] - R[1]},
       {R[7] - R[5], R[2] - R[6], R[3] - R[1], 1 + R[0] + R[4] + R[8]}};
   calib_real size;
-  int best = 0, i;
-  for (i = 1; i < 4; ++i)
+  int best = 0;
+  for (int i = 1; i < 4; ++i)
     if (products[i][i] > products[best][best]) best = i;
   size = calib_length(4, products[best]);
-  for (i = 0; i < 4; ++i) q[i] = products[best][i] / (products[best][3] < 0 ? -size : size);
+  for (int i = 0; i < 4; ++i) q[i] = products[best][i] / (products[best][3] < 0 ? -size : size);
 }
 
 /* The rotation of a quaternion x, y, z, w; no numbers where its length is not 1. */
 static inline void calib_matrix(const calib_real q[4], calib_rotation R) {
   const calib_real square = calib_dot(4, q, q);
   const calib_real s = fabs(square - 1) <= @rounding@ ? 2 / square : (calib_real)NAN;
-  int i;
-  for (i = 0; i < 3; ++i) {
+  for (int i = 0; i < 3; ++i) {
     const int j = (i + 1) % 3, k = (i + 2) % 3;
     R[4 * i] = 1 - s * (q[j] * q[j] + q[k] * q[k]);
     R[3 * i + j] = s * (q[i] * q[j] - q[k] * q[3]);
@@ -42,9 +40,8 @@ static inline void calib_matrix(const calib_real q[4], calib_rotation R) {
  * 2, about which its turn is left open. */
 static inline calib_task calib_pose_task(const calib_vector x, const calib_rotation R, int axis) {
   calib_task task = {&calib_placed, axis < 0 ? 6 : 5, axis, @lever@, {0}, {0}, 0};
-  int i;
-  for (i = 0; i < 9; ++i) task.axes[i] = R[3 * (i % 3) + i / 3];
-  for (i = 0; i < 3; ++i) task.x[i] = x[i] / @scale@;
+  for (int i = 0; i < 9; ++i) task.axes[i] = R[3 * (i % 3) + i / 3];
+  for (int i = 0; i < 3; ++i) task.x[i] = x[i] / @scale@;
   return task;
 }
 

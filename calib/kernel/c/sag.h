@@ -10,22 +10,21 @@ static inline void calib_weigh(const calib_frame *end, const calib_real weight[4
 static inline void calib_sag(const calib_joints q, calib_frame *at, calib_real swung[CALIB_CHAIN][3],
                              calib_values value, calib_slopes slope) {
   calib_real across[CALIB_CHAIN][3] = {{0}}, moved[CALIB_CHAIN][3], drawn[CALIB_CHAIN];
-  int i, j, k;
   calib_mixed(&calib_drawn, q, drawn, 0);
   calib_frames(&calib_drawn, drawn, at);
-  for (i = 0; i < CALIB_CHAIN; ++i) {
+  for (int i = 0; i < CALIB_CHAIN; ++i) {
     calib_real weights[4] = {0, 0, 0, 0};
     if (calib_turns[i]) calib_cross(calib_gravity, at[i].axes + 6, across[i]);
-    for (j = CALIB_CHAIN - 1; j >= i; --j) {
+    for (int j = CALIB_CHAIN - 1; j >= i; --j) {
       calib_weigh(at + j + 1, calib_bending[i][j], weights);
       if (slope || j == i) calib_swing(at, j, weights, moved[j]);
     }
     calib_copy(3, moved[i], swung[i]);
     value[i] += calib_dot(3, swung[i], calib_gravity);
-    for (j = 0; slope && j < CALIB_CHAIN; ++j) {
+    for (int j = 0; slope && j < CALIB_CHAIN; ++j) {
       /* a joint before swings all these weights, one beyond only those that follow it */
       const calib_real by_joint = calib_dot(3, across[j < i ? j : i], moved[j > i ? j : i]);
-      for (k = 0; k < CALIB_DOF; ++k) slope[i][k] += by_joint * calib_drawn.mix[j][k];
+      for (int k = 0; k < CALIB_DOF; ++k) slope[i][k] += by_joint * calib_drawn.mix[j][k];
     }
   }
 }

@@ -15,8 +15,7 @@ static inline int calib_allowed(int k, calib_real value) {
 
 /* Joints by whole turns as near to others as their limits allow. */
 static inline void calib_on_turn(const calib_joints near, calib_joints q) {
-  int k;
-  for (k = 0; k < CALIB_DOF; ++k) {
+  for (int k = 0; k < CALIB_DOF; ++k) {
     const calib_real goal = calib_between(near[k], calib_least[k], calib_most[k]);
     const calib_real turns = floor((goal - q[k]) / calib_span[k] + (calib_real)0.5);
     if (!calib_periodic[k]) continue;
@@ -82,9 +81,8 @@ static inline calib_search calib_begin(calib_task *task, const calib_joints from
 static inline int calib_try_near(calib_search *search, calib_task *task,
                                  const calib_joints near, int budget, calib_joints way) {
   const int spare = CALIB_DOF > task->rows || task->arm;
-  int k;
   *search = calib_begin(task, near, 1, budget, way);
-  for (k = 0; k < CALIB_DOF; ++k) {
+  for (int k = 0; k < CALIB_DOF; ++k) {
     const calib_real u = calib_share_of(k, near[k]);
     if (!(u - u == 0) || (!calib_periodic[k] && !(u >= -1 && u <= 2))) return 0;
   }
@@ -95,8 +93,8 @@ static inline int calib_try_near(calib_search *search, calib_task *task,
 
 /* The same of starts, but for those that can lead to no new or nearer way. */
 static inline void calib_try_starts(calib_search *search, const calib_starts *starts) {
-  int n, runs = 0;
-  for (n = 0; n < starts->count && runs < starts->runs; ++n) {
+  int runs = 0;
+  for (int n = 0; n < starts->count && runs < starts->runs; ++n) {
     const calib_real *start = starts->q + n * CALIB_DOF;
     if (search->count && n >= starts->likely) return;
     if (search->count == search->most && search->most > 1) return;

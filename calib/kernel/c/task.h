@@ -19,9 +19,8 @@ static inline calib_task calib_position_task(const calib_place x) {
 static inline void calib_turn_left(const calib_rotation from, const calib_rotation to, int axis,
                                    calib_vector turn) {
   calib_real across[3], sine, angle, cosine = axis < 0 ? -1 : 0; /* twice the cosine, and the sine */
-  int i, k;
-  for (k = 0; k < 3; ++k) turn[k] = 0;
-  for (i = 0; i < 3; ++i) {
+  for (int k = 0; k < 3; ++k) turn[k] = 0;
+  for (int i = 0; i < 3; ++i) {
     if (axis >= 0 && axis != i) continue;
     calib_cross(from + 3 * i, to + 3 * i, across);
     calib_add_times(1, across, turn);
@@ -30,7 +29,7 @@ static inline void calib_turn_left(const calib_rotation from, const calib_rotati
   sine = calib_length(3, turn);
   angle = atan2(sine, cosine);
   if (!(sine > 0) && angle > 1) calib_copy(3, from + 3 * ((axis + 4) % 3), turn); /* half a turn */
-  for (k = 0; k < 3; ++k) turn[k] *= angle / (sine > 0 ? sine : 1);
+  for (int k = 0; k < 3; ++k) turn[k] *= angle / (sine > 0 ? sine : 1);
 }
 
 /* What joints miss of a task: residuals, their derivative by the joints in shares of their ranges,
@@ -42,25 +41,24 @@ typedef struct {
 static inline void calib_left(const calib_task *task, const calib_joints q, calib_gap *gap) {
   const int bends = CALIB_BENDS && !task->straight;
   calib_real *r = gap->r, *J = gap->J, p[3] = {0}, axes[9], turn[3];
-  int i, k;
   if (task->arm) calib_chain(task->arm, bends, q, p, axes, J);
   else if (@step_cost@ > 1 && task->straight) calib_seen(&calib_body, 0, q, p, J);
   else calib_model(q, p, J);
-  for (i = 0; i < 3; ++i) r[i] = task->x[i] - p[i];
+  for (int i = 0; i < 3; ++i) r[i] = task->x[i] - p[i];
   if (task->rows > 3) {
     calib_turn_left(axes, task->axes, task->axis, turn);
-    for (i = 0; i < 3; ++i) r[3 + i] = @lever@ * turn[i];
-    for (i = 3 * CALIB_DOF; i < 6 * CALIB_DOF; ++i) J[i] *= @lever@;
+    for (int i = 0; i < 3; ++i) r[3 + i] = @lever@ * turn[i];
+    for (int i = 3 * CALIB_DOF; i < 6 * CALIB_DOF; ++i) J[i] *= @lever@;
   }
   if (task->axis >= 0) { /* along the tip's two other axes */
     calib_real sides[6], spin[3 * CALIB_DOF];
-    for (i = 0; i < 2; ++i) calib_copy(3, axes + 3 * ((task->axis + 1 + i) % 3), sides + 3 * i);
+    for (int i = 0; i < 2; ++i) calib_copy(3, axes + 3 * ((task->axis + 1 + i) % 3), sides + 3 * i);
     calib_copy(3, r + 3, turn);
     calib_copy(3 * CALIB_DOF, J + 3 * CALIB_DOF, spin);
     calib_product(2, sides, 1, turn, r + 3);
     calib_product(2, sides, CALIB_DOF, spin, J + 3 * CALIB_DOF);
   }
-  for (i = 0; i < task->rows; ++i)
-    for (k = 0; k < CALIB_DOF; ++k) J[i * CALIB_DOF + k] *= calib_span[k];
+  for (int i = 0; i < task->rows; ++i)
+    for (int k = 0; k < CALIB_DOF; ++k) J[i * CALIB_DOF + k] *= calib_span[k];
   gap->left = calib_length(task->rows, r);
 }
