@@ -221,8 +221,8 @@ def local_models(model: Parts) -> Section:
         "talks": flat.any(axis=1).astype(int),
         "along": along,
         "parent": below[np.arange(len(terms)), along],
-        "power": terms.ravel().astype(int),
-        "below": below.ravel(),
+        "power": terms.astype(float),
+        "below": below,
     }
     words = {
         "terms": len(terms),

@@ -27,12 +27,11 @@ static inline void calib_chain(const calib_arm *arm, int bends, const calib_join
   calib_frame at[CALIB_CHAIN + 1];
   calib_real slope[CALIB_CHAIN][CALIB_DOF];
   calib_bend bend;
-  calib_real tip[4] = {0, 0, 0, 1};
   calib_posture(arm, q, bends ? &bend : 0, at, G ? slope : 0);
   calib_copy(3, at[CALIB_CHAIN].p, p);
   calib_copy(9, at[CALIB_CHAIN].axes, axes);
   if (!G) return;
-  calib_copy(3, p, tip);
+  const calib_real tip[4] = {p[0], p[1], p[2], 1};
   for (int k = 0; k < 6 * CALIB_DOF; ++k) G[k] = 0;
   for (int i = 0; i < CALIB_CHAIN; ++i) {
     calib_real twist[6] = {0, 0, 0, 0, 0, 0};
@@ -52,11 +51,9 @@ static inline void calib_seen(const calib_arm *arm, int bends, const calib_joint
   calib_add_times(1, calib_shift, at);
   calib_copy(9, calib_view, seen);
 #if @lens@
-  {
-    calib_real L[6], u[2];
-    calib_pinhole(at, x, L, u);
-    calib_product(2, L, 3, calib_view, seen);
-  }
+  calib_real L[6], u[2];
+  calib_pinhole(at, x, L, u);
+  calib_product(2, L, 3, calib_view, seen);
 #else
   calib_copy(CALIB_OUT, at, x);
 #endif

@@ -1,16 +1,15 @@
 /* Joints that bring the real tip to where the nominal arm would be with q, near q; with six joints
  * or more also its orientation.  0 where none do, or a joint would change by more than usual. */
 CALIB_API int calib_correct(const calib_joints q, calib_joints out) {
-  calib_task task = {&calib_body, @correcting@, -1, @lever@, {0}, {0}, 0}, seen;
+  calib_task task = {&calib_body, @correcting@, -1, @lever@, {0}, {0}, 0};
   calib_real start[CALIB_DOF], x[CALIB_OUT];
-  calib_search search;
   calib_gap gap;
   int good = calib_inside(q, start);
   calib_copy(CALIB_DOF, start, out);
   calib_chain(&calib_nominal, 0, start, task.x, task.axes, 0);
   calib_seen(&calib_nominal, 0, start, x, 0);
-  seen = calib_position_task(x);
-  search = calib_begin(&task, start, 0, CALIB_BUDGET, 0);
+  calib_task seen = calib_position_task(x);
+  calib_search search = calib_begin(&task, start, 0, CALIB_BUDGET, 0);
   if (task.rows) good = good && calib_descend(&search, 0, out, &gap);
   search.task = &seen; /* what local models move is met as a position */
   if (@correcting_seen@) good = good && calib_descend(&search, 0, out, &gap);

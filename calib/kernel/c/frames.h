@@ -25,13 +25,10 @@ static inline void calib_frames(const calib_arm *arm, const calib_values value, 
     calib_product(3, arm->turned[i], 3, axes, at[i].axes);
     if (i == CALIB_CHAIN) return;
     calib_copy(9, at[i].axes, axes);
-    for (int k = 0; k < 3; ++k) {
-      if (calib_turns[i]) {
-        axes[k] = cosine[i] * x[k] + sine[i] * y[k];
-        axes[3 + k] = cosine[i] * y[k] - sine[i] * x[k];
-      } else {
-        p[k] += value[i] * z[k];
-      }
+    if (!calib_turns[i]) calib_add_times(value[i], z, p);
+    for (int k = 0; calib_turns[i] && k < 3; ++k) {
+      axes[k] = cosine[i] * x[k] + sine[i] * y[k];
+      axes[3 + k] = cosine[i] * y[k] - sine[i] * x[k];
     }
   }
 }
@@ -51,9 +48,8 @@ static inline void calib_swing(const calib_frame *at, int joint, const calib_rea
 /* Values of an arm's joints without curves and loads, and where slope is not null their derivatives. */
 static inline void calib_mixed(const calib_arm *arm, const calib_joints q, calib_values value,
                                calib_slopes slope) {
-  calib_copy(CALIB_CHAIN, arm->bias, value);
   for (int i = 0; i < CALIB_CHAIN; ++i) {
-    for (int k = 0; k < CALIB_DOF; ++k) value[i] += arm->mix[i][k] * q[k];
+    value[i] = arm->bias[i] + calib_dot(CALIB_DOF, arm->mix[i], q);
     if (slope) calib_copy(CALIB_DOF, arm->mix[i], slope[i]);
   }
 }

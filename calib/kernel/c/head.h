@@ -78,10 +78,9 @@ static inline int calib_inside(const calib_joints q, calib_joints out) {
 }
 
 static inline void calib_cross(const calib_vector a, const calib_vector b, calib_vector out) {
-  const calib_real x = a[1] * b[2] - a[2] * b[1], y = a[2] * b[0] - a[0] * b[2];
+  out[0] = a[1] * b[2] - a[2] * b[1];
+  out[1] = a[2] * b[0] - a[0] * b[2];
   out[2] = a[0] * b[1] - a[1] * b[0];
-  out[0] = x;
-  out[1] = y;
 }
 
 static inline calib_real calib_dot(int count, const calib_real *a, const calib_real *b) {

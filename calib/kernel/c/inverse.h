@@ -12,21 +12,17 @@ static inline int calib_inverse_within(const calib_place x, const calib_joints n
                                        calib_joints q) {
   calib_task task = calib_position_task(x);
   calib_search search;
-  calib_real bound;
-  int sure = calib_try_near(&search, &task, near, budget, q);
-  if (sure == 2) {
-    if (CALIB_DOF <= CALIB_OUT) sure = 1;
-    calib_try_position(&search);
-  }
+  const int sure = calib_try_near(&search, &task, near, budget, q);
+  if (sure == 2) calib_try_position(&search);
   if (!search.count && search.left < (calib_real)INFINITY) {
-    /* what misses by less than twice the expected error may still count as reached */
+    calib_real bound; /* what misses by less than twice the expected error may still count as reached */
     if (!calib_expected_error(search.way, &bound)) bound = @extent@;
     bound = calib_between(bound, CALIB_DOF > CALIB_OUT ? @edge@ * @extent@ / 2 : 0, @sure@ * @extent@);
     if (search.budget > 0 && search.left > 2 * bound) return calib_answered(&search, near, 3);
     for (int n = 0; budget > CALIB_BUDGET && !search.count && n < CALIB_STARTS; ++n)
       calib_try(&search, calib_start_q[n]);
   }
-  return calib_answered(&search, near, sure);
+  return calib_answered(&search, near, CALIB_DOF > CALIB_OUT ? sure : sure > 0);
 }
 
 /* Joints that bring the tip to a position: of several ways the one nearest to `near`, in shares of

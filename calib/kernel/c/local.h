@@ -8,7 +8,7 @@ static inline calib_real calib_heard(calib_real share) {
 /* Local models of what the body leaves over, added to position and derivative. */
 static inline void calib_local(const calib_joints q, calib_real *x, calib_real *J) {
   calib_real weight[CALIB_NEAR], gap[CALIB_DOF], value[@terms@], loud = 0;
-  int node[CALIB_NEAR];
+  int node[CALIB_NEAR + 1];
   calib_near(q, node, weight);
   for (int k = 0; k < CALIB_NEAR; ++k)
     if (calib_talks[node[k]]) loud += weight[k];
@@ -16,7 +16,6 @@ static inline void calib_local(const calib_joints q, calib_real *x, calib_real *
   for (int k = 0; k < CALIB_NEAR; ++k) {
     const calib_real r = calib_radius[node[k]], w = weight[k] * loud;
     const calib_real *c = calib_local_terms[node[k]];
-    if (!calib_talks[node[k]]) continue;
     calib_way(q, calib_node[node[k]], gap);
     value[0] = 1;
     for (int t = 1; t < @terms@; ++t) value[t] = value[calib_parent[t]] * gap[calib_along[t]] / r;
@@ -24,11 +23,8 @@ static inline void calib_local(const calib_joints q, calib_real *x, calib_real *
       for (int o = 0; o < CALIB_OUT; ++o) x[o] += w * c[t * CALIB_OUT + o] * value[t];
     for (int t = 1; J && t < @terms@; ++t)
       for (int i = 0; i < CALIB_DOF; ++i) {
-        const int power = calib_power[t * CALIB_DOF + i];
-        if (!power) continue;
-        for (int o = 0; o < CALIB_OUT; ++o)
-          J[o * CALIB_DOF + i] += w * c[t * CALIB_OUT + o] * (calib_real)power *
-                                  value[calib_below[t * CALIB_DOF + i]] / (r * calib_span[i]);
+        const calib_real rate = w * calib_power[t][i] * value[calib_below[t][i]] / (r * calib_span[i]);
+        for (int o = 0; o < CALIB_OUT; ++o) J[o * CALIB_DOF + i] += rate * c[t * CALIB_OUT + o];
       }
   }
 }

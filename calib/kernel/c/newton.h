@@ -61,7 +61,7 @@ static inline int calib_move(int n, const calib_real *J, const calib_real *r, co
   return 1;
 }
 
-/* Whether joints lie so close to one of some ways that they hardly lead to another. */
+/* Whether joints lie closer than that to one of some ways. */
 static inline int calib_beside(const calib_joints q, const calib_real *ways, int count,
                                calib_real share) {
   for (int j = 0; j < count; ++j)
@@ -105,10 +105,9 @@ static inline int calib_steps(calib_search *search, int count, calib_real enough
   calib_gap next;
   int last = 0;
   for (int step = 0; step < CALIB_STEPS && search->budget > 0 && gap->left > enough; ++step) {
-    int better, slow, inside;
     search->budget -= task->straight ? 1 : @step_cost@;
     if (!calib_move(task->rows, gap->J, gap->r, q, 0, damping, move)) return 0;
-    inside = calib_moved(q, move, trial);
+    const int inside = calib_moved(q, move, trial);
     if (last && inside) { /* what this step leaves is known to be less */
       calib_copy(CALIB_DOF, trial, q);
       gap->left = 0;
@@ -116,8 +115,7 @@ static inline int calib_steps(calib_search *search, int count, calib_real enough
     }
     if (calib_beside(trial, search->way, count, @margin@ / 4)) return 0;
     calib_left(task, trial, &next);
-    better = next.left < gap->left;
-    slow = !(next.left < gap->left * (1 - @slow@));
+    const int better = next.left < gap->left, slow = !(next.left < gap->left * (1 - @slow@));
     if (better ? slow : gap->left <= close || !(damping < @hardest@)) step = CALIB_STEPS;
     damping = better ? damping / @easier@ : damping * @easier@;
     damping = calib_between(damping, better ? @calm@ : @hard@, @hardest@ * @easier@);
@@ -142,11 +140,11 @@ static inline int calib_slides(calib_search *search, int count, calib_joints q, 
   for (int n = 0; n < CALIB_SLIDES && search->budget > 0 && share >= @stuck@; ++n) {
     const calib_real settled = task->straight ? 100 * @settled@ : gap->left <= close ? @settled@ : -1;
     const calib_real here = calib_way(search->from, q, wish);
-    calib_real part = 1, size, away;
+    calib_real part = 1;
     search->budget -= task->straight ? 1 : @step_cost@;
     for (int k = 0; k < CALIB_DOF; ++k) wish[k] *= share;
     if (!calib_move(task->rows, gap->J, gap->r, q, wish, @calm@, move)) return 0;
-    size = calib_length(CALIB_DOF, move);
+    const calib_real size = calib_length(CALIB_DOF, move);
     if (size <= settled * share) return 1;
     for (int k = 0; k < CALIB_DOF; ++k) { /* no joint beyond its limit */
       const calib_real u = calib_share_of(k, q[k]), room = move[k] > 0 ? 1 - u : u;
@@ -157,7 +155,7 @@ static inline int calib_slides(calib_search *search, int count, calib_joints q, 
     calib_moved(q, move, trial);
     if (calib_beside(trial, search->way, count, @margin@ / 4)) return 0;
     calib_left(task, trial, &next);
-    away = calib_apart(trial, search->from);
+    const calib_real away = calib_apart(trial, search->from);
     if (next.left <= rough && (gap->left > close || away < here)) {
       const calib_real slid = calib_apart(trial, q);
       const calib_real bend = away * away - here * here + 2 * slid * size / share;
@@ -181,19 +179,16 @@ static inline int calib_descend(calib_search *search, int count, calib_joints q,
   calib_clipped(q);
   calib_left(task, q, gap);
   if (!calib_steps(search, count, spare ? rough : enough, q, gap)) return 0;
-  if (spare && gap->left <= rough) {
-    if (!calib_slides(search, count, q, gap)) return 0;
-    if (!calib_steps(search, count, enough, q, gap)) return 0;
-  }
+  if (spare && gap->left <= rough)
+    if (!calib_slides(search, count, q, gap) || !calib_steps(search, count, enough, q, gap)) return 0;
   return gap->left <= (task->straight ? 10 * rough : close); /* what misses by far does so bent */
 }
 
 /* The same, first roughly by the arm without what bends it; a way further than the nearest is given up. */
 static inline int calib_reach(calib_search *search, calib_joints q, calib_gap *gap) {
   if (@step_cost@ > 1) {
-    int there;
     search->task->straight = 1;
-    there = calib_descend(search, search->count, q, gap);
+    const int there = calib_descend(search, search->count, q, gap);
     search->task->straight = 0;
     if (!there || calib_beyond(search, q, @margin@ / 4)) return 0;
   }
@@ -205,23 +200,23 @@ static inline int calib_reach(calib_search *search, calib_joints q, calib_gap *g
 static inline int calib_twin(const calib_task *task, const calib_joints q, const calib_gap *here,
                              calib_joints out) {
   const int n = task->rows;
-  calib_real y[6], v[CALIB_DOF] = {0}, least = 0, all, rate = 0, reach;
+  calib_real y[6], v[CALIB_DOF] = {0}, rate = 0;
   calib_gap gap;
   for (int i = 0; i < n; ++i) y[i] = (calib_real)(1 + i);
   for (int k = 0; k < 4; ++k) { /* residuals that joints hardly reach, by inverse iteration */
     if (!calib_forces(n, here->J, y, @calm@, y)) return 0;
-    least = calib_length(n, y);
-    for (int i = 0; i < n; ++i) y[i] /= least;
+    const calib_real size = calib_length(n, y);
+    for (int i = 0; i < n; ++i) y[i] /= size;
   }
   for (int i = 0; i < n; ++i)
     for (int k = 0; k < CALIB_DOF; ++k) v[k] += here->J[i * CALIB_DOF + k] * y[i];
-  least = calib_length(CALIB_DOF, v); /* singular value */
-  all = calib_length(n * CALIB_DOF, here->J);
+  const calib_real least = calib_length(CALIB_DOF, v); /* singular value */
+  const calib_real all = calib_length(n * CALIB_DOF, here->J);
   if (!(least * least <= @fold@ * all * all)) return 0;
   for (int k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + @probe@ * calib_span[k] * v[k] / least;
   calib_left(task, out, &gap);
   for (int i = 0; i < n; ++i) rate += y[i] * calib_dot(CALIB_DOF, gap.J + i * CALIB_DOF, v) / least;
-  reach = -2 * least * @probe@ / (rate - least);
+  const calib_real reach = -2 * least * @probe@ / (rate - least);
   if (!(fabs(reach) < @twin_reach@)) return 0;
   for (int k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + reach * calib_span[k] * v[k] / least;
   return 1;

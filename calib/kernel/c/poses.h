@@ -16,11 +16,10 @@ static inline void calib_quaternion(const calib_rotation R, calib_real q[4]) {
       {R[1] + R[3], 1 - R[0] + R[4] - R[8], R[5] + R[7], R[2] - R[6]},
       {R[2] + R[6], R[5] + R[7], 1 - R[0] - R[4] + R[8], R[3] - R[1]},
       {R[7] - R[5], R[2] - R[6], R[3] - R[1], 1 + R[0] + R[4] + R[8]}};
-  calib_real size;
   int best = 0;
   for (int i = 1; i < 4; ++i)
     if (products[i][i] > products[best][best]) best = i;
-  size = calib_length(4, products[best]);
+  const calib_real size = calib_length(4, products[best]);
   for (int i = 0; i < 4; ++i) q[i] = products[best][i] / (products[best][3] < 0 ? -size : size);
 }
 
@@ -45,21 +44,13 @@ static inline calib_task calib_pose_task(const calib_vector x, const calib_rotat
   return task;
 }
 
-/* The way to a pose nearest to joints that these, and then starts lead to, as calib_inverse. */
-static inline int calib_pose_from(calib_task *task, const calib_starts *starts,
-                                  const calib_joints near, calib_joints q) {
-  calib_search search;
-  const int sure = calib_try_near(&search, task, near, CALIB_BUDGET * (1 + starts->count), q);
-  if (sure == 2) calib_try_starts(&search, starts);
-  return calib_answered(&search, near, starts->count ? 1 : sure); /* all that they lead to was seen */
-}
-
-/* The same from `near` alone, of a pose as calib_pose_task has it. */
+/* The way to a pose, as calib_pose_task has it, that joints lead to; as calib_inverse. */
 static inline int calib_inverse_pose(const calib_vector x, const calib_rotation R, int axis,
                                      const calib_joints near, calib_joints q) {
-  const calib_starts none = {0, 0, 0, 0, 0};
   calib_task task = calib_pose_task(x, R, axis);
-  return calib_pose_from(&task, &none, near, q);
+  calib_search search;
+  const int sure = calib_try_near(&search, &task, near, CALIB_BUDGET, q);
+  return calib_answered(&search, near, sure);
 }
 
 /* The task of a question for a pose. */
@@ -72,7 +63,10 @@ static inline calib_task calib_asked(const calib_real *b) {
 CALIB_API int calib_poses_row(const calib_real *b, calib_real *q) {
   const calib_starts starts = {b + 27, (int)b[26], (int)b[26], CALIB_RUNS, b[25]};
   calib_task task = calib_asked(b);
-  return calib_pose_from(&task, &starts, b, q);
+  calib_search search;
+  const int sure = calib_try_near(&search, &task, b, CALIB_BUDGET * (1 + starts.count), q);
+  if (sure == 2) calib_try_starts(&search, &starts);
+  return calib_answered(&search, b, starts.count ? 1 : sure); /* all that they lead to was seen */
 }
 
 CALIB_API int calib_poses_all_row(const calib_real *b, calib_real *q) {

@@ -63,8 +63,7 @@ static inline int calib_try(calib_search *search, const calib_joints start) {
   }
   if (CALIB_DOF > search->task->rows || (!one && search->count == search->most)) return gain;
   if (one && gain && search->away <= @near_enough@) return gain;
-  if (!calib_twin(search->task, way, &gap, across)) return gain;
-  if (calib_beyond(search, across, @margin@)) return gain;
+  if (!calib_twin(search->task, way, &gap, across) || calib_beyond(search, across, @margin@)) return gain;
   return (calib_descend(search, 0, across, &gap) && calib_take(search, across)) || gain;
 }
 
