@@ -1,6 +1,6 @@
-/* Where the tip is (its fourth number is 1), and how it moves with joints and with each part of the arm, in the order of those of
- * calib_by_part between the numbers of view and lens: as origins shift and turn along the axes of their
- * frames, by offsets of joints, by gains of their own and of the joints before, and by loads. */
+/* Where the tip is (and 1), and how it moves with joints and with each part of the arm, in the order
+ * of calib_by_part without view and lens: as origins shift and turn along the axes of their frames,
+ * by offsets of joints, by gains of their own and of the joints before, and by loads. */
 static inline void calib_parts_off(const calib_joints q, calib_bend *bend, calib_real tip[4],
                                    calib_real motion[CALIB_PARTS][3], calib_real joint[CALIB_DOF][3]) {
   calib_frame at[CALIB_CHAIN + 1];
@@ -13,7 +13,8 @@ static inline void calib_parts_off(const calib_joints q, calib_bend *bend, calib
     calib_swing(at, i, tip, by_joint[i]);
     for (int k = 0; k < 3; ++k) lever[k] = tip[k] - at[i].p[k];
     for (int k = 0; k < 9; k += 3) calib_cross(at[i].axes + k, lever, motion[row++]);
-    for (int n = 0; n < CALIB_DOF; ++n) calib_add_times(calib_coupling[i][n], by_joint[i], joint[n]);
+    for (int n = 0; n < CALIB_DOF; ++n)
+      calib_add_times(calib_coupling[i][n], by_joint[i], joint[n]);
   }
   for (int i = 0; i < CALIB_DOF; ++i) calib_add_times(1, joint[i], motion[row++]);
   for (int i = 0; i < CALIB_DOF; ++i) calib_add_times(q[i], joint[i], motion[row++]);
@@ -33,7 +34,8 @@ static inline void calib_moves(const calib_joints q, calib_ways z[3], calib_real
   calib_ways there[3] = {{0}};
   (void)alone;
   calib_parts_off(q, &bend, point, motion, joint);
-  for (int k = 0; k < 3; ++k) calib_add_rows(CALIB_PARTS, motion[0] + k, 3, calib_by_part[CALIB_VIEW], there[k]);
+  for (int k = 0; k < 3; ++k)
+    calib_add_rows(CALIB_PARTS, motion[0] + k, 3, calib_by_part[CALIB_VIEW], there[k]);
 #if @alone@
   for (int n = 0; n < CALIB_DOF; ++n) {
     calib_ways off = {0};

@@ -15,9 +15,10 @@ static inline int calib_inverse_within(const calib_place x, const calib_joints n
   const int sure = calib_try_near(&search, &task, near, budget, q);
   if (sure == 2) calib_try_position(&search);
   if (!search.count && search.left < (calib_real)INFINITY) {
-    calib_real bound; /* what misses by less than twice the expected error may still count as reached */
+    calib_real bound; /* what misses by less than twice that may still count as reached */
     if (!calib_expected_error(search.way, &bound)) bound = @extent@;
-    bound = calib_between(bound, CALIB_DOF > CALIB_OUT ? @edge@ * @extent@ / 2 : 0, @sure@ * @extent@);
+    const calib_real least = CALIB_DOF > CALIB_OUT ? @edge@ * @extent@ / 2 : 0;
+    bound = calib_between(bound, least, @sure@ * @extent@);
     if (search.budget > 0 && search.left > 2 * bound) return calib_answered(&search, near, 3);
     for (int n = 0; budget > CALIB_BUDGET && !search.count && n < CALIB_STARTS; ++n)
       calib_try(&search, calib_start_q[n]);

@@ -23,7 +23,8 @@ static inline void calib_local(const calib_joints q, calib_real *x, calib_real *
       for (int o = 0; o < CALIB_OUT; ++o) x[o] += w * c[t * CALIB_OUT + o] * value[t];
     for (int t = 1; J && t < @terms@; ++t)
       for (int i = 0; i < CALIB_DOF; ++i) {
-        const calib_real rate = w * calib_power[t][i] * value[calib_below[t][i]] / (r * calib_span[i]);
+        const calib_real slope = calib_power[t][i] * value[calib_below[t][i]];
+        const calib_real rate = w * slope / (r * calib_span[i]);
         for (int o = 0; o < CALIB_OUT; ++o) J[o * CALIB_DOF + i] += rate * c[t * CALIB_OUT + o];
       }
   }

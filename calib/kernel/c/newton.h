@@ -3,7 +3,8 @@ static inline int calib_forces(int n, const calib_real *J, const calib_real *r, 
                                calib_real y[6]) {
   calib_real a[6][6], inverse[6], trace = 0;
   for (int i = 0; i < n; ++i) {
-    for (int j = i; j < n; ++j) a[i][j] = calib_dot(CALIB_DOF, J + i * CALIB_DOF, J + j * CALIB_DOF);
+    for (int j = i; j < n; ++j)
+      a[i][j] = calib_dot(CALIB_DOF, J + i * CALIB_DOF, J + j * CALIB_DOF);
     trace += a[i][i];
     y[i] = r[i];
   }
@@ -24,17 +25,6 @@ static inline int calib_forces(int n, const calib_real *J, const calib_real *r, 
   return 1;
 }
 
-/* Joints within their limits; those of full turns go round.  Returns whether no limit holds any. */
-static inline int calib_clipped(calib_joints q) {
-  int inside = 1;
-  for (int k = 0; k < CALIB_DOF; ++k) {
-    const calib_real least = calib_lower[k], most = least + calib_span[k];
-    if (!calib_periodic[k] && !(q[k] > least && q[k] < most)) inside = 0;
-    q[k] = calib_between(calib_wrapped(k, q[k]), least, most);
-  }
-  return inside;
-}
-
 /* Of all moves, in shares of the joints' ranges, that bring residuals to zero the one that ends nearest
  * to a wish; joints that a limit holds stay. */
 static inline int calib_move(int n, const calib_real *J, const calib_real *r, const calib_joints q,
@@ -44,7 +34,8 @@ static inline int calib_move(int n, const calib_real *J, const calib_real *r, co
   calib_copy(n * CALIB_DOF, J, own);
   if (wish) calib_copy(CALIB_DOF, wish, ahead);
   for (int pass = 0; again && pass < CALIB_DOF; ++pass) {
-    for (int i = 0; i < n; ++i) lacking[i] = r[i] - calib_dot(CALIB_DOF, own + i * CALIB_DOF, ahead);
+    for (int i = 0; i < n; ++i)
+      lacking[i] = r[i] - calib_dot(CALIB_DOF, own + i * CALIB_DOF, ahead);
     if (!calib_forces(n, own, lacking, damping, y)) return 0;
     for (again = 0, k = 0; k < CALIB_DOF; ++k) {
       /* joint values: a share of the range at its upper end may round to less than 1 */
@@ -69,30 +60,37 @@ static inline int calib_beside(const calib_joints q, const calib_real *ways, int
   return 0;
 }
 
-/* Joints a move on, none further than a step may, within their limits; whether no limit holds any. */
-static inline int calib_moved(const calib_joints q, const calib_joints move, calib_joints out) {
+/* Joints a move on, or clipped (0), none further than a step may: within their limits, those of full
+ * turns go round.  Returns whether no limit holds any. */
+static inline int calib_moved(const calib_joints q, const calib_real *move, calib_joints out) {
   calib_real largest = @longest@;
-  for (int k = 0; k < CALIB_DOF; ++k)
+  int inside = 1;
+  for (int k = 0; move && k < CALIB_DOF; ++k)
     if (fabs(move[k]) > largest) largest = fabs(move[k]);
-  for (int k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + calib_span[k] * move[k] * @longest@ / largest;
-  return calib_clipped(out);
+  for (int k = 0; k < CALIB_DOF; ++k) {
+    const calib_real least = calib_lower[k], most = least + calib_span[k];
+    const calib_real value = q[k] + (move ? calib_span[k] * move[k] * @longest@ / largest : 0);
+    if (!calib_periodic[k] && !(value > least && value < most)) inside = 0;
+    out[k] = calib_between(calib_wrapped(k, value), least, most);
+  }
+  return inside;
 }
 
 /* A search: from where, and the ways so far that do the task; with room for one the nearest stays. */
 typedef struct {
   calib_task *task;
   calib_real from[CALIB_DOF]; /* joints that answers should be near to */
-  calib_real *way;            /* joints of the ways, the nearest first; of none what comes closest, */
-  calib_real left;            /* and what it misses */
+  calib_real *way;            /* joints of the ways, the nearest first; else what comes closest, */
+  calib_real left;            /* and what that misses */
   int count, most;            /* ways, and how many have room */
   int budget;                 /* steps that are left */
   calib_real away;            /* from `from` to the furthest way */
 } calib_search;
 
-/* Whether the nearest way alone is asked for, and joints are so much further than the one so far. */
-static inline int calib_beyond(const calib_search *search, const calib_joints q, calib_real margin) {
+/* Whether the nearest way alone is asked for, and joints are further than the one so far and this. */
+static inline int calib_beyond(const calib_search *search, const calib_joints q, calib_real more) {
   return search->most == 1 && search->count &&
-         calib_apart(q, search->from) > search->away + margin;
+         calib_apart(q, search->from) > search->away + more;
 }
 
 /* Joints by damped Newton steps until so little of their task is left, or no step leads on; the gap is
@@ -129,9 +127,9 @@ static inline int calib_steps(calib_search *search, int count, calib_real enough
   return 1;
 }
 
-/* Redundant joints that are close to their task along their self-motion towards those that are asked
- * for.  The share of this way that they slide at once is where, by the last slide, the distance would be
- * least on its parabola.  0 where they are given up, as of calib_steps. */
+/* Redundant joints close to their task, along their self-motion towards those that are asked for, and
+ * each time the share of the way at which the parabola of the distance on the last slide is least.
+ * 0 where they are given up, as of calib_steps. */
 static inline int calib_slides(calib_search *search, int count, calib_joints q, calib_gap *gap) {
   const calib_task *task = search->task;
   const calib_real rough = @rough@ * task->size, close = @close@ * task->size;
@@ -176,11 +174,12 @@ static inline int calib_descend(calib_search *search, int count, calib_joints q,
   const calib_real rough = @rough@ * task->size, close = @close@ * task->size;
   const calib_real enough = task->straight ? rough : @enough@ * task->size;
   const int spare = CALIB_DOF > task->rows;
-  calib_clipped(q);
+  calib_moved(q, 0, q);
   calib_left(task, q, gap);
   if (!calib_steps(search, count, spare ? rough : enough, q, gap)) return 0;
   if (spare && gap->left <= rough)
-    if (!calib_slides(search, count, q, gap) || !calib_steps(search, count, enough, q, gap)) return 0;
+    if (!(calib_slides(search, count, q, gap) && calib_steps(search, count, enough, q, gap)))
+      return 0;
   return gap->left <= (task->straight ? 10 * rough : close); /* what misses by far does so bent */
 }
 

@@ -1,12 +1,12 @@
 /* Adds the weight of a link, a mass at its end and the moment in the frame there, to others. */
-static inline void calib_weigh(const calib_frame *end, const calib_real weight[4], calib_real sum[4]) {
+static inline void calib_weigh(const calib_frame *end, const calib_real *weight, calib_real sum[4]) {
   calib_add(end->axes, weight + 1, sum);
   calib_add_times(weight[0], end->p, sum);
   sum[3] += weight[0];
 }
 
-/* Adds how much each joint bends under the weights beyond it, how it swings these at the posture that is drawn,
- * `at`, and where slope is not null the derivatives. */
+/* Adds how much each joint bends under the weights beyond it, and where slope is not null the
+ * derivatives: by how it swings them at the posture that is drawn, `at`. */
 static inline void calib_sag(const calib_joints q, calib_frame *at, calib_real swung[CALIB_CHAIN][3],
                              calib_values value, calib_slopes slope) {
   calib_real across[CALIB_CHAIN][3] = {{0}}, moved[CALIB_CHAIN][3], drawn[CALIB_CHAIN];

@@ -49,21 +49,17 @@ static inline int calib_try(calib_search *search, const calib_joints start) {
   const int one = search->most == 1;
   calib_real way[CALIB_DOF], across[CALIB_DOF];
   calib_gap gap;
-  int gain = 0;
   calib_copy(CALIB_DOF, start, way);
-  if (calib_reach(search, way, &gap)) {
-    gain = calib_take(search, way);
-    if (!gain && !one) return 0;
-  } else {
-    if (!search->count && gap.left < search->left) {
-      search->left = gap.left;
-      calib_copy(CALIB_DOF, way, search->way);
-    }
-    if (!(gap.left <= @edge@ * search->task->size)) return 0;
+  const int there = calib_reach(search, way, &gap), gain = there && calib_take(search, way);
+  if (!search->count && gap.left < search->left) {
+    search->left = gap.left;
+    calib_copy(CALIB_DOF, way, search->way);
   }
+  if (there ? !gain && !one : !(gap.left <= @edge@ * search->task->size)) return 0;
   if (CALIB_DOF > search->task->rows || (!one && search->count == search->most)) return gain;
   if (one && gain && search->away <= @near_enough@) return gain;
-  if (!calib_twin(search->task, way, &gap, across) || calib_beyond(search, across, @margin@)) return gain;
+  if (!calib_twin(search->task, way, &gap, across)) return gain;
+  if (calib_beyond(search, across, @margin@)) return gain;
   return (calib_descend(search, 0, across, &gap) && calib_take(search, across)) || gain;
 }
 
@@ -85,7 +81,7 @@ static inline int calib_try_near(calib_search *search, calib_task *task,
     const calib_real u = calib_share_of(k, near[k]);
     if (!(u - u == 0) || (!calib_periodic[k] && !(u >= -1 && u <= 2))) return 0;
   }
-  calib_clipped(search->from);
+  calib_moved(near, 0, search->from);
   calib_try(search, search->from);
   return search->count && search->away <= (spare ? @near_enough_spare@ : @near_enough@) ? 1 : 2;
 }

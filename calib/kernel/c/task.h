@@ -18,7 +18,7 @@ static inline calib_task calib_position_task(const calib_place x) {
 /* Turn that is left from axes to others, or from one of them to its other, a rotation vector. */
 static inline void calib_turn_left(const calib_rotation from, const calib_rotation to, int axis,
                                    calib_vector turn) {
-  calib_real across[3], sine, angle, cosine = axis < 0 ? -1 : 0; /* twice the cosine, and the sine */
+  calib_real across[3], cosine = axis < 0 ? -1 : 0; /* twice the cosine, and the sine */
   for (int k = 0; k < 3; ++k) turn[k] = 0;
   for (int i = 0; i < 3; ++i) {
     if (axis >= 0 && axis != i) continue;
@@ -26,8 +26,7 @@ static inline void calib_turn_left(const calib_rotation from, const calib_rotati
     calib_add_times(1, across, turn);
     cosine += calib_dot(3, from + 3 * i, to + 3 * i);
   }
-  sine = calib_length(3, turn);
-  angle = atan2(sine, cosine);
+  const calib_real sine = calib_length(3, turn), angle = atan2(sine, cosine);
   if (!(sine > 0) && angle > 1) calib_copy(3, from + 3 * ((axis + 4) % 3), turn); /* half a turn */
   for (int k = 0; k < 3; ++k) turn[k] *= angle / (sine > 0 ? sine : 1);
 }

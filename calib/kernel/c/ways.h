@@ -8,7 +8,7 @@ typedef calib_real calib_ways[CALIB_TOGETHER];
 
 /* Radius of 95 % of a Gaussian, by the trace of its covariance and the sum of its squares. */
 static inline calib_real calib_radius_95(calib_real trace, calib_real squares) {
-  const calib_real g = (calib_real)2 / 9 * squares / (trace * trace), r = 1 - g + @normal@ * sqrt(g);
+  const calib_real g = 2 * squares / (9 * trace * trace), r = 1 - g + @normal@ * sqrt(g);
   return trace > 0 ? sqrt(trace * r * r * r) : 0;
 }
 
