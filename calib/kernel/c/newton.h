@@ -127,23 +127,24 @@ static inline int calib_steps(calib_search *search, int count, calib_real enough
   return 1;
 }
 
-/* Redundant joints close to their task, along their self-motion towards those that are asked for, and
- * each time the share of the way at which the parabola of the distance on the last slide is least.
- * 0 where they are given up, as of calib_steps. */
+/* Redundant joints close to their task, along their self-motion towards those that are asked for.  How
+ * far the way bends away from these, or to them, is seen by what brings joints back onto it after a
+ * slide, and sets the share of the next one.  0 where they are given up, as of calib_steps. */
 static inline int calib_slides(calib_search *search, int count, calib_joints q, calib_gap *gap) {
   const calib_task *task = search->task;
   const calib_real rough = @rough@ * task->size, close = @close@ * task->size;
-  calib_real wish[CALIB_DOF], move[CALIB_DOF], trial[CALIB_DOF], share = 1;
+  calib_real wish[CALIB_DOF], move[CALIB_DOF], trial[CALIB_DOF], share = 1, slid = 0;
   calib_gap next;
   for (int n = 0; n < CALIB_SLIDES && search->budget > 0 && share >= @stuck@; ++n) {
     const calib_real settled = task->straight ? 100 * @settled@ : gap->left <= close ? @settled@ : -1;
-    const calib_real here = calib_way(search->from, q, wish);
+    const calib_real away = calib_way(search->from, q, wish);
     calib_real part = 1;
     search->budget -= task->straight ? 1 : @step_cost@;
     for (int k = 0; k < CALIB_DOF; ++k) wish[k] *= share;
     if (!calib_move(task->rows, gap->J, gap->r, q, wish, @calm@, move)) return 0;
-    const calib_real size = calib_length(CALIB_DOF, move);
-    if (size <= settled * share) return 1;
+    const calib_real size = calib_dot(CALIB_DOF, move, move);
+    const calib_real back = (calib_dot(CALIB_DOF, wish, move) - size) / share;
+    if (sqrt(size) <= settled * share) return 1;
     for (int k = 0; k < CALIB_DOF; ++k) { /* no joint beyond its limit */
       const calib_real u = calib_share_of(k, q[k]), room = move[k] > 0 ? 1 - u : u;
       if (!calib_periodic[k] && room > @slack@ && fabs(part * move[k]) > room)
@@ -153,16 +154,16 @@ static inline int calib_slides(calib_search *search, int count, calib_joints q, 
     calib_moved(q, move, trial);
     if (calib_beside(trial, search->way, count, @margin@ / 4)) return 0;
     calib_left(task, trial, &next);
-    const calib_real away = calib_apart(trial, search->from);
-    if (next.left <= rough && (gap->left > close || away < here)) {
-      const calib_real slid = calib_apart(trial, q);
-      const calib_real bend = away * away - here * here + 2 * slid * size / share;
-      share = calib_between(bend > 0 ? slid * slid / bend : (calib_real)1.5, (calib_real)0.1, 3);
-      calib_copy(CALIB_DOF, trial, q);
-      *gap = next;
-    } else {
+    if (!(next.left <= rough) || (gap->left <= close && calib_apart(trial, search->from) >= away)) {
       share /= 4;
+      continue;
     }
+    const calib_real bend = slid * slid - 2 * back;
+    if (slid > 0) share = bend > 0 ? slid * slid / bend : 3;
+    share = calib_between(share, (calib_real)0.1, 3);
+    slid = calib_apart(trial, q);
+    calib_copy(CALIB_DOF, trial, q);
+    *gap = next;
   }
   return 1;
 }
