@@ -141,7 +141,7 @@ static inline int calib_slides(calib_search *search, int count, calib_joints q, 
     calib_real part = 1;
     search->budget -= task->straight ? 1 : @step_cost@;
     for (int k = 0; k < CALIB_DOF; ++k) wish[k] *= share;
-    if (!calib_move(task->rows, gap->J, gap->r, q, wish, @calm@, move)) return 0;
+    if (!calib_move(task->rows, gap->J, gap->r, q, wish, @calm@, move)) return 1;
     const calib_real size = calib_dot(CALIB_DOF, move, move);
     const calib_real back = (calib_dot(CALIB_DOF, wish, move) - size) / share;
     if (sqrt(size) <= settled * share) return 1;
