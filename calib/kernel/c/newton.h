@@ -25,17 +25,17 @@ static inline int calib_forces(int n, const calib_real *J, const calib_real *r, 
   return 1;
 }
 
-/* Of all moves, in shares of the joints' ranges, that bring residuals to zero the one that ends nearest
- * to a wish; joints that a limit holds stay. */
-static inline int calib_move(int n, const calib_real *J, const calib_real *r, const calib_joints q,
-                             const calib_real *wish, calib_real damping, calib_joints move) {
+/* Of all moves, in shares of the joints' ranges, that close a gap of n residuals the one that ends
+ * nearest to a wish; joints that are so close to a limit and would move towards it stay. */
+static inline int calib_move(int n, const calib_gap *gap, const calib_joints q, const calib_real *wish,
+                             calib_real slack, calib_real damping, calib_joints move) {
   calib_real own[6 * CALIB_DOF], ahead[CALIB_DOF] = {0}, lacking[6], y[6];
   int k, again = 1;
-  calib_copy(n * CALIB_DOF, J, own);
+  calib_copy(n * CALIB_DOF, gap->J, own);
   if (wish) calib_copy(CALIB_DOF, wish, ahead);
   for (int pass = 0; again && pass < CALIB_DOF; ++pass) {
     for (int i = 0; i < n; ++i)
-      lacking[i] = r[i] - calib_dot(CALIB_DOF, own + i * CALIB_DOF, ahead);
+      lacking[i] = gap->r[i] - calib_dot(CALIB_DOF, own + i * CALIB_DOF, ahead);
     if (!calib_forces(n, own, lacking, damping, y)) return 0;
     for (again = 0, k = 0; k < CALIB_DOF; ++k) {
       /* joint values: a share of the range at its upper end may round to less than 1 */
@@ -43,7 +43,7 @@ static inline int calib_move(int n, const calib_real *J, const calib_real *r, co
       move[k] = ahead[k];
       for (int i = 0; i < n; ++i) move[k] += own[i * CALIB_DOF + k] * y[i];
       if (calib_periodic[k] || move[k] == 0) continue;
-      if ((move[k] < 0 ? below : above) > (wish ? @slack@ * calib_span[k] : 0)) continue;
+      if ((move[k] < 0 ? below : above) > (slack * calib_span[k])) continue;
       again = 1;
       ahead[k] = 0;
       for (int i = 0; i < n; ++i) own[i * CALIB_DOF + k] = 0;
@@ -104,7 +104,7 @@ static inline int calib_steps(calib_search *search, int count, calib_real enough
   int last = 0;
   for (int step = 0; step < CALIB_STEPS && search->budget > 0 && gap->left > enough; ++step) {
     search->budget -= task->straight ? 1 : @step_cost@;
-    if (!calib_move(task->rows, gap->J, gap->r, q, 0, damping, move)) return 0;
+    if (!calib_move(task->rows, gap, q, 0, 0, damping, move)) return 0;
     const int inside = calib_moved(q, move, trial);
     if (last && inside) { /* what this step leaves is known to be less */
       calib_copy(CALIB_DOF, trial, q);
@@ -136,12 +136,13 @@ static inline int calib_slides(calib_search *search, int count, calib_joints q, 
   calib_real wish[CALIB_DOF], move[CALIB_DOF], trial[CALIB_DOF], share = 1, slid = 0;
   calib_gap next;
   for (int n = 0; n < CALIB_SLIDES && search->budget > 0 && share >= @stuck@; ++n) {
-    const calib_real settled = task->straight ? 100 * @settled@ : gap->left <= close ? @settled@ : -1;
+    const int there = gap->left <= close;
+    const calib_real settled = task->straight ? 100 * @settled@ : there ? @settled@ : -1;
     const calib_real away = calib_way(search->from, q, wish);
     calib_real part = 1;
     search->budget -= task->straight ? 1 : @step_cost@;
     for (int k = 0; k < CALIB_DOF; ++k) wish[k] *= share;
-    if (!calib_move(task->rows, gap->J, gap->r, q, wish, @calm@, move)) return 1;
+    if (!calib_move(task->rows, gap, q, wish, there ? @slack@ : 0, @calm@, move)) return 1;
     const calib_real size = calib_dot(CALIB_DOF, move, move);
     const calib_real back = (calib_dot(CALIB_DOF, wish, move) - size) / share;
     if (sqrt(size) <= settled * share) return 1;
@@ -154,7 +155,7 @@ static inline int calib_slides(calib_search *search, int count, calib_joints q, 
     calib_moved(q, move, trial);
     if (calib_beside(trial, search->way, count, @margin@ / 4)) return 0;
     calib_left(task, trial, &next);
-    if (!(next.left <= rough) || (gap->left <= close && calib_apart(trial, search->from) >= away)) {
+    if (!(next.left <= rough) || (there && calib_apart(trial, search->from) >= away)) {
       share /= 4;
       continue;
     }
