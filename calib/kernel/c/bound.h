@@ -1,4 +1,4 @@
-/* Where the tip is (and 1), and how it moves with joints and with each part of the arm, in the order
+/* Where the tip is (and 1), how it moves with joints, and with each part of the arm in the order
  * of calib_by_part without view and lens: as origins shift and turn along the axes of their frames,
  * by offsets of joints, by gains of their own and of the joints before, and by loads. */
 static inline void calib_parts_off(const calib_joints q, calib_bend *bend, calib_real tip[4],

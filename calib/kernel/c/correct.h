@@ -2,7 +2,7 @@
  * or more also its orientation.  0 where none do, or a joint would change by more than usual. */
 CALIB_API int calib_correct(const calib_joints q, calib_joints out) {
   calib_task task = {&calib_body, @correcting@, -1, @lever@, {0}, {0}, 0};
-  calib_real start[CALIB_DOF], x[CALIB_OUT];
+  calib_real start[CALIB_DOF], way[CALIB_DOF], x[CALIB_OUT];
   calib_gap gap;
   int good = calib_inside(q, start);
   calib_copy(CALIB_DOF, start, out);
@@ -13,8 +13,9 @@ CALIB_API int calib_correct(const calib_joints q, calib_joints out) {
   if (task.rows) good = good && calib_descend(&search, 0, out, &gap);
   search.task = &seen; /* what local models move is met as a position */
   if (@correcting_seen@) good = good && calib_descend(&search, 0, out, &gap);
+  calib_way(out, start, way);
   for (int k = 0; k < CALIB_DOF; ++k) {
-    const calib_real change = calib_span[k] * calib_short(k, (out[k] - start[k]) / calib_span[k]);
+    const calib_real change = calib_span[k] * way[k];
     if (!(fabs(change) <= calib_limit[k])) good = 0;
     out[k] = q[k] + change; /* on q's own turn, not beyond a stop */
     if (calib_allowed(k, q[k]) && !calib_allowed(k, out[k])) good = 0;

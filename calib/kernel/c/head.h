@@ -55,11 +55,6 @@ static inline calib_real calib_share_of(int k, calib_real value) {
   return (value - calib_lower[k]) / calib_span[k];
 }
 
-/* A way of a joint in shares of its range, the short one where it goes round. */
-static inline calib_real calib_short(int k, calib_real way) {
-  return calib_periodic[k] ? way - floor(way + (calib_real)0.5) : way;
-}
-
 /* A joint value, moved into its range where it goes round. */
 static inline calib_real calib_wrapped(int k, calib_real value) {
   return calib_periodic[k] ? value - calib_span[k] * floor(calib_share_of(k, value)) : value;
@@ -69,9 +64,8 @@ static inline calib_real calib_wrapped(int k, calib_real value) {
 static inline int calib_inside(const calib_joints q, calib_joints out) {
   int inside = 1;
   for (int i = 0; i < CALIB_DOF; ++i) {
-    const calib_real u = calib_share_of(i, q[i]);
     const calib_real beyond = calib_periodic[i] ? 1 + @rounded@ : @rounded@; /* at most a turn */
-    if (!(u >= -beyond && u <= 1 + beyond)) inside = 0;
+    if (!(fabs(calib_share_of(i, q[i]) - (calib_real)0.5) <= (calib_real)0.5 + beyond)) inside = 0;
     out[i] = calib_wrapped(i, q[i]);
   }
   return inside;
@@ -99,7 +93,10 @@ static inline calib_real calib_between(calib_real value, calib_real least, calib
 
 /* The short way from b to a in shares of the joints' ranges; returns its length. */
 static inline calib_real calib_way(const calib_joints a, const calib_joints b, calib_joints way) {
-  for (int k = 0; k < CALIB_DOF; ++k) way[k] = calib_short(k, (a[k] - b[k]) / calib_span[k]);
+  for (int k = 0; k < CALIB_DOF; ++k) {
+    way[k] = (a[k] - b[k]) / calib_span[k];
+    if (calib_periodic[k]) way[k] -= floor(way[k] + (calib_real)0.5);
+  }
   return calib_length(CALIB_DOF, way);
 }
 
@@ -118,22 +115,21 @@ static inline void calib_product(int rows, const calib_real *matrix, int width,
   }
 }
 
-/* Cosines and sines of many angles: by their series, of what is left of half turns; vectorised. */
-static inline void calib_waves(int count, const calib_real *angle, calib_real *cosine,
-                               calib_real *sine) {
-  const calib_real coarse = (calib_real)3.141592653468251; /* half a turn, but for its last digits */
+/* Cosines, then sines of many angles: by their series, of what is left of half turns. */
+static inline void calib_waves(int count, const calib_real *angle, calib_real *wave) {
+  const calib_real coarse = (calib_real)3.141592653468251; /* half a turn without its last digits */
   const calib_real fine = (calib_real)(3.141592653589793 - (double)coarse);
   for (int i = 0; i < count; ++i) {
     const calib_real halves = floor(angle[i] / coarse + (calib_real)0.5);
     const calib_real rest = angle[i] - halves * coarse - halves * fine;
     const calib_real sign = 1 - 2 * (halves - 2 * floor(halves / 2));
-    cosine[i] = sign;
-    sine[i] = sign;
+    calib_real cosine = sign, sine = sign;
     for (int n = 22; n > 0; n -= 2) {
-      cosine[i] = sign - rest * rest / (calib_real)(n * (n - 1)) * cosine[i];
-      sine[i] = sign - rest * rest / (calib_real)(n * (n + 1)) * sine[i];
+      cosine = sign - rest * rest / (calib_real)(n * (n - 1)) * cosine;
+      sine = sign - rest * rest / (calib_real)(n * (n + 1)) * sine;
     }
-    sine[i] *= rest;
+    wave[i] = cosine;
+    wave[count + i] = rest * sine;
   }
 }
 

@@ -1,8 +1,7 @@
 /* Factor on what nodes with a model say, by their share of the weight beside those without one. */
 static inline calib_real calib_heard(calib_real share) {
-  const calib_real silent = @silent@;
-  const calib_real t = calib_between((share - silent) / (@full@ - silent), 0, 1);
-  return t * t * (3 - 2 * t) / (share > silent ? share : silent);
+  const calib_real t = calib_between((share - @silent@) / (@full@ - @silent@), 0, 1);
+  return t * t * (3 - 2 * t) / (share > @silent@ ? share : @silent@);
 }
 
 /* Local models of what the body leaves over, added to position and derivative. */

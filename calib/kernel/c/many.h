@@ -1,8 +1,8 @@
-/* A function that answers a question, a row of numbers, by another and returns a flag.  A question has
- * joints, or those that an answer should be near to, from 16 on a position (4), and how many budgets
- * more a search has; or of a pose its quaternion x, y, z, w, an axis of the tip that is free or -1,
- * from which distance on starts lead to other ways, how many starts there are, and these.  All ways
- * are asked for by the position alone. */
+/* Answers a question, a row of numbers, by another and returns a flag.  A question has joints, or
+ * those that an answer should be near to, from 16 on a position (4), and how many budgets more a
+ * search has; or of a pose its quaternion x, y, z, w, an axis of the tip that is free or -1, from
+ * which distance on starts lead to other ways, how many starts there are, and these.  All ways are
+ * asked for by the position alone. */
 typedef int (*calib_row)(const calib_real *question, calib_real *answer);
 
 /* Answers rows from `first` up to `last`, questions and answers so many numbers apart. */

@@ -27,8 +27,8 @@ static inline int calib_forces(int n, const calib_real *J, const calib_real *r, 
 
 /* Of all moves, in shares of the joints' ranges, that close a gap of n residuals the one that ends
  * nearest to a wish; joints that are so close to a limit and would move towards it stay. */
-static inline int calib_move(int n, const calib_gap *gap, const calib_joints q, const calib_real *wish,
-                             calib_real slack, calib_real damping, calib_joints move) {
+static inline int calib_move(int n, const calib_gap *gap, const calib_joints q, calib_real slack,
+                             const calib_real *wish, calib_real damping, calib_joints move) {
   calib_real own[6 * CALIB_DOF], ahead[CALIB_DOF] = {0}, lacking[6], y[6];
   int k, again = 1;
   calib_copy(n * CALIB_DOF, gap->J, own);
@@ -43,7 +43,7 @@ static inline int calib_move(int n, const calib_gap *gap, const calib_joints q, 
       move[k] = ahead[k];
       for (int i = 0; i < n; ++i) move[k] += own[i * CALIB_DOF + k] * y[i];
       if (calib_periodic[k] || move[k] == 0) continue;
-      if ((move[k] < 0 ? below : above) > (slack * calib_span[k])) continue;
+      if ((move[k] < 0 ? below : above) > slack * calib_span[k]) continue;
       again = 1;
       ahead[k] = 0;
       for (int i = 0; i < n; ++i) own[i * CALIB_DOF + k] = 0;
@@ -60,8 +60,8 @@ static inline int calib_beside(const calib_joints q, const calib_real *ways, int
   return 0;
 }
 
-/* Joints a move on, or clipped (0), none further than a step may: within their limits, those of full
- * turns go round.  Returns whether no limit holds any. */
+/* Joints a move on (0: none), but none further than a step may, and within their limits; those of
+ * full turns go round.  Returns whether no limit holds any. */
 static inline int calib_moved(const calib_joints q, const calib_real *move, calib_joints out) {
   calib_real largest = @longest@;
   int inside = 1;
@@ -87,10 +87,9 @@ typedef struct {
   calib_real away;            /* from `from` to the furthest way */
 } calib_search;
 
-/* Whether the nearest way alone is asked for, and joints are further than the one so far and this. */
+/* Whether one way alone is asked for, and joints are this much further than the one so far. */
 static inline int calib_beyond(const calib_search *search, const calib_joints q, calib_real more) {
-  return search->most == 1 && search->count &&
-         calib_apart(q, search->from) > search->away + more;
+  return search->most == 1 && search->count && calib_apart(q, search->from) > search->away + more;
 }
 
 /* Joints by damped Newton steps until so little of their task is left, or no step leads on; the gap is
@@ -127,9 +126,9 @@ static inline int calib_steps(calib_search *search, int count, calib_real enough
   return 1;
 }
 
-/* Redundant joints close to their task, along their self-motion towards those that are asked for.  How
- * far the way bends away from these, or to them, is seen by what brings joints back onto it after a
- * slide, and sets the share of the next one.  0 where they are given up, as of calib_steps. */
+/* Redundant joints close to their task, along their self-motion towards those that are asked for.
+ * How much the way bends away from these, or to them, is seen by what brings joints back onto it
+ * after a slide, and sets the share of the next.  0 where they are given up, as of calib_steps. */
 static inline int calib_slides(calib_search *search, int count, calib_joints q, calib_gap *gap) {
   const calib_task *task = search->task;
   const calib_real rough = @rough@ * task->size, close = @close@ * task->size;
@@ -142,7 +141,7 @@ static inline int calib_slides(calib_search *search, int count, calib_joints q, 
     calib_real part = 1;
     search->budget -= task->straight ? 1 : @step_cost@;
     for (int k = 0; k < CALIB_DOF; ++k) wish[k] *= share;
-    if (!calib_move(task->rows, gap, q, wish, there ? @slack@ : 0, @calm@, move)) return 1;
+    if (!calib_move(task->rows, gap, q, there ? @slack@ : 0, wish, @calm@, move)) return 1;
     const calib_real size = calib_dot(CALIB_DOF, move, move);
     const calib_real back = (calib_dot(CALIB_DOF, wish, move) - size) / share;
     if (sqrt(size) <= settled * share) return 1;

@@ -35,8 +35,8 @@ static inline void calib_matrix(const calib_real q[4], calib_rotation R) {
   }
 }
 
-/* The task of a pose of the sensor's frame (R row by row); `axis` is -1, or an axis of the tip, 0 to
- * 2, about which its turn is left open. */
+/* The task of a pose of the sensor's frame, R row by row; a turn about an axis of the tip (0 to 2)
+ * may be left open, else -1. */
 static inline calib_task calib_pose_task(const calib_vector x, const calib_rotation R, int axis) {
   calib_task task = {&calib_placed, axis < 0 ? 6 : 5, axis, @lever@, {0}, {0}, 0};
   for (int i = 0; i < 9; ++i) task.axes[i] = R[3 * (i % 3) + i / 3];

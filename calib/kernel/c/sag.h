@@ -1,5 +1,5 @@
 /* Adds the weight of a link, a mass at its end and the moment in the frame there, to others. */
-static inline void calib_weigh(const calib_frame *end, const calib_real *weight, calib_real sum[4]) {
+static inline void calib_weigh(const calib_frame *end, const calib_real *weight, calib_real *sum) {
   calib_add(end->axes, weight + 1, sum);
   calib_add_times(weight[0], end->p, sum);
   sum[3] += weight[0];

@@ -25,8 +25,7 @@ static inline void calib_on_turn(const calib_joints near, calib_joints q) {
   }
 }
 
-/* Adds a new way, the nearest first, where there is no room in the place of one that is further;
- * returns whether it did. */
+/* Adds a new way, the nearest first, if need be for the furthest; returns whether it did. */
 static inline int calib_take(calib_search *search, const calib_joints way) {
   const calib_real away = calib_apart(way, search->from);
   calib_real *place = search->way + CALIB_DOF * search->count;
