@@ -94,8 +94,8 @@ static inline calib_real calib_between(calib_real value, calib_real least, calib
 /* The short way from b to a in shares of the joints' ranges; returns its length. */
 static inline calib_real calib_way(const calib_joints a, const calib_joints b, calib_joints way) {
   for (int k = 0; k < CALIB_DOF; ++k) {
-    way[k] = (a[k] - b[k]) / calib_span[k];
-    if (calib_periodic[k]) way[k] -= floor(way[k] + (calib_real)0.5);
+    const calib_real share = (a[k] - b[k]) / calib_span[k];
+    way[k] = calib_periodic[k] ? share - floor(share + (calib_real)0.5) : share;
   }
   return calib_length(CALIB_DOF, way);
 }

@@ -11,10 +11,10 @@ static inline void calib_local(const calib_joints q, calib_real *x, calib_real *
   calib_near(q, node, weight);
   for (int k = 0; k < CALIB_NEAR; ++k)
     if (calib_talks[node[k]]) loud += weight[k];
-  loud = calib_heard(loud);
   for (int k = 0; k < CALIB_NEAR; ++k) {
-    const calib_real r = calib_radius[node[k]], w = weight[k] * loud;
+    const calib_real r = calib_radius[node[k]], w = weight[k] * calib_heard(loud);
     const calib_real *c = calib_local_terms[node[k]];
+    if (!calib_talks[node[k]]) continue;
     calib_way(q, calib_node[node[k]], gap);
     value[0] = 1;
     for (int t = 1; t < @terms@; ++t) value[t] = value[calib_parent[t]] * gap[calib_along[t]] / r;
