@@ -3,7 +3,7 @@ static inline void calib_curves(const calib_joints q, calib_multiples wave, cali
                                 calib_slopes slope) {
   enum { LANES = 2 * CALIB_DOF };
   calib_real curve[LANES] = {0}, rate[LANES] = {0};
-  calib_waves(CALIB_DOF, q, wave[0]);
+  calib_waves(CALIB_DOF, q, wave[0], wave[0] + CALIB_DOF);
   for (int n = 1; n < CALIB_HARMONICS; ++n)
     for (int i = 0; i < CALIB_DOF; ++i) {
       const calib_real c = wave[0][i], s = wave[0][CALIB_DOF + i];

@@ -16,8 +16,8 @@ static inline void calib_add(const calib_rotation axes, const calib_vector v, ca
 /* Frames of an arm's joints at their values, and of its tip. */
 static inline void calib_frames(const calib_arm *arm, const calib_values value, calib_frame *at) {
   calib_real p[3] = {0, 0, 0}, axes[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-  calib_real wave[2 * CALIB_CHAIN];
-  calib_waves(CALIB_CHAIN, value, wave);
+  calib_real cosine[CALIB_CHAIN], sine[CALIB_CHAIN];
+  calib_waves(CALIB_CHAIN, value, cosine, sine);
   for (int i = 0; i <= CALIB_CHAIN; ++i) {
     const calib_real *x = at[i].axes, *y = x + 3, *z = x + 6;
     calib_add(axes, arm->stride[i], p);
@@ -27,8 +27,8 @@ static inline void calib_frames(const calib_arm *arm, const calib_values value, 
     calib_copy(9, at[i].axes, axes);
     if (!calib_turns[i]) calib_add_times(value[i], z, p);
     for (int k = 0; calib_turns[i] && k < 3; ++k) {
-      axes[k] = wave[i] * x[k] + wave[CALIB_CHAIN + i] * y[k];
-      axes[3 + k] = wave[i] * y[k] - wave[CALIB_CHAIN + i] * x[k];
+      axes[k] = cosine[i] * x[k] + sine[i] * y[k];
+      axes[3 + k] = cosine[i] * y[k] - sine[i] * x[k];
     }
   }
 }

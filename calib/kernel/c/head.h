@@ -115,21 +115,21 @@ static inline void calib_product(int rows, const calib_real *matrix, int width,
   }
 }
 
-/* Cosines, then sines of many angles: by their series, of what is left of half turns. */
-static inline void calib_waves(int count, const calib_real *angle, calib_real *wave) {
+/* Cosines and sines of many angles: by their series, of what is left of half turns; vectorised. */
+static inline void calib_waves(int count, const calib_real *angle, calib_real *cosine,
+                               calib_real *sine) {
   const calib_real coarse = (calib_real)3.141592653468251; /* half a turn without its last digits */
   const calib_real fine = (calib_real)(3.141592653589793 - (double)coarse);
   for (int i = 0; i < count; ++i) {
     const calib_real halves = floor(angle[i] / coarse + (calib_real)0.5);
     const calib_real rest = angle[i] - halves * coarse - halves * fine;
     const calib_real sign = 1 - 2 * (halves - 2 * floor(halves / 2));
-    calib_real cosine = sign, sine = sign;
+    cosine[i] = sine[i] = sign;
     for (int n = 22; n > 0; n -= 2) {
-      cosine = sign - rest * rest / (calib_real)(n * (n - 1)) * cosine;
-      sine = sign - rest * rest / (calib_real)(n * (n + 1)) * sine;
+      cosine[i] = sign - rest * rest / (calib_real)(n * (n - 1)) * cosine[i];
+      sine[i] = sign - rest * rest / (calib_real)(n * (n + 1)) * sine[i];
     }
-    wave[i] = cosine;
-    wave[count + i] = rest * sine;
+    sine[i] *= rest;
   }
 }
 
