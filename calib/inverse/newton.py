@@ -194,16 +194,14 @@ class Newton:
         slope = stand.slope
         slack = 0.0 if wish is None else SOLVER.slack
         room = 1.0 - slack
-        ends = ~self.scale.periodic
-        lowest = (stand.u <= slack) & ends
-        highest = (stand.u >= room) & ends
         for _ in range(stand.u.shape[1]):
             move = _nearest_move(slope, stand.gap, damping, wish)
             ahead = stand.u + move
             if ahead.min(initial=1.0) > slack and ahead.max(initial=0.0) < room:
                 break
-            stuck = lowest & (move < 0.0)
-            stuck |= highest & (move > 0.0)
+            stuck = (stand.u <= slack) & (move < 0.0)
+            stuck |= (stand.u >= room) & (move > 0.0)
+            stuck &= ~self.scale.periodic
             if not stuck.any():
                 break
             slope = np.where(stuck[:, None], 0.0, slope)
@@ -241,7 +239,10 @@ def limit_length(moves: Array, longest: float) -> Array:
 
 def limit_joints(moves: Array, longest: float) -> Array:
     """Moves (n, d) shortened so that no joint goes further than that."""
-    return _limit(moves, np.abs(moves).max(axis=1), longest)
+    size = np.abs(moves)
+    if size.max(initial=0.0) <= longest:
+        return moves
+    return _limit(moves, size.max(axis=1), longest)
 
 
 def _limit(moves: Array, size: Array, longest: float) -> Array:

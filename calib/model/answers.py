@@ -250,19 +250,18 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
     if near is None:
         return np.full((n, len(names)), 0.5)
     rows = rows_for(near, names, "near", n)
-    above = rows - scale.lower
+    u = (rows - scale.lower) / scale.span
     # an encoder may read a hair beyond a limit; a whole range beyond are other units
-    half = 0.5 * scale.span
-    out = np.abs(above - half) > 3.0 * half
+    away = np.abs(u - 0.5)
     if scale.goes_round:
-        out &= ~scale.periodic
-    if out.any():
-        row, k = np.argwhere(out)[0]
+        away[:, scale.periodic] = 0.0
+    if away.max(initial=0.0) > 1.5:
+        row, k = np.argwhere(away > 1.5)[0]
         raise QueryError(
             f"near has {names[k]} = {rows[row, k]:.6g}: expected a value in its range "
             f"{model.about.lower[k]:.6g} to {model.about.upper[k]:.6g}"
         )
-    inside = np.minimum(np.maximum(above, 0.0), scale.span) / scale.span
+    inside = np.minimum(np.maximum(u, 0.0), 1.0)
     if not scale.goes_round:
         return inside
     return np.where(scale.periodic, scale.to_unit(rows), inside)
