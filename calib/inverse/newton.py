@@ -26,11 +26,11 @@ class Stand(NamedTuple):
     slope: Array  # (n, m, dof)
     miss: Array  # (n,), length of the gap
 
-    def rows(self, index: Index | Mask | slice) -> Stand:
+    def rows(self, index: Index) -> Stand:
         """Some of the rows."""
-        return Stand(*[part[index] for part in self])
+        return Stand(*[part.take(index, axis=0) for part in self])
 
-    def put(self, index: Index | Mask, other: Stand) -> None:
+    def put(self, index: Index, other: Stand) -> None:
         """Put other joints in the place of some, for the same targets."""
         self.u[index] = other.u
         self.gap[index] = other.gap
@@ -130,20 +130,21 @@ class Newton:
                 better = ratio < 1.0
                 slow = ratio > 1.0 - SOLVER.slow
                 final = better | (here.miss < rounding)
-                here.put(better, trial.rows(better))
+                nearer = np.flatnonzero(better)
+                here.put(nearer, trial.rows(nearer))
                 harder = np.maximum(damping * SOLVER.easier, SOLVER.hard)
                 damping = np.where(better, eased, harder)
                 ended = slow & final
                 ended |= damping > SOLVER.hardest
                 ended |= here.miss < enough
             if ended.any():
-                going = ~ended
-                if not going.any():
+                if ended.all():
                     break
-                stand.put(rows[ended], here.rows(ended))
-                rows = rows[going]
-                here = here.rows(going)
-                damping = damping[going]
+                stand.put(rows, here)
+                others = np.flatnonzero(~ended)
+                rows = rows[others]
+                here = here.rows(others)
+                damping = damping[others]
         stand.put(rows, here)
 
     def most_left(self, stand: Stand, step: Array) -> Array:

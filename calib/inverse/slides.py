@@ -39,7 +39,7 @@ def settle(
     lost = np.flatnonzero(~met)
     if len(lost):
         others = newton.refine(u[lost], x[lost])
-        better = others.miss < stand.miss[lost]
+        better = np.flatnonzero(others.miss < stand.miss[lost])
         stand.put(lost[better], others.rows(better))
     return stand
 
@@ -96,7 +96,8 @@ class Slides:
         trial = newton.at(here.u + step, here.x)
         closer = newton.away(trial.u, near) < newton.away(here.u, near)
         good = self.close_to(trial) & (closer | ~newton.is_met(here.miss))
-        stand.put(rows[good], trial.rows(good))
+        kept = np.flatnonzero(good)
+        stand.put(rows[kept], trial.rows(kept))
         shift = newton.scale.difference(trial.u, here.u)
         shift[~good] = 0.0
         self.pull[rows] = pull

@@ -77,7 +77,7 @@ class Nearest:
         before = self.cost[owner]
         np.minimum.at(self.cost, owner, cost)
         best = cost == self.cost[owner]
-        better = best & (cost < before)
+        better = np.flatnonzero(best & (cost < before))
         self.stand.put(owner[better], trial.rows(better))
 
 

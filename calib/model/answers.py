@@ -182,12 +182,11 @@ def in_sight(model: Parts, x: Array) -> Array:
 
     Their squares would overflow.
     """
-    limit = ANSWER.in_sight * (
-        model.solver.extent + float(np.abs(model.sensory.scale.lower).max())
-    )
+    limit = ANSWER.in_sight * model.solver.extent
     size = np.abs(x)
     if size.max(initial=0.0) <= limit:
         return x
+    limit += ANSWER.in_sight * float(np.abs(model.sensory.scale.lower).max())
     furthest = size.max(axis=1, keepdims=True)
     return np.asarray(x / np.maximum(furthest / limit, 1.0))
 
