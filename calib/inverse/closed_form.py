@@ -56,7 +56,12 @@ class ClosedForm:
         if not spherical and not _parallel(axes[1], axes[3]):
             return None
         return ClosedForm(
-            axes, points, meeting, chain.tip, chain.rotation, spherical
+            axes=axes,
+            points=points,
+            meeting=meeting,
+            tip=chain.tip,
+            rotation=chain.rotation,
+            spherical=spherical,
         )
 
     def joints(self, position: Array, rotation: Array) -> Array:

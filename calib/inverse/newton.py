@@ -70,7 +70,13 @@ class Newton:
         u = self.clip(u)
         gap, slope = self.task.residual(u, x)
         miss = row_lengths(gap)
-        return Stand(x, u, gap, slope, miss)
+        return Stand(
+            x,
+            u,
+            gap,
+            slope,
+            miss,
+        )
 
     def refine(
         self,
@@ -196,7 +202,12 @@ class Newton:
         slack = 0.0 if wish is None else SOLVER.slack
         room = 1.0 - slack
         for _ in range(stand.u.shape[1]):
-            move = _nearest_move(slope, stand.gap, damping, wish)
+            move = _nearest_move(
+                slope,
+                stand.gap,
+                damping,
+                wish,
+            )
             ahead = stand.u + move
             if ahead.min(initial=1.0) > slack and ahead.max(initial=0.0) < room:
                 break

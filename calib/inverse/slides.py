@@ -62,7 +62,13 @@ class Slides:
     def of(newton: Newton, near: Array) -> Slides:
         """Slides towards joints (n, dof), before the first."""
         still = np.zeros_like(near)
-        return Slides(newton, near, np.ones(len(near)), still, still.copy())
+        return Slides(
+            newton,
+            near,
+            np.ones(len(near)),
+            still,
+            still.copy(),
+        )
 
     def next(self, stand: Stand, rows: Index, longest: float) -> Index:
         """Slide some rows of a stand once, and return those that have not settled.

@@ -44,7 +44,12 @@ class Nearest:
     def of(newton: Newton, stand: Stand, near: Array) -> Nearest:
         """Start with one way to each target."""
         cost = _cost(newton, stand, near)
-        return Nearest(newton, near, stand, cost)
+        return Nearest(
+            newton,
+            near,
+            stand,
+            cost,
+        )
 
     def rows_beyond(self, distance: float) -> Index:
         """Targets whose joints are further from `near` than that, or miss them.
@@ -160,7 +165,12 @@ class Solver:
             best.try_starts(rows[target], start)
         rows = best.rows_beyond(SOLVER.near_enough)
         if len(rows) and not self.redundant:
-            rows, start = twins(newton, best.stand, rows, self.folded)
+            rows, start = twins(
+                newton,
+                best.stand,
+                rows,
+                self.folded,
+            )
             best.try_likely(rows, start)
         return best.stand
 
@@ -181,7 +191,12 @@ class Solver:
         order = np.lexsort((cost, owner))
         first = owner[order].searchsorted(targets)
         best = order[first]
-        return Nearest(newton, near, stand.rows(best), cost[best])
+        return Nearest(
+            newton,
+            near,
+            stand.rows(best),
+            cost[best],
+        )
 
     def every(self, x: Array) -> Ways:
         """Every way to targets (n, m), sorted as those of `solve_all`.
@@ -199,13 +214,23 @@ class Solver:
             ways = ways.sorted(newton.scale)
         else:  # where branches meet
             rows = np.arange(len(target))
-            rows, across = twins(newton, stand, rows, SOLVER.fold)
+            rows, across = twins(
+                newton,
+                stand,
+                rows,
+                SOLVER.fold,
+            )
             other = newton.refine(across, stand.x[rows])
             others = Ways(target[rows], other.u, other.miss)
             ways = ways.joined(others, newton.scale)
         met = newton.is_met(ways.miss)
         ways = ways.rows(met)
-        single = distinct(newton.scale, ways.target, ways.u, SOLVER.same)
+        single = distinct(
+            newton.scale,
+            ways.target,
+            ways.u,
+            SOLVER.same,
+        )
         return ways.rows(single)
 
     def _starts_everywhere(self, x: Array) -> tuple[Index, Array]:

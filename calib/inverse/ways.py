@@ -23,7 +23,11 @@ class Ways:
 
     def rows(self, index: Index | Mask) -> Ways:
         """Some of the ways."""
-        return Ways(self.target[index], self.u[index], self.miss[index])
+        return Ways(
+            self.target[index],
+            self.u[index],
+            self.miss[index],
+        )
 
     def joined(self, other: Ways, scale: Scale) -> Ways:
         """These and other ways, by target and distance to the middle of the ranges."""
