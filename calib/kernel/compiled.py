@@ -11,7 +11,6 @@ import subprocess
 import tempfile
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -252,6 +251,8 @@ class Library:
         if n < SHARED_ROWS or os.cpu_count() == 1:
             answer(0, n)
         else:
+            from concurrent.futures import ThreadPoolExecutor
+
             with ThreadPoolExecutor(2) as pool:
                 half = n // 2
                 list(pool.map(answer, (0, half), (half, n)))

@@ -16,11 +16,11 @@ from ..common.choices import READOUTS
 from ..common.rows import thinned
 from ..common.wording import for_people, quantity, unit_of_joint, vector
 from ..errors import ModelError
-from ..samples.samples import Samples
 from ..samples.tables import Document
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
+    from ..samples.samples import Samples
 
 STATISTICS = ("mean", "p99", "max")
 Errors = Mapping[str, Mapping[str, Mapping[str, Document]]]

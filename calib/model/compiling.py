@@ -11,7 +11,6 @@ import numpy as np
 from ..common.arrays import Array
 from ..errors import CalibError, OptionError
 from ..kernel.compiled import Library, compile_source
-from .header import Header
 from .parts import Parts
 from .prediction import Prediction
 
@@ -54,6 +53,8 @@ POSES_ALL = Query("poses_all", 100.0)
 
 def kernel_of(model: Parts) -> tuple[Library | None, str]:
     """A model's compiled kernel, or None, and a sentence on what queries are answered by."""
+    from .header import Header
+
     try:
         header = Header.of(model)
         dof = len(header.limit)

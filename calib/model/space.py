@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arm.arm import SpatialArm
-from ..arm.loading import arm_from_urdf
 from ..arm.rotations import quaternion_of
 from ..body.belief import Body, Second
 from ..body.sensor_pose import sensor_of, without_gauge, without_sensor
@@ -260,6 +259,8 @@ def _drawn_body(model: Parts) -> Body | None:
         or (about.simulation or {}).get("changes")
     ):
         return None
+    from ..arm.loading import arm_from_urdf
+
     arm = arm_from_urdf(
         about.urdf, about.joint_names, about.tip, lock=about.locked
     )
