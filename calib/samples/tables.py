@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
-import csv
 import io
 import json
 import os
@@ -12,7 +10,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import count, dropwhile
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +22,7 @@ from ..common.atomic import atomic_write
 from ..common.wording import clipped, printable, quoted, suggestion
 from ..errors import LogError
 from .header import SECONDS, common_unit, find_column, name_and_unit
+from .text import COMMENT, EXPECTED, NUMBER, read_text
 
 if TYPE_CHECKING:
     import polars as pl
@@ -33,9 +32,6 @@ Document = Mapping[str, Any]
 
 PARQUET = (".parquet", ".pq")
 RECORDINGS = (".bag", ".db3", ".mcap")
-
-COMMENT = "# calib "
-"""Begins the line above the header of a CSV file with what holds for all rows, as JSON."""
 
 KEY = "calib"
 """Names the entry of a Parquet file's metadata with the same."""
@@ -47,20 +43,13 @@ UNNAMED = "column_"
 """Begins Polars' names of the columns of an array."""
 
 _ROW = "\0row"  # column with the number of each row, counted below the header from 1
-_SEPARATORS = ",;\t"
-_NUMBER = r"^\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*$"
 _LATEST = 1e11  # [s] after 1970: a clock of the year 5138 counts in ms or less
-_HEAD = 1 << 16  # [bytes], of a file, in which its header is
 # LeRobot's, of joints' columns, which are read without
 _POSITION_SUFFIX = ".pos"
 # of records, columns or lists: a header may begin with a bracket, too
 _JSON = rb"\s*(\[\s*[\[{\]]|\{\s*[\"}])"
 # a model file begins with the length of its header, in 8 bytes, and with this entry of it
 _MODEL = b'{"__metadata__":{"calib":'
-_EXPECTED = (
-    "expected the columns' names in the first line, decimals with a point, quotes around text that "
-    "holds a comma, and UTF-8"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +109,7 @@ class Source:
         import polars as pl
 
         cells = self.read([name])[name]
-        if cells.dtype == pl.String and not cells.str.contains(_NUMBER).any():
+        if cells.dtype == pl.String and not cells.str.contains(NUMBER).any():
             with suppress(pl.exceptions.PolarsError):
                 cells = cells.str.strip_chars().str.to_datetime(strict=False)
         if cells.dtype.is_temporal():
@@ -224,7 +213,7 @@ def _parse(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
             table = _of_records(json.loads(content))
             about = ""
         else:
-            table, about = _read_text(content, label)
+            table, about = read_text(content, label)
         return table.rename(
             lambda name: name.removesuffix(_POSITION_SUFFIX)
         ), about
@@ -238,7 +227,7 @@ def _parse(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
     ) as error:
         reason = (str(error).strip().splitlines() or ["unreadable"])[0][:100]
         raise LogError(
-            f"{label} cannot be read: {reason}: {_EXPECTED}"
+            f"{label} cannot be read: {reason}: {EXPECTED}"
         ) from None
 
 
@@ -258,91 +247,6 @@ def _of_records(document: Any) -> pl.DataFrame:
         numbers = np.array(table[name].to_list(), float)
         table = table.drop(name).hstack(pl.DataFrame(numbers))
     return table
-
-
-def _read_text(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
-    """The rows of a CSV file, and the line above its header."""
-    import polars as pl
-
-    if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        content = content.decode("utf-16", errors="replace").encode()
-    head = content[:_HEAD].decode("utf-8-sig", errors="replace")
-    lines = [line for line in head.splitlines() if line.strip()]
-    about = ""
-    if lines and lines[0].startswith(COMMENT):
-        about = lines.pop(0).removeprefix(COMMENT)
-    if lines and not re.search(f"^[^#].*[{_SEPARATORS}]", lines[0]):
-        content = _from_numpy(content)
-        text = content[:_HEAD].decode(errors="replace")
-        lines = [line for line in text.splitlines() if line.strip()]
-    if not lines:
-        raise LogError(
-            f"{label} is empty: expected a header with the names of the columns"
-        )
-    separator = max(_SEPARATORS, key=lines[0].count)
-    try:
-        table = pl.read_csv(
-            content,
-            separator=separator,
-            comment_prefix=COMMENT,
-            infer_schema=False,
-        )
-    except pl.exceptions.ComputeError:
-        _refuse_long_rows(content, separator, label)
-        raise
-    if separator != ",":
-        table = _with_points(table)
-    table = table.rename(lambda name: name.strip().replace('""', '"'))
-    # blank lines at the end are no rows
-    is_filled = table.select(pl.any_horizontal(pl.all().is_not_null()))
-    numbers = is_filled.to_series().arg_true()
-    return table.head(numbers[-1] + 1 if len(numbers) else 0), about
-
-
-def _from_numpy(content: bytes) -> bytes:
-    """A table as NumPy writes it, blanks between columns and its header behind a ``#``, as CSV.
-
-    Lines of comments before the header are left out.
-    """
-    lines = content.decode("utf-8-sig", errors="replace").splitlines()
-    rows = list(dropwhile(lambda line: line.startswith("#"), lines))
-    comments = lines[: len(lines) - len(rows)]
-    first_cell = re.split(r"[,;\s]", rows[0].strip())[0] if rows else "0"
-    if comments and re.match(_NUMBER, first_cell):
-        rows.insert(0, comments[-1].lstrip("# "))
-    has_blanks = len(rows) > 1 and len(rows[1].split()) > 1
-    if has_blanks and not re.search(f"[{_SEPARATORS}]", rows[0]):
-        rows = [",".join(row.split()) for row in rows]
-    return "\n".join(rows).encode()
-
-
-def _refuse_long_rows(content: bytes, separator: str, label: str) -> None:
-    """Refuse a row of a CSV file that has more values than the header has names."""
-    text = content.decode("utf-8-sig", errors="replace")
-    lines = (line for line in text.splitlines() if not line.startswith(COMMENT))
-    with suppress(csv.Error):  # an open quote
-        header, *rows = csv.reader(lines, delimiter=separator)
-        for number, row in enumerate(rows, start=1):
-            if len(row) > len(header):
-                raise LogError(
-                    f"{label}, row {number} has {len(row)} values, the header {len(header)} names: "
-                    f"{_EXPECTED}"
-                )
-
-
-def _with_points(table: pl.DataFrame) -> pl.DataFrame:
-    """A table whose decimals have commas, with points; any other unchanged."""
-    import polars as pl
-
-    number = r"^\s*[-+]?\d*{}\d+(?:[eE][-+]?\d+)?\s*$"
-    has_points = pl.all().str.contains(number.format(r"\.")).any()
-    if any(table.select(has_points).row(0)):
-        return table
-    is_decimal = pl.all().str.contains(number.format(","))
-    with_point = pl.all().str.replace(",", ".", literal=True)
-    return table.with_columns(
-        pl.when(is_decimal).then(with_point).otherwise(pl.all())
-    )
 
 
 def sources_by_sensor(
