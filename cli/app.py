@@ -11,7 +11,7 @@ from functools import cache, wraps
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from pkgutil import iter_modules
+from types import ModuleType
 from typing import Annotated
 
 import typer
@@ -101,7 +101,7 @@ def application(name: str = ALL) -> typer.Typer:
     """
     app = _group(start.__doc__)
     app.callback(invoke_without_command=True)(start)
-    names = sorted(module.name for module in iter_modules(commands.__path__))
+    names = _names_in(commands)
     in_use = [command for command in USAGE_ORDER.split() if command in names]
     for command in dict.fromkeys([*in_use, *names]):
         path = f"{commands.__name__}.{command}"
@@ -110,6 +110,12 @@ def application(name: str = ALL) -> typer.Typer:
         else:
             _list(app, path)
     return app
+
+
+def _names_in(package: ModuleType) -> list[str]:
+    """Return the names of a package's modules, by the alphabet."""
+    entries = Path(package.__path__[0]).iterdir()
+    return sorted(p.stem for p in entries if not p.name.startswith(("_", ".")))
 
 
 def _group(help_text: str | None) -> typer.Typer:
@@ -140,8 +146,8 @@ def _add(app: typer.Typer, path: str) -> None:
     module = import_module(path)
     group = _group(module.__doc__)
     if hasattr(module, "__path__"):
-        for entry in iter_modules(module.__path__):
-            _add(group, f"{path}.{entry.name}")
+        for entry in _names_in(module):
+            _add(group, f"{path}.{entry}")
         app.add_typer(group, name=name)
         return
     register = group.command(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calib.arm.rotations import QUATERNION
 from calib.body.belief import knows_orientation
 from calib.common.arrays import Array
 from calib.common.wording import by_name
@@ -15,7 +16,6 @@ from calib.model.prediction import predict
 from calib.model.space import Space
 from calib.samples.joint_values import check_joint_values
 from calib.samples.motion import Motion
-from calib.samples.roles import QUATERNION
 
 from .output import NO, Outcome, TextTable, note, with_decimals
 from .query import BOUNDS, Query, with_answers

@@ -3,25 +3,29 @@
 It needs NumPy: the command imports it when it runs.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calib.arm.rotations import QUATERNION
 from calib.common.arrays import Array
 from calib.common.wording import by_name
 from calib.errors import QueryError
 from calib.model.answers import Answer, every_branch
-from calib.model.poses import solve_poses
 from calib.model.space import Space
-from calib.samples.batch import Batch
-from calib.samples.roles import QUATERNION, from_angles
 
 from .output import NO, Outcome, note
 from .parsing import BadOption
 from .query import BOUNDS, Query, with_answers
+
+if TYPE_CHECKING:
+    from calib.samples.batch import Batch
 
 DETAILS = (
     *("position", "quaternion", "distance", "turned"),
@@ -60,6 +64,8 @@ def orientation_of(
         return np.asarray(np.array(quaternion) / math.hypot(*quaternion))
     if rpy is None:
         return None
+    from calib.samples.roles import from_angles
+
     angles = np.radians([rpy]) if degrees else np.array([rpy])
     return np.asarray(from_angles(angles)[0])
 
@@ -207,6 +213,8 @@ def _answer(query: Query, x: Array, search: Search) -> Answer:
         raise QueryError(
             "a pixel alone is no position in space; give --on z=H or --in base"
         )
+    from calib.model.poses import solve_poses
+
     return solve_poses(
         model,
         x,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,13 +17,14 @@ from calib.common.arrays import Array, Index, Mask
 from calib.common.rows import finite_rows
 from calib.common.scale import METRES
 from calib.common.wording import error_size, for_people, listing
-from calib.samples.batch import Batch, read_batch
-from calib.samples.tables import write_table
 from calib.use import standing
 
 from .output import NO, Outcome, TextTable, note, say, with_decimals
 from .parsing import TABLES, BadOption, bad_value, check_file, refuse
 from .units import JointFormat, units_of
+
+if TYPE_CHECKING:
+    from calib.samples.batch import Batch
 
 BOUNDS = ("expected_error", "model_error")
 # columns in the unit of the positions
@@ -185,6 +187,8 @@ class Query:
         self, names: Sequence[str], more: Sequence[Sequence[str]] = ()
     ) -> tuple[Batch, Mask]:
         """Read queries, positions in the model's unit, and which rows (n,) are numbers."""
+        from calib.samples.batch import read_batch
+
         files = self.files
         if files.input is None:
             raise BadOption(
@@ -245,6 +249,8 @@ class Query:
             lengths = np.asarray(columns[name], float)
             typed[name] = lengths * self.positions.to_typed
         if output is not None:
+            from calib.samples.tables import write_table
+
             write_table(output, typed)
             return Outcome(document, lines, code=code)
         in_si = dict(columns)

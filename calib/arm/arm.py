@@ -10,7 +10,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..common.arrays import Array, freeze_copies
+from ..common.arrays import Array, Range, freeze_copies
 from ..common.inputs import query_rows
 from ..common.rows import row_lengths
 from ..common.scale import TURN
@@ -20,7 +20,6 @@ from .gravity import GRAVITY
 from .plane import Plane
 from .rotations import quaternion_of
 from .spatial_chain import SpatialChain
-from .urdf import Range
 
 _A = TypeVar("_A", bound="Arm")
 

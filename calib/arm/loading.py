@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Range
 from ..common.rows import row_lengths
 from ..common.wording import listing, one_line, quoted
 from ..errors import OptionError, RobotError
@@ -28,7 +28,7 @@ from .posture import Posture, chain_of, posture_of, with_masses
 from .robot_text import read_robot_text
 from .robots import resolve_robot
 from .spatial_chain import SpatialChain
-from .urdf import Mimic, Range, Urdf
+from .urdf import Mimic, Urdf
 
 
 def load_arm(

@@ -17,14 +17,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Range
 from ..common.wording import quoted
 from ..errors import RobotError
 from .mjcf_text import Element, ModelText
 from .rigid import rigid
 from .robot_text import Attributes, Vector
 from .rotations import exponential
-from .urdf import Joint, Mimic, Range, Urdf
+from .urdf import Joint, Mimic, Urdf
 
 WORLD = "world"
 """The root link."""

@@ -10,6 +10,9 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 
+QUATERNION = ("qx", "qy", "qz", "qw")
+"""Columns of a quaternion, in the order of its components."""
+
 # not scipy.spatial.transform: its import takes 0.24 s, longer than the query that needs a rotation,
 # and its logarithm of 1,000 matrices 2.7 ms for 0.2 ms here
 _LEAST = 1e-300

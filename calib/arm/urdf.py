@@ -15,14 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Range
 from ..common.wording import listing, quoted, suggestion
 from ..errors import RobotError
 from .rigid import rigid
 from .robot_text import LIMITS, Attributes, Vector
 from .rotations import exponential
-
-Range = tuple[float, float]
 
 MOVABLE = ("revolute", "continuous", "prismatic")
 _ZERO = (0.0, 0.0, 0.0)

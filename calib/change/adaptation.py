@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from ..body.belief import Body
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Document, Index
 from ..common.rows import row_lengths, spread_rows
 from ..common.scale import Scale
 from ..maps.local_models import NO_MODELS, LocalModels
@@ -20,7 +20,6 @@ from ..model.baseline import Baseline, RowPlaces, learn_baseline
 from ..model.model import Model
 from ..model.parts import MOST_BLENDED, bounds_of_nodes
 from ..samples.motion import Motion
-from ..samples.tables import Document
 from ..training.residuals import (
     ErrorTable,
     error_sizes,

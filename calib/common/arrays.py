@@ -1,6 +1,7 @@
-"""Arrays: types that signatures name, shapes that files check, and views that refuse a change."""
+"""Types that signatures name, shapes that files check, and views that refuse a change."""
 
-from typing import TypeVar
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +9,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
+Range = tuple[float, float]  # of a joint [rad or m]
+Document = Mapping[str, Any]  # an object of JSON
 _Number = TypeVar("_Number", bound=np.generic)
 
 TRIANGLE = "triangle"

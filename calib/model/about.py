@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.arrays import Array, ReadOnly, Shape
+from ..common.arrays import Array, Document, ReadOnly, Shape
 from ..common.choices import READOUTS
 from ..common.rows import thinned
 from ..common.wording import for_people, quantity, unit_of_joint, vector
 from ..errors import ModelError
-from ..samples.tables import Document
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm

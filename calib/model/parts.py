@@ -11,7 +11,7 @@ import numpy as np
 
 from ..body.approach import Approach
 from ..body.belief import Body
-from ..common.arrays import Array, Mask, Shape, freeze
+from ..common.arrays import Array, Document, Mask, Shape, freeze
 from ..common.choices import MAP_READOUTS, READOUTS, check_choice
 from ..common.rows import row_lengths
 from ..common.wording import one_line, unit_of_joint
@@ -19,19 +19,19 @@ from ..errors import OptionError
 from ..inverse.links import solver_by_links
 from ..inverse.solver import Solver
 from ..kernel.compiled import Library
-from ..kernel.posterior import CompactPosterior
 from ..maps.association import Association
 from ..maps.blend import blend_nodes
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS, LocalModels
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
-from ..samples.tables import Document
 from .about import About, MeasuredRows, Photo, range_in_words
 from .baseline import Baseline, RowPlaces
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+    from ..kernel.posterior import CompactPosterior
 
 
 # joints up to which bounds are blended between the motor map's nodes
@@ -189,6 +189,8 @@ class Parts:
         """Belief for bounds of more than three joints; None where nodes' bounds are blended."""
         if self.body is None or self.motor.units.shape[1] <= MOST_BLENDED:
             return None
+        from ..kernel.posterior import CompactPosterior
+
         try:
             return CompactPosterior.of(
                 self.body, self.about.lower, self.about.upper

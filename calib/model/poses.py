@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arm.rotations import matrix_of, quaternion_of
+from ..arm.rotations import QUATERNION, matrix_of, quaternion_of
 from ..common.arrays import Array, Index
 from ..common.choices import FRAMES, check_choice
 from ..common.inputs import query_rows
@@ -18,7 +18,7 @@ from ..common.rows import row_lengths
 from ..errors import QueryError
 from ..inverse.task import Poses, turn_left
 from ..samples.motion import Motion
-from ..samples.roles import QUATERNION, ROUNDING
+from ..samples.settings import READING
 from .answers import Answer, anchor, rows_for, wished_joints
 from .parts import Parts
 from .prediction import predict
@@ -172,7 +172,7 @@ def wrong_length(quaternion: ArrayLike, n: int = 1) -> str:
     rows = rows_for(quaternion, QUATERNION, "quaternion", n)
     length = row_lengths(rows)
     off = np.abs(length - 1.0)
-    if not (off > ROUNDING).any():  # files round to a few digits
+    if not (off > READING.rounded_length).any():
         return ""
     row = int(np.argmax(off))
     return (

@@ -22,7 +22,7 @@ from ..kernel.posterior import COMPACT, CompactPosterior
 from ..maps.blend import blend_size
 from ..maps.local_models import exponents
 from ..maps.settings import LOCAL
-from ..samples.roles import ROUNDING
+from ..samples.settings import READING
 from .parts import ROUNDED, Parts
 from .space import Space
 from .turns import joint_limits
@@ -59,7 +59,7 @@ SETTINGS: Words = {
     **asdict(SOLVER),
     **asdict(MOST),
     "rounded": float(ROUNDED),
-    "rounding": ROUNDING,
+    "rounding": READING.rounded_length,
 }
 """Words of every source."""
 

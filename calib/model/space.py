@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,8 +22,10 @@ from ..common.arrays import Array, Mask
 from ..common.inputs import query_rows
 from ..common.rows import row_lengths
 from ..errors import QueryError
-from ..kernel.arm import Sag
 from .parts import Parts
+
+if TYPE_CHECKING:
+    from ..kernel.arm import Sag
 
 #: A pose or a position counts as reached within this share of the arm's length.
 REACHED = 1e-6
@@ -89,6 +91,8 @@ class Space:
     @cached_property
     def _sag(self) -> Sag | None:
         """How its joints bend."""
+        from ..kernel.arm import Sag
+
         return Sag.of(self.structure, self.body.beta)
 
     @cached_property

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Document
 from ..errors import LogError
 from .lens import Lens
-from .tables import Document
 
 # widths and heights [px] that a camera's pictures usually have
 _SIZES = (

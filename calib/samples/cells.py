@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.urdf import Range
-from ..common.arrays import Array, Index, Mask
+from ..arm.rotations import QUATERNION
+from ..common.arrays import Array, Index, Mask, Range
 from ..common.inputs import LARGEST
 from ..common.rows import row_lengths, spread_rows
 from ..common.wording import listing
 from ..errors import LogError
 from .joint_values import JointColumn, wrap
 from .motion import RowArrays, directions, new_rows
-from .roles import FURTHER, QUATERNION, ROUNDING, SOCKET, Roles
+from .roles import FURTHER, SOCKET, Roles
 from .settings import READING
 from .tables import Source, rows_in_words
 
@@ -199,7 +199,7 @@ def rows_in_sight(cells: Cells) -> Cells:
     if cells.orientation.shape[1] != len(QUATERNION):
         return cells
     length = row_lengths(cells.orientation)
-    wrong = np.abs(length - 1) > ROUNDING
+    wrong = np.abs(length - 1) > READING.rounded_length
     words = (
         f"qx, qy, qz, qw of length {length[np.argmax(wrong)]:.4g}, expected 1"
     )

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arm.arm import Arm
-from ..arm.urdf import Range
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Index, Range
 from ..common.inputs import LARGEST
 from ..common.rows import finite_rows
 from ..common.scale import TURN

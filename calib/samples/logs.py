@@ -10,8 +10,7 @@ import numpy as np
 
 from ..arm.arm import Arm, SpatialArm
 from ..arm.plane import Plane, fit_plane
-from ..arm.urdf import Range
-from ..common.arrays import Array
+from ..common.arrays import Array, Document, Range
 from ..common.scale import METRES
 from ..common.wording import by_name, listing, vector
 from ..errors import LogError, OptionError
@@ -27,7 +26,6 @@ from .samples import Readings, Samples
 from .settings import READING
 from .sockets import Touches
 from .tables import (
-    Document,
     Source,
     names_of_sensors,
     open_source,

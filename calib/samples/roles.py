@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arm.rotations import QUATERNION
 from ..common.arrays import Array
 from ..common.rows import row_lengths
 from ..common.wording import by_name, listing
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 PIXELS = {"x": "u", "y": "v"}
 """Columns of pixels, where a log has no x, y or z."""
 
-QUATERNION = ("qx", "qy", "qz", "qw")
 ANGLES = ("roll", "pitch", "yaw")
 SOCKET = ("setup", "point")
 """Columns that name the socket that the tip touched; the first may be missing."""
@@ -37,9 +37,6 @@ turn [rad] about the sensor's axes, `cov_x_x`, `cov_x_y`, .. `cov_rz_rz`."""
 
 FURTHER = ("time", "episode")
 """Columns with the time and the series of a row."""
-
-ROUNDING = 0.01
-"""A quaternion's length may differ from 1 by this much: files round to a few digits."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..arm.arm import Arm
 from ..arm.plane import Plane
-from ..common.arrays import Array, Index, frozen
+from ..common.arrays import Array, Document, Index, frozen
 from ..common.inputs import LARGEST, column_names, number_rows, whole
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
@@ -21,7 +21,6 @@ from .camera import Camera, camera_of
 from .motion import Motion, RowArrays, directions, pose_index
 from .simulation import Change, Simulation, parse_changes
 from .sockets import Touches
-from .tables import Document
 
 POSITION = ("x", "y", "z")
 

@@ -35,6 +35,8 @@ class LogReading:
     # [m], an extent beyond which positions are most likely in another unit: arms reach 3 m, a log
     # of one in mm extends over hundreds
     largest_arm: float = 20.0
+    # a quaternion's length may differ from 1 by this much: files round to a few digits
+    rounded_length: float = 0.01
 
 
 @dataclass(frozen=True)

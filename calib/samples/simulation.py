@@ -12,10 +12,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Document
 from ..common.inputs import LARGEST
 from ..errors import OptionError
-from .tables import Document
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Document, Index
 from ..common.atomic import atomic_write
 from ..common.wording import clipped, printable, quoted, suggestion
 from ..errors import LogError
@@ -26,9 +26,6 @@ from .text import COMMENT, EXPECTED, NUMBER, read_text
 
 if TYPE_CHECKING:
     import polars as pl
-
-Document = Mapping[str, Any]
-"""A file's description of itself, as JSON."""
 
 PARQUET = (".parquet", ".pq")
 RECORDINGS = (".bag", ".db3", ".mcap")

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arm.arm import Arm, SpatialArm, clip_range
-from ..arm.urdf import Range
 from ..body.views import is_camera
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array, Mask, Range
 from ..common.inputs import joint_numbers, number_rows
 from ..common.scale import Scale
 from ..common.wording import quoted, suggestion
