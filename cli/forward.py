@@ -12,7 +12,7 @@ from calib.body.belief import knows_orientation
 from calib.common.arrays import Array
 from calib.common.wording import by_name
 from calib.errors import QueryError
-from calib.model.prediction import predict
+from calib.model.prediction import Prediction
 from calib.model.space import Space
 from calib.samples.joint_values import check_joint_values
 from calib.samples.motion import Motion
@@ -84,10 +84,10 @@ def _answers(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
     answers = by_name(model.axes, model.forward(q, readout).T)
     if len(model.axes) == 3 and knows_orientation(model.body):
         answers |= by_name(QUATERNION, model.pose(q)[1].T)
-    prediction = predict(model, Motion(q))
+    prediction = Prediction(model, Motion(q))
     disagreement = prediction.apart(readout or model.default_readout)
     bounds = (
-        prediction.bound + disagreement,
-        prediction.true_bound + disagreement,
+        prediction.reading_bound + disagreement,
+        prediction.position_bound + disagreement,
     )
     return answers | by_name(BOUNDS, bounds)

@@ -35,8 +35,8 @@ DETAILS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
-    """Which answers are looked for."""
+class InverseOptions:
+    """Which answers of an inverse query are wanted."""
 
     readout: str | None
     all_branches: bool
@@ -71,15 +71,18 @@ def orientation_of(
 
 
 def answer_one(
-    query: Query, search: Search, typed: Sequence[float], height: float | None
+    query: Query,
+    options: InverseOptions,
+    typed: Sequence[float],
+    height: float | None,
 ) -> Outcome:
     """Answer one question, which may be a pixel on a plane of that height [m]."""
     joints = query.joints
-    x, document = _question(query, search, typed, height)
+    x, document = _question(query, options, typed, height)
     # in space all branches are looked for, so that the nearest is found
-    every = search.all_branches or search.in_space(query)
-    answer = _answer(query, x[None], replace(search, all_branches=every))
-    if not search.all_branches:
+    every = options.all_branches or options.in_space(query)
+    answer = _answer(query, x[None], replace(options, all_branches=every))
+    if not options.all_branches:
         answer = answer.rows(slice(1))
     reachable = bool(answer.reachable.any())
     solutions: list[dict[str, object]] = [
@@ -95,13 +98,13 @@ def answer_one(
         note("the camera's picture does not show the target")
     document |= query.meaning
     shown = by_name(query.axes, answer.position.T)
-    shown |= _numbers(answer, search, query.bounds)
+    shown |= _numbers(answer, options, query.bounds)
     if reachable:
         alone = [" ".join(joints.cells(row)) for row in answer.q.tolist()]
         return Outcome(document, [query.table(answer.q, shown)], result=alone)
     missed = "nearest attainable point"
     distance = query.positions.words(float(answer.distance.min()))
-    if search.orientation is not None:
+    if options.orientation is not None:
         missed = "nearest attainable pose"
         distance += f" and {math.degrees(shown['turned'][0]):.3g} deg"
     note(f"out of reach: the {missed} is {distance} away")
@@ -110,28 +113,31 @@ def answer_one(
 
 
 def _numbers(
-    answer: Answer, search: Search, bounds: Sequence[str]
+    answer: Answer, options: InverseOptions, bounds: Sequence[str]
 ) -> dict[str, Array]:
     """Return how far answers are off, and their bounds, by column of a table."""
     names = ["distance", *bounds]
-    if search.orientation is not None:
+    if options.orientation is not None:
         names.insert(1, "turned")
     return {name: getattr(answer, name) for name in names}
 
 
 def _question(
-    query: Query, search: Search, typed: Sequence[float], height: float | None
+    query: Query,
+    options: InverseOptions,
+    typed: Sequence[float],
+    height: float | None,
 ) -> tuple[Array, dict[str, object]]:
     """Return the target (m,) of what was typed, and the question as JSON."""
     x = _target(query, typed, height)
     document: dict[str, object] = {"target": x}
-    if search.in_space(query):
+    if options.in_space(query):
         document["frame"] = query.frame
     if height is not None:
         x = _on_plane(query, x, height)
         document["on_plane"] = {"z": height, "position": x, "unit": "m"}
-    if search.orientation is not None:
-        document["quaternion"] = search.orientation
+    if options.orientation is not None:
+        document["quaternion"] = options.orientation
     return x, document
 
 
@@ -157,34 +163,34 @@ def _on_plane(query: Query, pixel: Array, height: float) -> Array:
     return x
 
 
-def answer_table(query: Query, search: Search) -> Outcome:
+def answer_table(query: Query, options: InverseOptions) -> Outcome:
     """Answer a table; columns near_JOINT choose the branch, qx to qw ask for an orientation."""
     names = query.joints.names
     axes = query.axes
     nearby = [f"near_{name}" for name in names]
     # fewer than six joints reach almost no pose that is given: its columns go along unread
-    least = 6 if search.free is None else 5
+    least = 6 if options.free is None else 5
     quaternion = QUATERNION if len(names) >= least and len(axes) == 3 else ()
     batch, valid = query.read(axes, (nearby, quaternion))
     values = batch.values[valid]
     if "qw" in batch.names and quaternion:
-        search = replace(
-            search, orientation=_columns(batch, values, QUATERNION)
+        options = replace(
+            options, orientation=_columns(batch, values, QUATERNION)
         )
     if nearby[0] in batch.names:
         near = _columns(batch, values, nearby) / query.joints.to_typed
-        search = replace(search, near=near)
-    answer = _answer(query, values[:, : len(axes)], search)
+        options = replace(options, near=near)
+    answer = _answer(query, values[:, : len(axes)], options)
     # with every branch a target has several answers
     rows = np.flatnonzero(valid)[answer.target]
     q = answer.q * query.joints.to_typed
     q[~answer.reachable] = np.nan
     added: dict[str, ArrayLike] = {**by_name(names, q.T)}
-    added |= _numbers(answer, search, BOUNDS)
+    added |= _numbers(answer, options, BOUNDS)
     added["reachable"] = answer.reachable
     missed = np.unique(rows[~answer.reachable])
     failures = {"out_of_reach": (missed, "out of reach")}
-    if not search.all_branches:
+    if not options.all_branches:
         columns = with_answers(batch, added)
         return query.write(batch, columns, failures)
     # rows without numbers keep their place between the answers of the others
@@ -198,14 +204,14 @@ def _columns(batch: Batch, values: Array, names: Sequence[str]) -> Array:
     return values[:, [batch.names.index(name) for name in names]]
 
 
-def _answer(query: Query, x: Array, search: Search) -> Answer:
+def _answer(query: Query, x: Array, options: InverseOptions) -> Answer:
     """Return the answers to targets (n, m), positions or poses."""
     model = query.model
-    if not search.in_space(query):
-        if search.all_branches:
+    if not options.in_space(query):
+        if options.all_branches:
             return every_branch(model, x)
-        return model.solve(x, search.near, search.readout)
-    if search.readout is not None:
+        return model.solve(x, options.near, options.readout)
+    if options.readout is not None:
         raise BadOption(
             "--readout is for positions in the sensor's frame alone"
         )
@@ -218,10 +224,10 @@ def _answer(query: Query, x: Array, search: Search) -> Answer:
     return solve_poses(
         model,
         x,
-        search.orientation,
-        search.near,
+        options.orientation,
+        options.near,
         frame=query.frame,
-        every=search.all_branches,
-        keep=search.keep_orientation,
-        free=search.free,
+        every=options.all_branches,
+        keep=options.keep_orientation,
+        free=options.free,
     )

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 NO = 3  # exit code of a result that a script should act on; each command's help names its own
 _WIDTH = 100  # of lines of words and of tables
 
-Document = Mapping[str, object] | Sequence[object]
+JsonDocument = Mapping[str, object] | Sequence[object]
 
 _QUOTED = re.compile(r"`([A-Za-z_]\w*)(?:=([^`]*))?`")
 _WORDS = "adapt calib check expected_error homing_offset model_error names point time"
@@ -149,7 +149,7 @@ Line = str | TextTable
 class Outcome:
     """The result of a command."""
 
-    document: Document  # what --json prints
+    document: JsonDocument  # what --json prints
     lines: Sequence[Line] = ()  # what people read, the verdict first
     more: Sequence[Line] = ()  # what --verbose adds
     warnings: Sequence[
@@ -247,7 +247,7 @@ def silence(stream: TextIO) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def print_json(document: Document) -> None:
+def print_json(document: JsonDocument) -> None:
     """Print one JSON document; numbers that are not finite become null."""
     # a program wants one document on one line
     print(

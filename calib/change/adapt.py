@@ -15,7 +15,7 @@ from ..errors import require
 from ..maps.model_selection import better, blocks
 from ..maps.node_bounds import learn_bounds
 from ..model.model import Model
-from ..model.prediction import predict
+from ..model.prediction import Prediction
 from ..samples.samples import Samples
 from ..stream.follow import BLOCK, HORIZON, OnlineAdapter
 from ..training.options import Progress
@@ -139,7 +139,7 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
 
     # the equations are linear and the model is not: what is written has to keep the promise
     measured = rows.in_sockets_of(model).log
-    error = row_lengths(measured.x - predict(model, measured).value)
+    error = row_lengths(measured.x - Prediction(model, measured).value)
     error = error[update.rows]
     if error.mean() >= _promise(evidence, update):
         unchanged = replace(unchanged, after=error_sizes(error))
@@ -219,7 +219,7 @@ def _with_wider_bound(
     """
     rows = verdict.rows
     model = rows.model
-    u = np.clip(model.motor.units, 0.0, 1.0)
+    u = model.motor.units_in_box
     difference = updated.predictor.value(u) - model.predictor.value(u)
     missed = float(np.quantile(rows.distance, 0.95))
     bound = row_lengths(difference) + updated.model_bounds

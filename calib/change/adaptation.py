@@ -306,7 +306,7 @@ def model_around(
     at_rows : the body by whose bound the rows' neighbourhood is known, where it is another
     """
     motor = old.motor
-    nodes = np.clip(motor.units, 0.0, 1.0)
+    nodes = motor.units_in_box
     local = _local_models_around(old, body)
     after = Predictor(motor, BodyInBox(body, motor.scale), local).value(nodes)
     sensory = _sensory_map(old, old.predictor.value(nodes), after)
@@ -346,7 +346,7 @@ def _local_models_around(old: Model, body: Body) -> LocalModels:
     models = old.predictor.models
     if old.body is None or models.degree < 0:
         return NO_MODELS
-    u = np.clip(old.motor.units, 0.0, 1.0)
+    u = old.motor.units_in_box
     q = old.motor.scale.from_unit(u)
     coefficients = offset_after(
         old.body, body, body.beta, q, models.coefficients

@@ -18,7 +18,7 @@ from ..common.rows import row_lengths, spread_rows
 from ..common.scale import Scale
 from ..errors import LogError, ModelError
 from ..model.model import Model
-from ..model.prediction import predict
+from ..model.prediction import Prediction
 from ..samples.diagnosis import diagnose
 from ..samples.findings import refuse_mistakes
 from ..samples.interpretations import interpretations
@@ -256,8 +256,8 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     sound, sound_notes = sound_log(model, positions)
     different = sound.take(different_rows(sound))
     repeated = len(sound) - len(different)
-    prediction = predict(model, different)
-    answered = np.isfinite(prediction.bound)
+    prediction = Prediction(model, different)
+    answered = np.isfinite(prediction.reading_bound)
     _refuse_few(model, different, answered)
     rows_in_file = positions.left_out + len(positions)
     scale = model.motor.scale
@@ -268,7 +268,7 @@ def rows_of(model: Model, log: Samples) -> LogRows:
         unit=positions.unit,
         shared=positions.common_sd,
         predicted=prediction.value,
-        bound=np.nan_to_num(prediction.bound, nan=np.inf),
+        bound=np.nan_to_num(prediction.reading_bound, nan=np.inf),
         wrong=sound.left_out - positions.left_out,
         lost=rows_in_file - repeated - int(answered.sum()),
         notes=(),

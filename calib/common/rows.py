@@ -57,6 +57,15 @@ def group_means(
     return (sums.T / np.where(count > 0, count, np.nan)).T
 
 
+def components(count: int, a: Index, b: Index) -> Index:
+    """Return the connected component of each of `count` rows that pairs a, b (k,) join."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(a)), (a, b)), (count, count))
+    return np.asarray(connected_components(graph)[1], dtype=np.intp)
+
+
 def solve_least_squares(features: Array, x: Array) -> Array:
     """Least squares, of smallest norm where the features depend on each other.
 

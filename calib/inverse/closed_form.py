@@ -91,8 +91,8 @@ class ClosedForm:
         else:
             others = self._parallel_arm(turn_left, in_plane)
         angles = np.broadcast_arrays(-back, *others)
-        ways = np.stack(angles, axis=-1).reshape(8, len(position), 6)
-        q = np.swapaxes(ways, 0, 1)
+        solutions = np.stack(angles, axis=-1).reshape(8, len(position), 6)
+        q = np.swapaxes(solutions, 0, 1)
         return (q + np.pi) % TURN - np.pi
 
     def _arm(self, place: Array, point: Array) -> tuple[Array, Array]:

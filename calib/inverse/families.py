@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
-from ..common.rows import row_lengths
+from ..common.rows import components, row_lengths
 from .newton import Newton, limit_length
 from .settings import SOLVER
-from .slides import settle
-from .ways import Ways, by_middle
+from .slides import solve_near
+from .solutions import Solutions, by_middle
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,15 @@ class FamilySettings:
 FAMILIES = FamilySettings()
 
 
-def representatives(newton: Newton, ways: Ways, x: Array) -> Ways:
+def representatives(
+    newton: Newton, solutions: Solutions, x: Array
+) -> Solutions:
     """Of solutions of targets (n, m) the most central one of each connected family."""
-    goals = x[ways.target]
-    central = _slide_to_middle(newton, ways, goals)
+    goals = x[solutions.target]
+    central = _slide_to_middle(newton, solutions, goals)
     family = _families(
         newton,
-        ways,
+        solutions,
         goals,
         central.u,
     )
@@ -49,24 +51,26 @@ def representatives(newton: Newton, ways: Ways, x: Array) -> Ways:
     return central.rows(order[first])
 
 
-def _slide_to_middle(newton: Newton, ways: Ways, goals: Array) -> Ways:
+def _slide_to_middle(
+    newton: Newton, solutions: Solutions, goals: Array
+) -> Solutions:
     """Solutions as far towards the middle of the ranges as they slide."""
-    middle = np.full_like(ways.u, 0.5)
-    stand = settle(
+    middle = np.full_like(solutions.u, 0.5)
+    iterate = solve_near(
         newton,
-        ways.u,
+        solutions.u,
         goals,
         middle,
         FAMILIES.step,
     )
-    u = stand.u
-    lost = ~newton.is_met(stand.miss)
-    u[lost] = ways.u[lost]
-    return Ways(ways.target, u, stand.miss)
+    u = iterate.u
+    lost = ~newton.is_met(iterate.distance)
+    u[lost] = solutions.u[lost]
+    return Solutions(solutions.target, u, iterate.distance)
 
 
 def _families(
-    newton: Newton, ways: Ways, goals: Array, central: Array
+    newton: Newton, solutions: Solutions, goals: Array, central: Array
 ) -> Index:
     """Number (n,) of the family of each solution.
 
@@ -76,12 +80,12 @@ def _families(
     goals : (n, m), the target of each
     central : (n, dof), where each slid to
     """
-    u = ways.u
+    u = solutions.u
     count = len(u)
-    a, b = _pairs(ways.target)
+    a, b = _pairs(solutions.target)
     apart = newton.away(central[a], central[b])
     same = apart < FAMILIES.same
-    family = _labels(count, a[same], b[same])
+    family = components(count, a[same], b[same])
     distance = newton.away(u[a], u[b])
     order = np.argsort(distance, kind="stable")
     a = a[order]
@@ -103,7 +107,7 @@ def _families(
         )
         start = start[arrived]
         goal = goal[arrived]
-        merged = _labels(count, family[start], family[goal])
+        merged = components(count, family[start], family[goal])
         family = merged[family]
         a = np.delete(a, nearest)
         b = np.delete(b, nearest)
@@ -129,32 +133,22 @@ def _pairs(target: Index) -> tuple[Index, Index]:
     return later, earlier
 
 
-def _labels(count: int, a: Index, b: Index) -> Index:
-    """Connected component (n,) of each of n solutions, which pairs join."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
-    _, labels = connected_components(graph.tocsr())
-    return np.asarray(labels, dtype=np.intp)
-
-
 def _arrives(newton: Newton, start: Array, goal: Array, x: Array) -> Mask:
     """Whether steps along the self-motion lead from `start` to `goal`, (n,)."""
     arrived = np.zeros(len(start), dtype=bool)
     rows = np.arange(len(start))
-    stand = newton.at(start, x)
+    iterate = newton.at(start, x)
     for _ in range(FAMILIES.walk):
-        here = stand.rows(rows)
-        wish = newton.scale.difference(goal[rows], here.u)
-        ahead = row_lengths(wish)
-        move = newton.tangent(here, wish)
+        here = iterate.rows(rows)
+        preferred_move = newton.scale.difference(goal[rows], here.u)
+        ahead = row_lengths(preferred_move)
+        move = newton.tangent(here, preferred_move)
         u = here.u + limit_length(move, FAMILIES.step)
         trial = newton.refine(u, here.x, SOLVER.close)
-        stand.put(rows, trial)
+        iterate.put(rows, trial)
         shift = newton.away(trial.u, here.u)
         rest = newton.away(trial.u, goal[rows])
-        going = newton.is_met(trial.miss)
+        going = newton.is_met(trial.distance)
         going &= shift < 2 * FAMILIES.step
         going &= rest < ahead
         near = rest < FAMILIES.arrived * FAMILIES.step

@@ -17,25 +17,25 @@ ROUNDING = 3e-13
 """Share of a task's size to which a target is met as well as numbers allow."""
 
 
-class Stand(NamedTuple):
-    """Current joints, and their residuals."""
+class Iterate(NamedTuple):
+    """Joints on their way to targets, and their residuals."""
 
     x: Array  # (n, k), targets
     u: Array  # (n, dof), joints of the unit box
-    gap: Array  # (n, m)
-    slope: Array  # (n, m, dof)
-    miss: Array  # (n,), length of the gap
+    residual: Array  # (n, m)
+    slope: Array  # (n, m, dof), Jacobian
+    distance: Array  # (n,), length of the residual
 
-    def rows(self, index: Index) -> Stand:
+    def rows(self, index: Index) -> Iterate:
         """Some of the rows."""
-        return Stand(*[part.take(index, axis=0) for part in self])
+        return Iterate(*[part.take(index, axis=0) for part in self])
 
-    def put(self, index: Index, other: Stand) -> None:
+    def put(self, index: Index, other: Iterate) -> None:
         """Put other joints in the place of some, for the same targets."""
         self.u[index] = other.u
-        self.gap[index] = other.gap
+        self.residual[index] = other.residual
         self.slope[index] = other.slope
-        self.miss[index] = other.miss
+        self.distance[index] = other.distance
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,9 @@ class Newton:
         """Whether there are more joints than the task has residuals."""
         return len(self.scale.span) > self.task.count
 
-    def is_met(self, miss: Array) -> Mask:
-        """Whether misses (n,) are as small as a solution's."""
-        return miss <= SOLVER.close * self.task.size
+    def is_met(self, distance: Array) -> Mask:
+        """Whether distances (n,) are as small as those of a solution."""
+        return distance <= SOLVER.close * self.task.size
 
     def away(self, u: Array, v: Array) -> Array:
         """Distances (n,) between joints (n, dof), the short way round."""
@@ -65,17 +65,17 @@ class Newton:
             return inside
         return np.where(self.scale.periodic, u % 1.0, inside)
 
-    def at(self, u: Array, x: Array) -> Stand:
-        """What is missing to targets `x` (n, k) at joints (n, dof)."""
+    def at(self, u: Array, x: Array) -> Iterate:
+        """Residuals of targets `x` (n, k) at joints (n, dof)."""
         u = self.clip(u)
-        gap, slope = self.task.residual(u, x)
-        miss = row_lengths(gap)
-        return Stand(
+        residual, slope = self.task.residual(u, x)
+        distance = row_lengths(residual)
+        return Iterate(
             x,
             u,
-            gap,
+            residual,
             slope,
-            miss,
+            distance,
         )
 
     def refine(
@@ -84,150 +84,161 @@ class Newton:
         x: Array,
         tolerance: float = ROUNDING,
         steps: int = SOLVER.steps,
-    ) -> Stand:
+    ) -> Iterate:
         """Joints nearest to targets `x` (n, k) from starts `u` (n, dof).
 
         Damped Newton steps (Levenberg-Marquardt).  A target counts as met within a share
         `tolerance` of the task's size.
         """
-        stand = self.at(u, x)
+        iterate = self.at(u, x)
         everywhere = np.ones(len(u), dtype=bool)
         self.descend(
-            stand,
+            iterate,
             everywhere,
             tolerance,
             steps,
         )
-        return stand
+        return iterate
 
     def descend(
         self,
-        stand: Stand,
+        iterate: Iterate,
         which: Mask,
         tolerance: float = ROUNDING,
         steps: int = SOLVER.steps,
     ) -> None:
-        """Refine some rows (n,) of a stand in place, see `refine`."""
+        """Refine some rows (n,) of an iterate in place, see `refine`."""
         enough = tolerance * self.task.size
-        rounding = 1e-12 * self.task.size
-        going = which & (stand.miss > enough)
+        going = which & (iterate.distance > enough)
         rows = going.nonzero()[0]
         if not len(rows):
             return
-        here = stand.rows(rows)
+        here = iterate.rows(rows)
         damping = np.full(len(rows), SOLVER.easy)
         for _ in range(steps):
             move = self.move(here, damping)
             step = limit_joints(move, SOLVER.longest)
             u = here.u + step
-            rest = self.most_left(here, step)
-            if rest.max() <= enough and u.min() >= 0.0 and u.max() <= 1.0:
-                # a look less, which counts of a single target
-                here = here._replace(u=u, miss=rest)
+            least = self.residual_bound(here, step)
+            if least.max() <= enough and u.min() >= 0.0 and u.max() <= 1.0:
+                # saves an evaluation, which is noticed in single queries
+                here = here._replace(u=u, distance=least)
                 break
             trial = self.at(u, here.x)
-            ratio = trial.miss / here.miss
-            eased = np.maximum(damping / SOLVER.easier, SOLVER.easiest)
+            ratio = trial.distance / here.distance
             if ratio.max() <= 1.0 - SOLVER.slow:
                 here = trial
-                damping = eased
-                ended = here.miss < enough
+                damping = _eased(damping)
+                ended = here.distance < enough
             else:
-                better = ratio < 1.0
-                slow = ratio > 1.0 - SOLVER.slow
-                final = better | (here.miss < rounding)
-                nearer = np.flatnonzero(better)
-                here.put(nearer, trial.rows(nearer))
-                harder = np.maximum(damping * SOLVER.easier, SOLVER.hard)
-                damping = np.where(better, eased, harder)
-                ended = slow & final
-                ended |= damping > SOLVER.hardest
-                ended |= here.miss < enough
+                damping, ended = self._keep_better(here, trial, damping)
+                ended |= here.distance < enough
             if ended.any():
                 if ended.all():
                     break
-                stand.put(rows, here)
+                iterate.put(rows, here)
                 others = np.flatnonzero(~ended)
                 rows = rows[others]
                 here = here.rows(others)
                 damping = damping[others]
-        stand.put(rows, here)
+        iterate.put(rows, here)
 
-    def most_left(self, stand: Stand, step: Array) -> Array:
-        """What steps (n, dof) leave of gaps at most, (n,).
+    def _keep_better(
+        self, here: Iterate, trial: Iterate, damping: Array
+    ) -> tuple[Array, Mask]:
+        """Keep the better of two iterates in `here`.
 
-        An arm that turns by an angle in all leaves the straight line by half its square at most,
-        times the arm's reach.
+        Returns the damping (n,) of the next step, and whether there is none, (n,).
         """
-        closed = (stand.slope @ step[:, :, None])[:, :, 0]
+        ratio = trial.distance / here.distance
+        better = ratio < 1.0
+        slow = ratio > 1.0 - SOLVER.slow
+        final = better | (here.distance < 1e-12 * self.task.size)
+        nearer = np.flatnonzero(better)
+        here.put(nearer, trial.rows(nearer))
+        harder = np.maximum(damping * SOLVER.easier, SOLVER.hard)
+        damping = np.where(better, _eased(damping), harder)
+        ended = (slow & final) | (damping > SOLVER.hardest)
+        return damping, ended
+
+    def residual_bound(self, iterate: Iterate, step: Array) -> Array:
+        """Upper bounds (n,) on the residuals after steps (n, dof).
+
+        An arm whose joints turn by an angle in sum is off the straight line by at most half its
+        square, times the arm's reach.
+        """
+        closed = (iterate.slope @ step[:, :, None])[:, :, 0]
         angle = np.abs(step) @ self.scale.span
         bent = 0.5 * self.task.size * angle * angle
-        return bent + row_lengths(stand.gap - closed)
+        return bent + row_lengths(iterate.residual - closed)
 
-    def closest(self, u: Array, x: Array) -> Stand:
+    def closest(self, u: Array, x: Array) -> Iterate:
         """Joints (n, dof) whose tip comes nearest to positions `x` (n, m) that nothing reaches.
 
         Far targets are approached in their direction, at most one workspace ahead of where the tip
         is: steps to what is much further away than joints reach go nowhere.
         """
-        stand = self.at(u, x)
-        here = stand
+        iterate = self.at(u, x)
+        here = iterate
         rows = np.arange(len(x))
         for _ in range(SOLVER.steps):
-            position = here.x - here.gap
-            ahead = position + limit_length(here.gap, self.task.size)
+            position = here.x - here.residual
+            ahead = position + limit_length(here.residual, self.task.size)
             nearer = self.refine(here.u, ahead)
             moved = (nearer.u != here.u).any(axis=1)
             if not moved.any():
                 break
             rows = rows[moved]
             here = self.at(nearer.u[moved], here.x[moved])
-            stand.put(rows, here)
-        return stand
+            iterate.put(rows, here)
+        return iterate
 
-    def tangent(self, stand: Stand, wish: Array) -> Array:
-        """The move (n, dof) nearest to a wish (n, dof) that leaves gaps as they are."""
-        still = stand._replace(gap=np.zeros(stand.gap.shape))
-        damping = np.full(len(wish), SOLVER.easiest)
-        return self.move(still, damping, wish)
+    def tangent(self, iterate: Iterate, preferred_move: Array) -> Array:
+        """The move (n, dof) nearest to a preferred one that leaves residuals as they are."""
+        still = iterate._replace(residual=np.zeros(iterate.residual.shape))
+        damping = np.full(len(preferred_move), SOLVER.easiest)
+        return self.move(still, damping, preferred_move)
 
     def move(
-        self, stand: Stand, damping: Array, wish: Array | None = None
+        self,
+        iterate: Iterate,
+        damping: Array,
+        preferred_move: Array | None = None,
     ) -> Array:
-        """Of all moves (n, dof) that close gaps the one nearest to a wish, or the shortest.
+        """The move (n, dof) nearest to a preferred one, or the shortest, that closes residuals.
 
         Joints at a limit that a move would push further stay, and the others take over.
         """
-        slope = stand.slope
-        slack = 0.0 if wish is None else SOLVER.slack
+        slope = iterate.slope
+        slack = 0.0 if preferred_move is None else SOLVER.slack
         room = 1.0 - slack
-        for _ in range(stand.u.shape[1]):
+        for _ in range(iterate.u.shape[1]):
             move = _nearest_move(
                 slope,
-                stand.gap,
+                iterate.residual,
                 damping,
-                wish,
+                preferred_move,
             )
-            ahead = stand.u + move
+            ahead = iterate.u + move
             if ahead.min(initial=1.0) > slack and ahead.max(initial=0.0) < room:
                 break
-            stuck = (stand.u <= slack) & (move < 0.0)
-            stuck |= (stand.u >= room) & (move > 0.0)
+            stuck = (iterate.u <= slack) & (move < 0.0)
+            stuck |= (iterate.u >= room) & (move > 0.0)
             stuck &= ~self.scale.periodic
             if not stuck.any():
                 break
             slope = np.where(stuck[:, None], 0.0, slope)
-            if wish is not None:
-                wish = np.where(stuck, 0.0, wish)
+            if preferred_move is not None:
+                preferred_move = np.where(stuck, 0.0, preferred_move)
         return move
 
 
 def _nearest_move(
-    slope: Array, gap: Array, damping: Array, wish: Array | None
+    slope: Array, residual: Array, damping: Array, preferred_move: Array | None
 ) -> Array:
-    """Of moves (n, dof) that close gaps (n, m) the one nearest to a wish (n, dof), if there is one.
+    """The moves (n, dof) nearest to preferred ones p, or the shortest, that close residuals.
 
-    ``wish + J' (J J' + damping)^-1 (gap - J wish)``, of Jacobians (n, m, dof), damping (n,).
+    ``p + J' (J J' + damping)^-1 (residual - J p)``, of Jacobians J (n, m, dof), damping (n,).
     """
     across = slope.swapaxes(1, 2)
     power = slope @ across
@@ -236,12 +247,17 @@ def _nearest_move(
     trace = diagonal.sum(axis=1)
     added = np.maximum(damping * trace, 1e-200)
     diagonal += added[:, None]
-    rest = gap[..., None]
-    if wish is not None:
-        rest = rest - slope @ wish[..., None]
+    rest = residual[..., None]
+    if preferred_move is not None:
+        rest = rest - slope @ preferred_move[..., None]
     force = np.linalg.solve(power, rest)
     move = np.asarray((across @ force)[..., 0])
-    return move if wish is None else wish + move
+    return move if preferred_move is None else preferred_move + move
+
+
+def _eased(damping: Array) -> Array:
+    """Damping (n,) after a step that came nearer."""
+    return np.maximum(damping / SOLVER.easier, SOLVER.easiest)
 
 
 def limit_length(moves: Array, longest: float) -> Array:

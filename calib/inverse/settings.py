@@ -47,8 +47,8 @@ class SolverSettings:
     near_enough_spare: float = 0.3  # the same, of redundant joints and of poses
     margin: float = 0.1  # a start may be this much further away than its answer
     drawn: int = 32  # starts all over the ranges where others have failed
-    # what is drawn so far beyond a limit is at it: of poses with joints at three limits and more
-    # one of 6 lost a way where all were drawn between them, now one of 150
+    # draws so far beyond a limit are put on it: of poses with joints at three limits and more one
+    # of 6 lost a solution where all were drawn between the limits, now one of 150
     overhang: float = 0.2
     tries: int = 48  # starts of a position
     # steps of a search by compiled C from joints and what is near: at most a millisecond
@@ -63,12 +63,12 @@ class SolverSettings:
     sure: float = 1e-2
     # of redundant joints: a third once there is an answer
     spare_tries: int = 60
-    # redundant joints start where this times the squared gap of the position, and the
+    # redundant joints start where this times the squared residual of the position, and the
     # squared distance from the joints of `near`, are least: of 1 to 16 the quickest
     pull: int = 16
     # Poses: a UR5's branches are nearly all reached with a third as many runs.
     # drawn postures: the nearest to a pose is some .4 rad away; of half as many, and 24 runs, 34
-    # ways of 2,100 were missed for 24
+    # solutions of 2,100 were missed instead of 24
     postures: int = 8192
     nearest: int = 192  # of them, those that a pose starts from
     runs: int = 36  # runs without a new branch that end the search

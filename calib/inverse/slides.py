@@ -8,17 +8,17 @@ import numpy as np
 
 from ..common.arrays import Array, Index, Mask
 from ..common.rows import row_lengths
-from .newton import Newton, Stand, limit_length
+from .newton import Iterate, Newton, limit_length
 from .settings import SOLVER
 
 
-def settle(
+def solve_near(
     newton: Newton,
     u: Array,
     x: Array,
     near: Array,
     longest: float = SOLVER.longest,
-) -> Stand:
+) -> Iterate:
     """Joints on targets `x` (n, k) from starts `u` (n, dof), near to `near` (n, dof).
 
     Redundant joints that Newton has led close slide on, each slide at most `longest`.  Others are
@@ -26,22 +26,22 @@ def settle(
     """
     if not newton.redundant:
         return newton.refine(u, x)
-    stand = newton.refine(u, x, SOLVER.rough)
+    iterate = newton.refine(u, x, SOLVER.rough)
     slides = Slides.of(newton, near)
-    rows = np.flatnonzero(slides.close_to(stand))
+    rows = np.flatnonzero(slides.close_to(iterate))
     for _ in range(SOLVER.slides):
-        rows = slides.next(stand, rows, longest)
+        rows = slides.next(iterate, rows, longest)
         if not len(rows):
             break
-    stand = newton.refine(stand.u, x)
-    # joints that slid into a corner of their limits: where they were led without
-    met = newton.is_met(stand.miss)
+    iterate = newton.refine(iterate.u, x)
+    # joints that slid into a corner of their limits are led again, without slides
+    met = newton.is_met(iterate.distance)
     lost = np.flatnonzero(~met)
     if len(lost):
         others = newton.refine(u[lost], x[lost])
-        better = np.flatnonzero(others.miss < stand.miss[lost])
-        stand.put(lost[better], others.rows(better))
-    return stand
+        better = np.flatnonzero(others.distance < iterate.distance[lost])
+        iterate.put(lost[better], others.rows(better))
+    return iterate
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Slides:
     near: Array  # (n, dof)
     share: Array  # (n,), of the pull that a slide goes
     pull: Array  # (n, dof), at the last slide
-    shift: Array  # (n, dof), the way of the last slide, zero if it was undone
+    shift: Array  # (n, dof), the last slide, zero if it was undone
 
     @staticmethod
     def of(newton: Newton, near: Array) -> Slides:
@@ -70,30 +70,30 @@ class Slides:
             still.copy(),
         )
 
-    def next(self, stand: Stand, rows: Index, longest: float) -> Index:
-        """Slide some rows of a stand once, and return those that have not settled.
+    def next(self, iterate: Iterate, rows: Index, longest: float) -> Index:
+        """Slide some rows of an iterate once, and return those that have not settled.
 
         A slide that leaves the target, or on target comes no nearer, is undone.
         """
         newton = self.newton
-        here = stand.rows(rows)
-        wish = newton.scale.difference(self.near[rows], here.u)
-        pull = newton.tangent(here, wish)
+        here = iterate.rows(rows)
+        preferred_move = newton.scale.difference(self.near[rows], here.u)
+        pull = newton.tangent(here, preferred_move)
         self._adapt_share(rows, pull)
         unsettled = row_lengths(pull) > SOLVER.settled
-        unsettled |= ~newton.is_met(here.miss)
+        unsettled |= ~newton.is_met(here.distance)
         going = unsettled & (self.share[rows] > SOLVER.stuck)
         rows = rows[going]
         if len(rows):
-            self._slide(stand, rows, pull[going], longest)
+            self._slide(iterate, rows, pull[going], longest)
         return rows
 
     def _slide(
-        self, stand: Stand, rows: Index, pull: Array, longest: float
+        self, iterate: Iterate, rows: Index, pull: Array, longest: float
     ) -> None:
         """Slide rows (k,) by their shares of pulls (k, dof)."""
         newton = self.newton
-        here = stand.rows(rows)
+        here = iterate.rows(rows)
         near = self.near[rows]
         step = newton.move(here, np.full(len(rows), SOLVER.easy))
         step += self.share[rows, None] * pull
@@ -101,19 +101,19 @@ class Slides:
         step = self._within_limits(here.u, step)
         trial = newton.at(here.u + step, here.x)
         closer = newton.away(trial.u, near) < newton.away(here.u, near)
-        good = self.close_to(trial) & (closer | ~newton.is_met(here.miss))
-        kept = np.flatnonzero(good)
-        stand.put(rows[kept], trial.rows(kept))
+        good = self.close_to(trial) & (closer | ~newton.is_met(here.distance))
+        better = np.flatnonzero(good)
+        iterate.put(rows[better], trial.rows(better))
         shift = newton.scale.difference(trial.u, here.u)
         shift[~good] = 0.0
         self.pull[rows] = pull
         self.shift[rows] = shift
         self.share[rows[~good]] /= 4
 
-    def close_to(self, stand: Stand) -> Mask:
+    def close_to(self, iterate: Iterate) -> Mask:
         """Whether joints (n,) are so close to their targets that they slide."""
         rough = SOLVER.rough * self.newton.task.size
-        return stand.miss <= rough
+        return iterate.distance <= rough
 
     def _adapt_share(self, rows: Index, pull: Array) -> None:
         """Set the share of a pull (k, dof) by how it turned on the last slide.

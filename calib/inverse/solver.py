@@ -9,17 +9,17 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from .families import representatives
-from .newton import Newton, Stand
+from .newton import Iterate, Newton
 from .settings import SOLVER
-from .slides import settle
-from .ways import Ways, distinct, drawn_joints
+from .slides import solve_near
+from .solutions import Solutions, distinct, drawn_joints
 
 _UNMET = 1e3
-"""What is missed ranks behind whatever is met."""
+"""Cost from which on joints miss their target: above any distance between joints."""
 
 
 class Starts(Protocol):
-    """Where ways to targets may begin."""
+    """Where solutions to targets may begin."""
 
     def of(self, x: Array) -> tuple[Index, Array]:
         """Joints (k, dof) of the unit box, and which of targets (n, m) each is for, ascending."""
@@ -27,8 +27,8 @@ class Starts(Protocol):
 
 
 @dataclass(frozen=True)
-class Nearest:
-    """For each of n targets the best way so far: the nearest to some joints.
+class BestSolutions:
+    """For each of n targets the best solution so far: the nearest to some joints.
 
     Its arrays are changed in place.
     """
@@ -36,30 +36,30 @@ class Nearest:
     newton: Newton
     # (n, dof), joints of the unit box that answers should be near to
     near: Array
-    stand: Stand
-    # (n,), how far the joints are from `near`; more than any distance where they miss the target
+    iterate: Iterate
+    # (n,), how far the joints are from `near`; above `_UNMET` where they miss the target
     cost: Array
 
     @staticmethod
-    def of(newton: Newton, stand: Stand, near: Array) -> Nearest:
-        """Start with one way to each target."""
-        cost = _cost(newton, stand, near)
-        return Nearest(
+    def of(newton: Newton, iterate: Iterate, near: Array) -> BestSolutions:
+        """Start with one solution of each target."""
+        cost = _cost(newton, iterate, near)
+        return BestSolutions(
             newton,
             near,
-            stand,
+            iterate,
             cost,
         )
 
     def rows_beyond(self, distance: float) -> Index:
         """Targets whose joints are further from `near` than that, or miss them.
 
-        Those that no way has met are `_UNMET`.
+        Those that no solution has met are beyond `_UNMET`.
         """
         return (self.cost >= distance).nonzero()[0]
 
     def try_likely(self, owner: Index, start: Array) -> None:
-        """Try those starts (k, dof) of targets (k,) that may lead to nearer ways."""
+        """Try those starts (k, dof) of targets (k,) that may lead to nearer solutions."""
         if not len(owner):
             return
         away = self.newton.away(start, self.near[owner])
@@ -69,28 +69,28 @@ class Nearest:
         self.try_starts(owner[likely], start[likely])
 
     def try_starts(self, owner: Index, start: Array) -> None:
-        """Lead starts (k, dof) to targets (k,) and take the ways that are better."""
+        """Lead starts (k, dof) to targets (k,) and take the solutions that are better."""
         if not len(owner):
             return
-        targets = self.stand.x[owner]
-        trial = settle(self.newton, start, targets, self.near[owner])
+        targets = self.iterate.x[owner]
+        trial = solve_near(self.newton, start, targets, self.near[owner])
         self.take(owner, trial)
 
-    def take(self, owner: Index, trial: Stand) -> None:
-        """Take ways (k,) to targets (k,) that are better than the best so far."""
+    def take(self, owner: Index, trial: Iterate) -> None:
+        """Take solutions (k,) to targets (k,) that are better than the best so far."""
         cost = _cost(self.newton, trial, self.near[owner])
         before = self.cost[owner]
         np.minimum.at(self.cost, owner, cost)
         best = cost == self.cost[owner]
         better = np.flatnonzero(best & (cost < before))
-        self.stand.put(owner[better], trial.rows(better))
+        self.iterate.put(owner[better], trial.rows(better))
 
 
-def _cost(newton: Newton, stand: Stand, near: Array) -> Array:
-    """How bad answers are, (n,): how far from `near` if they are met, else by the miss."""
-    met = newton.is_met(stand.miss)
-    away = newton.away(stand.u, near)
-    behind = _UNMET + stand.miss / newton.task.size
+def _cost(newton: Newton, iterate: Iterate, near: Array) -> Array:
+    """Distance (n,) from `near` of joints that meet their targets; above `_UNMET` of others."""
+    met = newton.is_met(iterate.distance)
+    away = newton.away(iterate.u, near)
+    behind = _UNMET + iterate.distance / newton.task.size
     return np.where(met, away, behind)
 
 
@@ -100,14 +100,14 @@ class Solver:
 
     newton: Newton
     starts: Starts
-    # whether few starts, and the joints of `near`, are led to a target together
-    together: bool = False
+    # whether few starts, and the joints of `near`, are led to a target few_starts
+    few_starts: bool = False
     # least singular value of the Jacobian's squares, beside a fold that starts overlook
-    folded: float = SOLVER.fold
+    fold_threshold: float = SOLVER.fold
 
     @property
     def extent(self) -> float:
-        """A length that misses are compared with: of positions the workspace's diagonal [unit]."""
+        """Length that residuals are compared with: of positions the workspace's diagonal [unit]."""
         return self.newton.task.size
 
     @property
@@ -116,45 +116,45 @@ class Solver:
         return self.newton.redundant
 
     def solve(self, x: Array, near: Array) -> tuple[Array, Array]:
-        """Joints (n, dof) for targets `x` (n, m) nearest to `near` (n, dof), what is missing (n,).
+        """Joints (n, dof) nearest to `near` (n, dof) for targets `x` (n, m), and distances (n,).
 
         Joints are in the unit box; out of reach they are those of the nearest attainable point.
         """
-        stand = self.nearest(x, near)
-        met = self.newton.is_met(stand.miss)
+        iterate = self.nearest(x, near)
+        met = self.newton.is_met(iterate.distance)
         lost = (~met).nonzero()[0]
         if len(lost):
-            closest = self.newton.closest(stand.u[lost], x[lost])
-            stand.put(lost, closest)
-        return stand.u, stand.miss
+            closest = self.newton.closest(iterate.u[lost], x[lost])
+            iterate.put(lost, closest)
+        return iterate.u, iterate.distance
 
-    def solve_all(self, x: Array) -> Ways:
+    def solve_all(self, x: Array) -> Solutions:
         """Every distinct solution of targets (n, m).
 
         Sorted by target, the one nearest to the middle of the unit box first.  Of redundant joints
         each connected family has one; out of reach there is one, the nearest attainable point.
         """
-        ways = self.every(x)
+        solutions = self.every(x)
         if self.redundant:
-            ways = representatives(self.newton, ways, x)
+            solutions = representatives(self.newton, solutions, x)
         targets = np.arange(len(x))
-        lost = np.setdiff1d(targets, ways.target)
+        lost = np.setdiff1d(targets, solutions.target)
         if not len(lost):
-            return ways
-        dof = ways.u.shape[1]
+            return solutions
+        dof = solutions.u.shape[1]
         middle = np.full((len(lost), dof), 0.5)
-        u, miss = self.solve(x[lost], middle)
-        others = Ways(lost, u, miss)
-        return ways.joined(others, self.newton.scale)
+        u, distance = self.solve(x[lost], middle)
+        others = Solutions(lost, u, distance)
+        return solutions.joined(others, self.newton.scale)
 
-    def nearest(self, x: Array, near: Array) -> Stand:
+    def nearest(self, x: Array, near: Array) -> Iterate:
         """Joints nearest to `near` (n, dof) for targets `x`, or what comes close to them."""
         newton = self.newton
-        if self.together:
+        if self.few_starts:
             best = self._try_all_at_once(x, near)
         else:
-            stand = settle(newton, near, x, near)
-            best = Nearest.of(newton, stand, near)
+            iterate = solve_near(newton, near, x, near)
+            best = BestSolutions.of(newton, iterate, near)
             rows = best.rows_beyond(SOLVER.near_enough_spare)
             if len(rows):
                 target, start = self.starts.of(x[rows])
@@ -165,41 +165,41 @@ class Solver:
             best.try_starts(rows[target], start)
         rows = best.rows_beyond(SOLVER.near_enough)
         if len(rows) and not self.redundant:
-            rows, start = twins(
+            rows, start = starts_across_fold(
                 newton,
-                best.stand,
+                best.iterate,
                 rows,
-                self.folded,
+                self.fold_threshold,
             )
             best.try_likely(rows, start)
-        return best.stand
+        return best.iterate
 
-    def _try_all_at_once(self, x: Array, near: Array) -> Nearest:
+    def _try_all_at_once(self, x: Array, near: Array) -> BestSolutions:
         """Lead all starts to targets, with the joints of `near` where they are close."""
         newton = self.newton
         count = len(x)
         targets = np.arange(count)
         target, start = self.starts.of(x)
-        # the last of the starts first: of ways as near the first one counts
+        # the last of the starts first: of solutions as near the first one counts
         owner = np.concatenate([targets, target[::-1]])
         u = np.concatenate([near, start[::-1]])
-        stand = newton.at(u, x[owner])
-        hopeful = stand.miss <= SOLVER.rough * newton.task.size
+        iterate = newton.at(u, x[owner])
+        hopeful = iterate.distance <= SOLVER.rough * newton.task.size
         hopeful[count:] = True
-        newton.descend(stand, hopeful)
-        cost = _cost(newton, stand, near[owner])
+        newton.descend(iterate, hopeful)
+        cost = _cost(newton, iterate, near[owner])
         order = np.lexsort((cost, owner))
         first = owner[order].searchsorted(targets)
         best = order[first]
-        return Nearest(
+        return BestSolutions(
             newton,
             near,
-            stand.rows(best),
+            iterate.rows(best),
             cost[best],
         )
 
-    def every(self, x: Array) -> Ways:
-        """Every way to targets (n, m), sorted as those of `solve_all`.
+    def every(self, x: Array) -> Solutions:
+        """Every solution of targets (n, m), sorted as those of `solve_all`.
 
         Of redundant joints these are some of infinitely many.
         """
@@ -208,30 +208,30 @@ class Solver:
             target, start = self._starts_everywhere(x)
         else:
             target, start = self.starts.of(x)
-        stand = newton.refine(start, x[target])
-        ways = Ways(target, stand.u, stand.miss)
+        iterate = newton.refine(start, x[target])
+        solutions = Solutions(target, iterate.u, iterate.distance)
         if newton.redundant:
-            ways = ways.sorted(newton.scale)
+            solutions = solutions.sorted(newton.scale)
         else:  # where branches meet
             rows = np.arange(len(target))
-            rows, across = twins(
+            rows, across = starts_across_fold(
                 newton,
-                stand,
+                iterate,
                 rows,
                 SOLVER.fold,
             )
-            other = newton.refine(across, stand.x[rows])
-            others = Ways(target[rows], other.u, other.miss)
-            ways = ways.joined(others, newton.scale)
-        met = newton.is_met(ways.miss)
-        ways = ways.rows(met)
+            other = newton.refine(across, iterate.x[rows])
+            others = Solutions(target[rows], other.u, other.distance)
+            solutions = solutions.joined(others, newton.scale)
+        met = newton.is_met(solutions.distance)
+        solutions = solutions.rows(met)
         single = distinct(
             newton.scale,
-            ways.target,
-            ways.u,
+            solutions.target,
+            solutions.u,
             SOLVER.same,
         )
-        return ways.rows(single)
+        return solutions.rows(single)
 
     def _starts_everywhere(self, x: Array) -> tuple[Index, Array]:
         """All starts of targets (n, m), and joints at random all over their ranges."""
@@ -243,24 +243,24 @@ class Solver:
         return targets, joints
 
 
-def twins(
-    newton: Newton, stand: Stand, rows: Index, folded: float
+def starts_across_fold(
+    newton: Newton, iterate: Iterate, rows: Index, fold_threshold: float
 ) -> tuple[Index, Array]:
-    """Which of some rows are near a fold (k,), and starts (k, dof) for the ways across it.
+    """Which of some rows are near a fold (k,), and starts (k, dof) for the solutions across it.
 
     Along the direction v that hardly moves the tip the least singular value s = w' J v falls
     linearly to zero, at a rate ``w' (dJ/dv) v``, and the other way lies about as far beyond as this
     one lies before.
 
-    folded : least singular value beside a fold, of the Jacobian's squares
+    fold_threshold : least singular value beside a fold, of the Jacobian's squares
     """
-    slope = stand.slope[rows]
+    slope = iterate.slope[rows]
     squares = np.linalg.eigvalsh(slope.swapaxes(1, 2) @ slope)
-    folds = squares[:, 0] <= folded * squares.sum(axis=1)
+    folds = squares[:, 0] <= fold_threshold * squares.sum(axis=1)
     rows = rows[folds]
     if not len(rows):
-        return rows, stand.u[rows]
-    here = stand.rows(rows)
+        return rows, iterate.u[rows]
+    here = iterate.rows(rows)
     sides, size, directions = np.linalg.svd(here.slope, full_matrices=False)
     flat = directions[:, -1].copy()
     side = sides[:, :, -1]

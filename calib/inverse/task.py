@@ -34,7 +34,7 @@ class Task(Protocol):
         ...
 
     def residual(self, u: Array, target: Array) -> tuple[Array, Array]:
-        """What is missing at joints `u` (n, dof), (n, m), and how joints close it (n, m, dof)."""
+        """Residuals (n, m) of targets at joints `u` (n, dof), and the Jacobian (n, m, dof)."""
         ...
 
 
@@ -59,7 +59,7 @@ class Positions:
         return Positions(value_and_slope, 3, length)
 
     def residual(self, u: Array, target: Array) -> tuple[Array, Array]:
-        """Gaps (n, m) and the Jacobian (n, m, dof)."""
+        """Residuals (n, m) and the Jacobian (n, m, dof)."""
         value, slope = self.value_and_slope(u)
         return target - value, slope
 
@@ -87,7 +87,7 @@ class Poses:
         return np.concatenate([position, turn], axis=1)
 
     def residual(self, u: Array, target: Array) -> tuple[Array, Array]:
-        """Gaps of position and of turn, (n, 6) or (n, 5), and the Jacobian."""
+        """Residuals of position and of turn, (n, 6) or (n, 5), and the Jacobian."""
         q = self.scale.from_unit(u)
         place, turn, slope = self.evaluate(q)
         linear = slope[:, :3]
@@ -102,10 +102,10 @@ class Poses:
             spin = sides @ spin
         missing = goal_place - place
         missing_turn = self.lever * rest
-        gap = np.concatenate([missing, missing_turn], axis=1)
+        residual = np.concatenate([missing, missing_turn], axis=1)
         angular = self.lever * spin
         slope = np.concatenate([linear, angular], axis=1)
-        return gap, slope * self.scale.span
+        return residual, slope * self.scale.span
 
 
 def turn_left(start: Array, goal: Array, axis: int | None = None) -> Array:

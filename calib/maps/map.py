@@ -69,6 +69,11 @@ class Map:
         return frozen(self.scale.from_unit(self.units))
 
     @property
+    def units_in_box(self) -> Array:
+        """Weights (nodes, d) clipped to the unit box, which a varying density makes nodes leave."""
+        return np.clip(self.units, 0.0, 1.0)
+
+    @property
     def size(self) -> int:
         """Number of nodes."""
         return len(self.units)

@@ -26,7 +26,7 @@ def learn_bounds(
     floor = max(1e-9 * largest, 1e-15)
     most = max(1, len(u) // 2)
     k = min(BOUNDS.around, most)
-    places = np.clip(motor.units, 0.0, 1.0)
+    places = motor.units_in_box
     _, near = nearest_points(u, motor.scale, places, k)
     mean = errors[near].mean(axis=1)
     bound = np.maximum(mean, floor)

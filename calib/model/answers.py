@@ -13,14 +13,14 @@ from ..common.arrays import Array, Index, Mask
 from ..common.inputs import number_rows, query_rows
 from ..common.rows import row_lengths
 from ..errors import QueryError
-from ..inverse.links import solver_by_links
+from ..inverse.link_starts import solver_by_links
 from ..inverse.newton import limit_joints, limit_length
 from ..inverse.settings import SOLVER
-from ..inverse.ways import slices
+from ..inverse.solutions import slices
 from ..kernel.compiled import Flag
 from ..samples.motion import Motion
 from .compiling import INVERSE, INVERSE_ALL, kernel_for
-from .parts import Parts
+from .parts import PREDICTOR, Parts
 from .turns import nearest_turn, on_turn
 
 
@@ -30,7 +30,9 @@ class AnswerSettings:
 
     # of the workspace's extent, that always counts as reached
     reached: float = 1e-9
-    in_sight: float = 1e6  # extents of the workspace
+    furthest: float = (
+        1e6  # extents of the workspace, at which targets are limited
+    )
     # damping of a step of a servo, as a share of the Jacobian's power
     calm: float = 1e-3
     longest: float = 0.1  # of the joints' range: no step of a servo is longer
@@ -74,10 +76,10 @@ def unit_joints(
     model: Parts, x: Array, near: Array, readouts: Sequence[str]
 ) -> dict[str, Array]:
     """Joints of the unit box (n, dof) that answer targets (n, m), by readout."""
-    target = in_sight(model, x)
+    target = limited_targets(model, x)
     joints: dict[str, Array] = {}
     for readout in readouts:
-        if readout in ("local", model.default_readout):
+        if readout in (PREDICTOR, model.default_readout):
             joints[readout] = model.solver.solve(target, near)[0]
         elif readout == "body":
             solver = solver_by_links(model.association, model.body_predictor)
@@ -95,42 +97,42 @@ def inverse(
     model: Parts, x: Array, near: ArrayLike | None, *, nearest: bool
 ) -> Array:
     """Joints (n, dof) for targets (n, m); NaN out of reach, or those that come `nearest`."""
-    wish = anchor(model, near, len(x))
-    wished = wished_joints(model, wish, near)
+    near_u = near_in_box(model, near, len(x))
+    near_q = near_on_turn(model, near_u, near)
     kernel = kernel_for(model, INVERSE, len(x))
     if kernel is None:
-        return _inverse_by_numpy(model, x, wish, wished, nearest)
+        return _inverse_by_numpy(model, x, near_u, near_q, nearest)
     more = np.full((len(x), 1), ANSWER.budgets - 1.0)
-    q, flags = kernel.rows(INVERSE.name, wished, x, more)
+    q, flags = kernel.rows(INVERSE.name, near_q, x, more)
     lost = flags == Flag.NONE
     if nearest:
         lost |= flags == Flag.UNREACHABLE
-    rest = np.flatnonzero(lost)
-    if len(rest):
-        question = x[rest], wish[rest], wished[rest]
-        q[rest] = _inverse_by_numpy(model, *question, nearest)
+    rows = np.flatnonzero(lost)
+    if len(rows):
+        question = x[rows], near_u[rows], near_q[rows]
+        q[rows] = _inverse_by_numpy(model, *question, nearest)
     return q
 
 
 def _inverse_by_numpy(
-    model: Parts, x: Array, wish: Array, wished: Array, nearest: bool
+    model: Parts, x: Array, near_u: Array, near_q: Array, nearest: bool
 ) -> Array:
-    """The joints (n, dof) of `inverse`, near to `wish` in the unit box and on turns of `wished`."""
-    joints, within = joints_and_reach(model, x, wish, bounded=not nearest)
+    """The joints (n, dof) of `inverse`, nearest to `near_u`, on the turns nearest to `near_q`."""
+    joints, within = joints_and_reach(model, x, near_u, bounded=not nearest)
     joints[~within] = np.nan
-    return on_turn(model, joints, wished)
+    return on_turn(model, joints, near_q)
 
 
 def solve(
-    model: Parts, x: Array, near: ArrayLike | None, readout: str = "local"
+    model: Parts, x: Array, near: ArrayLike | None, readout: str = PREDICTOR
 ) -> Answer:
     """Joints nearest to `near` for targets (n, m) in full; out of reach those that come nearest."""
-    if readout == "local":
+    if readout == PREDICTOR:
         q = inverse(model, x, near, nearest=True)
         u = model.motor.scale.to_unit(q)
         return answer(model, u, x)._replace(q=q)
-    wish = anchor(model, near, len(x))
-    u = unit_joints(model, x, wish, (readout,))[readout]
+    near_u = near_in_box(model, near, len(x))
+    u = unit_joints(model, x, near_u, (readout,))[readout]
     return answer(model, u, x, readout=readout)
 
 
@@ -142,8 +144,8 @@ def solve_all(model: Parts, x: Array) -> list[Answer]:
 
 def every_branch(model: Parts, x: Array) -> Answer:
     """All branches of targets (n, m), one after another."""
-    ways = model.solver.solve_all(in_sight(model, x))
-    return answer(model, ways.u, x, ways.target)
+    solutions = model.solver.solve_all(limited_targets(model, x))
+    return answer(model, solutions.u, x, solutions.target)
 
 
 def inverse_all(model: Parts, x: Array) -> list[Array]:
@@ -152,12 +154,12 @@ def inverse_all(model: Parts, x: Array) -> list[Array]:
     if not model.solver.redundant:
         kernel = kernel_for(model, INVERSE_ALL, len(x))
     if kernel is None:
-        return [ways.q[ways.reachable] for ways in solve_all(model, x)]
+        return [found.q[found.reachable] for found in solve_all(model, x)]
     branches: list[Array] = []
     for first in range(0, len(x), ANSWER.chunk):
         goals = x[first : first + ANSWER.chunk]
-        ways, count = kernel.rows(INVERSE_ALL.name, goals)
-        q = ways[np.arange(ways.shape[1]) < count[:, None]]
+        table, count = kernel.rows(INVERSE_ALL.name, goals)
+        q = table[np.arange(table.shape[1]) < count[:, None]]
         target = np.repeat(np.arange(len(goals)), count)
         branches += [q[rows] for rows in slices(target, len(goals))]
     return branches
@@ -167,7 +169,7 @@ def joints_and_reach(
     model: Parts, x: Array, near: Array, *, bounded: bool = True
 ) -> tuple[Array, Mask]:
     """Nearest joint values (n, dof), and whether they reach the target (n,) if `bounded`."""
-    u, distance = model.solver.solve(in_sight(model, x), near)
+    u, distance = model.solver.solve(limited_targets(model, x), near)
     within = np.ones(len(u), dtype=bool)
     far = (distance > ANSWER.reached * model.solver.extent).nonzero()[0]
     if len(far) and bounded:
@@ -177,16 +179,16 @@ def joints_and_reach(
     return model.motor.scale.from_unit(u), within
 
 
-def in_sight(model: Parts, x: Array) -> Array:
-    """Targets (n, m), those a million extents away and further in the same direction, but nearer.
+def limited_targets(model: Parts, x: Array) -> Array:
+    """Targets (n, m), those further than a million extents moved nearer in the same direction.
 
-    Their squares would overflow.
+    The squares of larger numbers overflow.
     """
-    limit = ANSWER.in_sight * model.solver.extent
+    limit = ANSWER.furthest * model.solver.extent
     size = np.abs(x)
     if size.max(initial=0.0) <= limit:
         return x
-    limit += ANSWER.in_sight * float(np.abs(model.sensory.scale.lower).max())
+    limit += ANSWER.furthest * float(np.abs(model.sensory.scale.lower).max())
     furthest = size.max(axis=1, keepdims=True)
     return np.asarray(x / np.maximum(furthest / limit, 1.0))
 
@@ -196,7 +198,7 @@ def answer(
     u: Array,
     x: Array,
     target: Index | None = None,
-    readout: str = "local",
+    readout: str = PREDICTOR,
 ) -> Answer:
     """Describe joints `u` (k, dof) of the unit box that answer targets `x` (n, m).
 
@@ -210,12 +212,15 @@ def answer(
         distance = row_lengths(position - x[target])
     # steps over a forged model's numbers may overflow; where joints are no numbers, none is within
     finite = np.nan_to_num(u, posinf=0.0, neginf=0.0)
-    bound = model.bound_at(finite)
+    reading_bound = model.bound_at(finite)
     same = model.model_bounds is model.bounds
-    error = bound if same else model.bound_at(finite, "model_bounds")
-    within = distance <= _within_reach(model, bound)
+    position_bound = reading_bound
+    if not same:
+        position_bound = model.bound_at(finite, "model_bounds")
+    within = distance <= _within_reach(model, reading_bound)
     q = model.motor.scale.from_unit(u)
-    return Answer(q, position, distance, bound, error, within, target)
+    bounds = reading_bound, position_bound
+    return Answer(q, position, distance, *bounds, within, target)
 
 
 def _within_reach(model: Parts, bound: Array) -> Array:
@@ -239,7 +244,7 @@ def rows_for(
     return np.broadcast_to(rows, (n, len(names)))
 
 
-def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
+def near_in_box(model: Parts, near: ArrayLike | None, n: int) -> Array:
     """Joints of the unit box that answers should be close to, (n, dof).
 
     The middle of the ranges where `near` is not given; values beyond a limit are clipped.
@@ -266,12 +271,12 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
     return np.where(scale.periodic, scale.to_unit(rows), inside)
 
 
-def wished_joints(model: Parts, wish: Array, near: ArrayLike | None) -> Array:
-    """Joints [rad or m] of :func:`anchor` (n, dof), by whole turns next to `near`."""
-    q = model.motor.scale.from_unit(wish)
+def near_on_turn(model: Parts, near_u: Array, near: ArrayLike | None) -> Array:
+    """Joints (n, dof) [rad or m] of :func:`near_in_box`, on the turns nearest to `near`."""
+    q = model.motor.scale.from_unit(near_u)
     if near is None or not model.motor.scale.goes_round:
         return q
-    rows = rows_for(near, model.about.joint_names, "near", len(wish))
+    rows = rows_for(near, model.about.joint_names, "near", len(near_u))
     return nearest_turn(model, q, rows)
 
 
@@ -304,9 +309,11 @@ def servo_step(
     wanted = rows_for(target, model.axes, "target", len(joints))
     scale = model.motor.scale
     newton = model.solver.newton
-    stand = newton.at(scale.to_unit(joints), wanted)
-    measured_gap = stand._replace(gap=gain * (wanted - place))
-    step = newton.move(measured_gap, np.full(len(joints), ANSWER.calm))
+    iterate = newton.at(scale.to_unit(joints), wanted)
+    residual = gain * (wanted - place)
+    step = newton.move(
+        iterate._replace(residual=residual), np.full(len(joints), ANSWER.calm)
+    )
     step = limit_length(limit_joints(step, SOLVER.longest), ANSWER.longest)
-    result = scale.from_unit(newton.clip(stand.u + step))
+    result = scale.from_unit(newton.clip(iterate.u + step))
     return result[0] if single else result

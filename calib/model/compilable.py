@@ -13,9 +13,9 @@ from ..common.arrays import Array
 from ..errors import OptionError, QueryError
 from ..kernel.compiled import Flag
 from . import answers
-from .compiling import Query, Reading, kernel_for, kernel_of
+from .compiling import CompiledQuery, CompiledReading, kernel_for, kernel_of
 from .parts import Parts
-from .prediction import predict
+from .prediction import Prediction
 
 _UNSURE = "the bound on the position may be too wide here: ask without strict"
 _NOWHERE = "nothing reaches the position"
@@ -67,7 +67,7 @@ class Compilable(Parts):
 
     def _single(
         self,
-        query: Query,
+        query: CompiledQuery,
         *values: ArrayLike,
         unsure: Collection[int] = (Flag.NONE,),
         why: str = _UNREACHED,
@@ -94,7 +94,7 @@ class Compilable(Parts):
             why = self.beyond_range(np.asarray(values[0], float)) or why
         else:  # the first is `near`
             try:
-                answers.anchor(self, values[0], 1)
+                answers.near_in_box(self, values[0], 1)
             except QueryError as error:
                 why = str(error)
         return kernel.refusal(value, why)
@@ -105,11 +105,14 @@ class Compilable(Parts):
         return self.kernel.refusal(self.about.lower, why)
 
     def _at(
-        self, query: Reading, q: ArrayLike, approach: ArrayLike | None = None
+        self,
+        query: CompiledReading,
+        q: ArrayLike,
+        approach: ArrayLike | None = None,
     ) -> Array:
         """A quantity at joint values (n, dof) or (dof,), by the fastest way."""
         directed = approach is not None
-        unsure = () if self.everywhere else (Flag.NONE,)
+        unsure = () if self.answers_whole_range else (Flag.NONE,)
         if not directed:
             quick = self._single(query, q, unsure=unsure, why=_UNSURE)
             if quick is not None:
@@ -119,8 +122,8 @@ class Compilable(Parts):
         rows = None
         if kernel is not None:
             rows, flags = kernel.rows(query.name, motion.q)
-            if not self.everywhere and not flags.all():
+            if not self.answers_whole_range and not flags.all():
                 rows = None  # where a row was refused NumPy may know better
         if rows is None:
-            rows = query.of(predict(self, motion))
+            rows = query.of(Prediction(self, motion))
         return rows[0] if single else rows

@@ -22,7 +22,7 @@ ALIKE = 1e-8
 
 
 @dataclass(frozen=True)
-class Query:
+class CompiledQuery:
     """A question that compiled C answers row by row."""
 
     name: str  # of its function, see `Library`
@@ -31,29 +31,33 @@ class Query:
 
 
 @dataclass(frozen=True)
-class Reading(Query):
+class CompiledReading(CompiledQuery):
     """A quantity at joint values."""
 
     of: Callable[[Prediction], Array]  # the same in NumPy
 
 
-FORWARD = Reading("forward", 0.03, lambda prediction: prediction.value)
-JACOBIAN = Reading("jacobian", 0.03, lambda prediction: prediction.slope)
-BOUND = Reading("bounds", 0.8, lambda prediction: prediction.bound)
-TRUE_BOUND = Reading(
-    "model_bounds", 0.8, lambda prediction: prediction.true_bound
+FORWARD = CompiledReading("forward", 0.03, lambda prediction: prediction.value)
+JACOBIAN = CompiledReading(
+    "jacobian", 0.03, lambda prediction: prediction.slope
 )
-POSE = Reading("pose", 0.03, lambda prediction: prediction.pose)
+READING_BOUND = CompiledReading(
+    "bounds", 0.8, lambda prediction: prediction.reading_bound
+)
+POSITION_BOUND = CompiledReading(
+    "model_bounds", 0.8, lambda prediction: prediction.position_bound
+)
+POSE = CompiledReading("pose", 0.03, lambda prediction: prediction.pose)
 
-INVERSE = Query("inverse", 1.7)  # of a batch until the starts are tried
-INVERSE_ALL = Query("inverse_all", 1.7)
-POSES = Query("poses", 40.0)
-POSES_ALL = Query("poses_all", 100.0)
+INVERSE = CompiledQuery("inverse", 1.7)  # of a batch until the starts are tried
+INVERSE_ALL = CompiledQuery("inverse_all", 1.7)
+POSES = CompiledQuery("poses", 40.0)
+POSES_ALL = CompiledQuery("poses_all", 100.0)
 
 
 def kernel_of(model: Parts) -> tuple[Library | None, str]:
     """A model's compiled kernel, or None, and a sentence on what queries are answered by."""
-    from .header import Header
+    from .c_header import Header
 
     try:
         header = Header.of(model)
@@ -76,7 +80,7 @@ def _check_answers(model: Parts, kernel: Library) -> None:
         raise OptionError("the compiled C does not agree with NumPy")
 
 
-def kernel_for(model: Parts, query: Query, rows: int) -> Library | None:
+def kernel_for(model: Parts, query: CompiledQuery, rows: int) -> Library | None:
     """The compiled C for rows of a query, made where that pays; None where NumPy answers.
 
     If it cannot be made, one warning gives the reason.

@@ -17,16 +17,16 @@ from . import answers
 from .answers import Answer
 from .compilable import Compilable
 from .compiling import (
-    BOUND,
     FORWARD,
     INVERSE,
     JACOBIAN,
     POSE,
     POSES,
-    TRUE_BOUND,
+    POSITION_BOUND,
+    READING_BOUND,
 )
-from .parts import MOST_SHARE, with_arm_of
-from .prediction import predict
+from .parts import MOST_SHARE, PREDICTOR, with_arm_of
+from .prediction import Prediction
 
 if TYPE_CHECKING:
     import os
@@ -146,10 +146,10 @@ class Model(Compilable):
                 why = f"sensor {sensor!r}: expected none, the model has one sensor"
                 raise OptionError(why, parameter="sensor")
             return self.by(sensor).forward(q, readout, approach=approach)
-        if readout is None or self._readout(readout) == "local":
+        if readout is None or self.resolve_readout(readout) == PREDICTOR:
             return self._at(FORWARD, q, approach)
         motion, single = answers.motion_of(self, q, approach)
-        x = predict(self, motion).read(readout)
+        x = Prediction(self, motion).read(readout)
         return x[0] if single else x
 
     def inverse(
@@ -168,18 +168,18 @@ class Model(Compilable):
         readout : {"local", "body", "linear", "activity", "winner"}, the model's default if None
         nearest : whether the nearest reachable point answers a target out of reach instead of NaN
         """
-        wish = near
+        near_or_middle = near
         if near is None and self.strict and np.ndim(x) == 1:
-            wish = self._middle
-        if readout in (None, "local") and wish is not None:
+            near_or_middle = self._middle
+        if readout in (None, PREDICTOR) and near_or_middle is not None:
             unsure = [Flag.NONE]
             if nearest:
                 unsure.append(Flag.UNREACHABLE)
-            quick = self._single(INVERSE, wish, x, unsure=unsure)
+            quick = self._single(INVERSE, near_or_middle, x, unsure=unsure)
             if quick is not None:
                 return quick
         rows, single = query_rows(x, self.axes, "positions")
-        if self._readout(readout) == "local":
+        if self.resolve_readout(readout) == PREDICTOR:
             q = answers.inverse(self, rows, near, nearest=nearest)
         else:
             answer = self.solve(rows, near, readout)
@@ -200,7 +200,7 @@ class Model(Compilable):
     ) -> Answer:
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
         rows, _ = query_rows(x, self.axes, "positions")
-        return answers.solve(self, rows, near, self._readout(readout))
+        return answers.solve(self, rows, near, self.resolve_readout(readout))
 
     def solve_all(self, x: ArrayLike) -> list[Answer]:
         """All branches of each target (n, m), the one closest to the middle of the ranges first.
@@ -229,7 +229,7 @@ class Model(Compilable):
         another one is off by its distance from the default as well.  With `approach`, see
         :meth:`forward`, it is the smaller bound for a known direction.
         """
-        return self._at(BOUND, q, approach)
+        return self._at(READING_BOUND, q, approach)
 
     def model_error(
         self, q: ArrayLike, *, approach: ArrayLike | None = None
@@ -239,7 +239,7 @@ class Model(Compilable):
         Without the noise of a single reading; the same as :meth:`expected_error` for a
         simulated arm.
         """
-        return self._at(TRUE_BOUND, q, approach)
+        return self._at(POSITION_BOUND, q, approach)
 
     def outside(self, q: ArrayLike, *, degrees: bool = False) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not.
@@ -302,7 +302,7 @@ class Model(Compilable):
             quick = self._single_pose(position, quaternion, near, frame, free)
             if quick is not None:
                 return quick
-        ways = solve_poses(
+        answer = solve_poses(
             self,
             position,
             quaternion,
@@ -311,7 +311,7 @@ class Model(Compilable):
             free=free,
             bounded=False,
         )
-        q = np.where(ways.reachable[:, None], ways.q, np.nan)
+        q = np.where(answer.reachable[:, None], answer.q, np.nan)
         return q[0] if np.ndim(position) == 1 else q
 
     def _single_pose(

@@ -42,19 +42,19 @@ def nominal_in_plane(
     if based:
         structure = structure.with_sensor(view="base", mirror=nominal.mirror)
         return structure, structure.neutral()
-    return structure, nominal_behind(structure, body.beta)
+    return structure, nominal_parameters(structure, body.beta)
 
 
-def nominal_before(model: Parts) -> tuple[Structure, Array]:
-    """Structure and parameters (d,) of the nominal arm before the sensor of a model with a body."""
+def nominal_structure(model: Parts) -> tuple[Structure, Array]:
+    """Structure and parameters (d,) of the nominal arm, seen by the sensor of a model's body."""
     body = model.body
     if body is None or isinstance(body.structure, PlanarStructure):
         return nominal_in_plane(model)
-    return body.structure, nominal_behind(body.structure, body.beta)
+    return body.structure, nominal_parameters(body.structure, body.beta)
 
 
-def nominal_behind(structure: Structure, beta: Array) -> Array:
-    """Parameters of the drawing's arm behind the sensor, and with the tool, of a body's `beta`."""
+def nominal_parameters(structure: Structure, beta: Array) -> Array:
+    """The drawing's parameters (d,), with the sensor, the lens and the tool of `beta` (d,)."""
     nominal = structure.neutral()
     for group, indices in structure.groups.items():
         if group.startswith(("view.", "tool", "lens")):
@@ -127,7 +127,7 @@ def nominal_for_kernel(
                 goal = Goal.POSE
             elif fitted.outputs == 2:
                 goal = Goal.PLACE
-            beta = nominal_behind(fitted, model.body.beta)
+            beta = nominal_parameters(fitted, model.body.beta)
             return KernelArm.of(fitted, beta), goal
         if not simulated:
             return None

@@ -16,7 +16,7 @@ from ..common.choices import MAP_READOUTS, READOUTS, check_choice
 from ..common.rows import row_lengths
 from ..common.wording import one_line, unit_of_joint
 from ..errors import OptionError
-from ..inverse.links import solver_by_links
+from ..inverse.link_starts import solver_by_links
 from ..inverse.solver import Solver
 from ..kernel.compiled import Library
 from ..maps.association import Association
@@ -46,8 +46,11 @@ ROUNDED = 1e-5
 
 _P = TypeVar("_P", bound="Parts")
 
+PREDICTOR = "local"
+"""Readout that `Parts.predictor` answers: of maps alone it stands for the default, `linear`."""
+
 BoundName = Literal["bounds", "model_bounds"]
-"""Bounds on what `about.bound_of` names, or on the true position in the sensor's frame."""
+"""Reading bound, on what `about.bound_of` names, or position bound, on the true position."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,8 +62,8 @@ class Parts:
     association: Association
     # of the motor nodes, for what the body leaves over
     local: LocalModels
-    # [unit], 95 % bounds around each motor node, on what `about.bound_of` names and on the true
-    # position in the sensor's frame
+    # [unit], 95 % bounds around each motor node: the reading bound, on what `about.bound_of` names,
+    # and the position bound, on the true position in the sensor's frame
     bounds: Annotated[Array, Shape("nodes")]
     model_bounds: Annotated[Array, Shape("nodes")]
     # motor nodes that training samples have visited
@@ -199,7 +202,7 @@ class Parts:
             return None
 
     @cached_property
-    def everywhere(self) -> bool:
+    def answers_whole_range(self) -> bool:
         """Whether there is an answer wherever joints are within their range."""
         within = bool((self.model_bounds <= self.most_bound).all())
         return within and self.row_places is None
@@ -231,7 +234,7 @@ class Parts:
     def covers(self, q: Array) -> Mask:
         """Whether joint values (n, dof) [rad or m] are answered, (n,)."""
         covered = np.asarray(self.in_range(q).all(axis=1))
-        if not self.everywhere and covered.any():
+        if not self.answers_whole_range and covered.any():
             u = self.motor.scale.to_unit(q[covered])
             bound = self._bound_of_nodes(u, self.model_bounds, noise=False)
             covered[covered] = bound <= self.most_bound
@@ -307,7 +310,7 @@ class Parts:
 
     def positions_at(self, u: Array, readout: str) -> Array:
         """Positions (n, m) that a readout answers at points (n, dof) of the unit box [unit]."""
-        if readout == "local":
+        if readout == PREDICTOR:
             return self.predictor.value(u)
         if readout == "body":
             return self.body_predictor.value(u)
@@ -315,21 +318,21 @@ class Parts:
             self.association.forward(u, readout)
         )
 
-    def _readout(self, name: str | None) -> str:
-        """The readout that answers; ``local`` where the predictor does."""
-        check_choice("readout", name or "local", READOUTS)
+    def resolve_readout(self, name: str | None) -> str:
+        """`PREDICTOR` for the default readout, else the name itself."""
+        check_choice("readout", name or PREDICTOR, READOUTS)
         if name == "local" and self.default_readout == "linear":
             raise OptionError(
                 "readout 'local': the model has no body, choose 'linear'"
             )
         if name is None or name == self.default_readout:
-            return "local"
+            return PREDICTOR
         return name
 
 
 def bounds_of_nodes(motor: Map, body: Body) -> tuple[Array, Array]:
-    """A body's bounds (nodes,) [unit] at a map's nodes: on readings, and on the true position."""
-    nodes = motor.scale.from_unit(np.clip(motor.units, 0.0, 1.0))
+    """A body's reading and position bounds (nodes,) [unit] at a map's nodes."""
+    nodes = motor.scale.from_unit(motor.units_in_box)
     return body.bound(nodes), body.bound(nodes, noise=False)
 
 
@@ -358,7 +361,7 @@ def with_arm_of(parts: _P, adapted: _P, events: Sequence[Document]) -> _P:
         scales=after.scales,
         second=after.second,
     )
-    reading, position = bounds_of_nodes(parts.motor, body)
+    reading_bounds, position_bounds = bounds_of_nodes(parts.motor, body)
     of_that_sensor = ("frame", "before", "after")
     shared = [
         {name: event[name] for name in event if name not in of_that_sensor}
@@ -367,8 +370,8 @@ def with_arm_of(parts: _P, adapted: _P, events: Sequence[Document]) -> _P:
     return replace(
         alone,
         body=body,
-        bounds=np.maximum(parts.bounds, reading),
-        model_bounds=np.maximum(parts.model_bounds, position),
+        bounds=np.maximum(parts.bounds, reading_bounds),
+        model_bounds=np.maximum(parts.model_bounds, position_bounds),
         history=(*parts.history, *shared),
         approach=adapted.approach,
     )

@@ -14,11 +14,11 @@ from ..common.choices import FRAMES, check_choice
 from ..common.inputs import query_rows
 from ..common.rows import row_lengths
 from ..errors import QueryError
-from ..inverse.newton import Newton, Stand
+from ..inverse.newton import Iterate, Newton
 from ..inverse.settings import SOLVER
 from ..inverse.solver import Solver
 from ..maps.map import Map
-from .answers import Answer, anchor, answer, in_sight, rows_for
+from .answers import Answer, answer, limited_targets, near_in_box, rows_for
 from .parts import Parts
 from .reach import Reach
 from .space import REACHED, Space
@@ -52,7 +52,7 @@ class PathSettings:
     # iterations of a small step: more are of a target out of reach
     few: int = 20
     # of the way to the middle: so far redundant joints drift there
-    wish: float = 0.02
+    drift: float = 0.02
 
 
 PATHS = PathSettings()
@@ -121,13 +121,13 @@ def follow_path(
             f"step {step!r}: expected a length greater than zero, such as 0.005"
         )
     x, waypoint = _lines(corners, float(step))
-    targets = in_sight(model, x)
+    targets = limited_targets(model, x)
     if space is None:
         close = close_to_map(model.sensory, targets)
     else:
         away = row_lengths(targets)
         close = away <= PATHS.furthest * space.length
-    first = None if start is None else anchor(model, start, 1)[0]
+    first = None if start is None else near_in_box(model, start, 1)[0]
     u, jumps = follow_targets(solver, targets, close, first)
     answers = answer(model, u, x) if space is None else _in_base(space, u, x)
     begin = answers.q[0]
@@ -284,16 +284,16 @@ def _advance(
     while len(rows):
         ahead = np.minimum(share[rows] + piece[rows], 1.0)
         targets = begin + ahead[:, None] * line
-        stand = _step(newton, u[rows], targets)
-        shift = newton.away(stand.u, u[rows])
+        iterate = _step(newton, u[rows], targets)
+        shift = newton.away(iterate.u, u[rows])
         smooth = shift <= PATHS.smooth
-        met = newton.is_met(stand.miss)
+        met = newton.is_met(iterate.distance)
         smooth &= met | (ahead < 1.0)
         if is_whole and not smooth.all() and not _reaches(solver, end):
             smooth[:] = True  # joints are as close as they can be
         is_whole = False
         moved = rows[smooth]
-        u[moved] = stand.u[smooth]
+        u[moved] = iterate.u[smooth]
         share[moved] = ahead[smooth]
         piece[rows] *= np.where(smooth, 2.0, 0.5)
         going = share < 1.0
@@ -302,13 +302,13 @@ def _advance(
     return u, share == 1.0
 
 
-def _step(newton: Newton, u: Array, targets: Array) -> Stand:
+def _step(newton: Newton, u: Array, targets: Array) -> Iterate:
     """Joints (n, dof) of the next targets (n, m); spare ones drift to their middle."""
     if newton.redundant:
         middle = np.full(u.shape, 0.5)
-        wish = newton.scale.difference(middle, u)
+        to_middle = newton.scale.difference(middle, u)
         here = newton.at(u, targets)
-        drift = newton.tangent(here, PATHS.wish * wish)
+        drift = newton.tangent(here, PATHS.drift * to_middle)
         u = u + drift
     return newton.refine(u, targets, SOLVER.close, PATHS.few)
 
@@ -318,6 +318,6 @@ def _reaches(solver: Solver, x: Array) -> bool:
     newton = solver.newton
     targets = x[None]
     owner, start = solver.starts.of(targets)
-    stand = newton.refine(start, targets[owner], SOLVER.close)
-    met = newton.is_met(stand.miss)
+    iterate = newton.refine(start, targets[owner], SOLVER.close)
+    met = newton.is_met(iterate.distance)
     return bool(met.any())

@@ -19,9 +19,9 @@ from ..errors import QueryError
 from ..inverse.task import Poses, turn_left
 from ..samples.motion import Motion
 from ..samples.settings import READING
-from .answers import Answer, anchor, rows_for, wished_joints
+from .answers import Answer, near_in_box, near_on_turn, rows_for
 from .parts import Parts
-from .prediction import predict
+from .prediction import Prediction
 from .reach import Reach
 from .space import REACHED, Space
 from .turns import on_turn
@@ -65,21 +65,23 @@ def solve_poses(
         place, rotation = space.to_base(place, rotation)
     posed = quaternion is not None
     goals = Goals(space, place, rotation, posed, free_axis(free))
-    wish = anchor(model, near, n)
-    start = model.motor.scale.from_unit(wish)
-    q, target = goals.joints(start, every=every, keep=keep)
-    wished = wished_joints(model, wish, near)
-    q = on_turn(model, q, wished[target])
+    near_u = near_in_box(model, near, n)
+    in_range = model.motor.scale.from_unit(near_u)
+    q, target = goals.joints(in_range, every=every, keep=keep)
+    near_q = near_on_turn(model, near_u, near)
+    q = on_turn(model, q, near_q[target])
     answer = goals.answer(q, target, in_base=in_base)
     if not bounded:
         return answer
     if in_base:
-        bound = error = space.bound(q)
+        reading_bound = position_bound = space.bound(q)
     else:
-        prediction = predict(model, Motion(q))
-        bound = prediction.bound
-        error = prediction.true_bound
-    return answer._replace(expected_error=bound, model_error=error)
+        prediction = Prediction(model, Motion(q))
+        reading_bound = prediction.reading_bound
+        position_bound = prediction.position_bound
+    return answer._replace(
+        expected_error=reading_bound, model_error=position_bound
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +106,9 @@ class Goals:
         goal = Poses.target(self.place, self.rotation)
         if not every:
             return reach.nearest(goal, start), target
-        ways = reach.branches(goal, start)
-        target = np.repeat(target, [len(rows) for rows in ways])
-        return np.concatenate([start[:0], *ways]), target
+        solutions = reach.branches(goal, start)
+        target = np.repeat(target, [len(rows) for rows in solutions])
+        return np.concatenate([start[:0], *solutions]), target
 
     def answer(self, q: Array, target: Index, *, in_base: bool) -> Answer:
         """What joints (k, dof) for goals (k,) reach, without bounds."""

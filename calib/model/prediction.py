@@ -19,7 +19,7 @@ from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Mask
 from ..common.rows import row_lengths
 from ..samples.motion import Motion
-from .parts import BoundName, Parts
+from .parts import PREDICTOR, BoundName, Parts
 from .space import Space
 
 
@@ -51,20 +51,20 @@ class Prediction:
     @property
     def value(self) -> Array:
         """Readings (n, m) [unit] of the model's default readout."""
-        return self.read("local")
+        return self.read(PREDICTOR)
 
     @property
-    def bound(self) -> Array:
+    def reading_bound(self) -> Array:
         """95 % bound (n,) [unit] on the distance to what `about.bound_of` names.
 
         That is the sensor's reading, or the true position of a simulated arm.
         """
-        return self.bound_of("bounds")
+        return self._bound("bounds")
 
     @property
-    def true_bound(self) -> Array:
+    def position_bound(self) -> Array:
         """95 % bound (n,) [unit] on the distance to the true position in the sensor's frame."""
-        return self.bound_of("model_bounds")
+        return self._bound("model_bounds")
 
     @property
     def slope(self) -> Array:
@@ -108,7 +108,7 @@ class Prediction:
         """The true joints of the answered rows in the unit box, (k, dof)."""
         return self.model.motor.scale.to_unit(self.joints[self.has_answer])
 
-    def bound_of(self, which: BoundName) -> Array:
+    def _bound(self, which: BoundName) -> Array:
         """95 % bound (n,) [unit], see `Parts.bound_at`."""
         approach = self.model.approach
         side = self.motion.side
@@ -125,11 +125,3 @@ class Prediction:
     def _nan_rows(self, *shape: int) -> Array:
         """NaN (n, *shape), the values of rows without an answer."""
         return np.full((len(self.motion), *shape), np.nan)
-
-
-def predict(model: Parts, motion: Motion) -> Prediction:
-    """Predict what the sensor of a model, see `Model.by`, reads of a motion.
-
-    motion : joint values, and the side from which each joint came where that is known
-    """
-    return Prediction(model, motion)

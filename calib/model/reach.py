@@ -14,12 +14,12 @@ from ..common.scale import TURN, Scale
 from ..inverse.closed_form import ClosedForm
 from ..inverse.newton import Newton
 from ..inverse.settings import SOLVER
-from ..inverse.slides import settle
+from ..inverse.slides import solve_near
+from ..inverse.solutions import distinct, drawn_joints, rank_within, slices
 from ..inverse.solver import Solver
 from ..inverse.task import Evaluate, Poses, Positions, Task
-from ..inverse.ways import distinct, drawn_joints, rank_within, slices
 from ..kernel.compiled import Flag, Library
-from .compiling import POSES, POSES_ALL, Query, kernel_for
+from .compiling import POSES, POSES_ALL, CompiledQuery, kernel_for
 from .space import REACHED, Space
 
 if TYPE_CHECKING:
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 _ROWS = 2_000  # poses whose starts are held at a time, 20 MB
 _LONG = 16  # times as many steps of Newton near a singularity
 _OVERHANG = 0.1  # [rad] by which the drawing's joints may lie beyond the limits
-_SAME = 1e-3  # of the joints' ranges: ways that slide to one place are one way
-_FAMILIES = 4  # ways of redundant joints to a pose that are answered
+_SAME = 1e-3  # of the joints' ranges: solutions that slide to one place are one
+_FAMILIES = 4  # solutions of redundant joints for a pose that are answered
 
 
 def _chunks(rows: Index) -> list[Index]:
@@ -70,16 +70,16 @@ class Reach:
         Of a pose a radian of turn counts as the arm's length.
         """
         newton = self.solver.newton
-        stand = newton.refine(self._scale.to_unit(near), target)
-        q = self._scale.from_unit(stand.u)
-        missing = stand.miss
+        iterate = newton.refine(self._scale.to_unit(near), target)
+        q = self._scale.from_unit(iterate.u)
+        missing = iterate.distance
         # where two axes are nearly one, a small turn of the tool is a long way for the joints
         late = np.flatnonzero(missing > REACHED * self.space.length)
         if len(late):
             steps = _LONG * SOLVER.steps
-            stand = newton.refine(stand.u[late], target[late], steps=steps)
-            q[late] = self._scale.from_unit(stand.u)
-            missing[late] = stand.miss
+            iterate = newton.refine(iterate.u[late], target[late], steps=steps)
+            q[late] = self._scale.from_unit(iterate.u)
+            missing[late] = iterate.distance
         return q, missing
 
     def nearest(self, target: Array, near: Array) -> Array:
@@ -97,9 +97,9 @@ class Reach:
                 q[rows], flags[rows] = answered
             rest = np.flatnonzero(flags == Flag.NONE)
         if len(rest):
-            wish = self._unit(near[rest])
-            stand = self.solver.nearest(target[rest], wish)
-            q[rest] = self._scale.from_unit(stand.u)
+            near_u = self._unit(near[rest])
+            iterate = self.solver.nearest(target[rest], near_u)
+            q[rest] = self._scale.from_unit(iterate.u)
         return q
 
     def least_turn_joints(self, p: Array, near: Array) -> Array:
@@ -112,11 +112,11 @@ class Reach:
         target = Poses.target(p, space.evaluate(near)[1])
         newton = Newton(task, self._scale)
         u = self._unit(near)
-        wish = newton.refine(u, target, steps=4 * SOLVER.steps).u
-        return self._scale.from_unit(self.solver.nearest(p, wish).u)
+        kept_turn = newton.refine(u, target, steps=4 * SOLVER.steps).u
+        return self._scale.from_unit(self.solver.nearest(p, kept_turn).u)
 
     def branches(self, target: Array, near: Array) -> list[Array]:
-        """Joints (k, dof) of every way to targets, nearest to `near` (n, dof) first.
+        """Joints (k, dof) of every solution of targets, nearest to `near` (n, dof) first.
 
         Of the infinitely many of redundant joints some that are near.
         """
@@ -126,45 +126,45 @@ class Reach:
         if kernel is None:
             every = self.solver.every(target)
             rows = slices(every.target, len(target))
-            ways = [self._scale.from_unit(every.u[part]) for part in rows]
+            solutions = [self._scale.from_unit(every.u[part]) for part in rows]
         else:
-            ways = self._ways_by_kernel(kernel, target, near)
-        wishes = self._unit(near)
-        questions = zip(ways, target, wishes, strict=True)
-        return [self._ordered(q, goal, wish) for q, goal, wish in questions]
+            solutions = self._solutions_by_kernel(kernel, target, near)
+        near_u = self._unit(near)
+        questions = zip(solutions, target, near_u, strict=True)
+        return [self._ordered(*question) for question in questions]
 
-    def _ways_by_kernel(
+    def _solutions_by_kernel(
         self, kernel: Library, target: Array, near: Array
     ) -> list[Array]:
-        """Joints (k, dof) of ways to targets, as compiled C finds them."""
-        ways: list[Array] = []
+        """Joints (k, dof) of solutions of targets, as compiled C finds them."""
+        solutions: list[Array] = []
         for part in _chunks(np.arange(len(target))):
             question = self._question(target[part])
             q, count = kernel.rows(POSES_ALL.name, near[part], *question)
             counts = count.tolist()
-            ways += [rows[:k] for rows, k in zip(q, counts, strict=True)]
-        return ways
+            solutions += [rows[:k] for rows, k in zip(q, counts, strict=True)]
+        return solutions
 
-    def _ordered(self, q: Array, goal: Array, wish: Array) -> Array:
-        """Ways (k, dof) to one goal, the nearest to a wish (dof,) in the unit box first.
+    def _ordered(self, q: Array, goal: Array, near_u: Array) -> Array:
+        """Solutions (k, dof) of one goal, the nearest to `near_u` (dof,) in the unit box first.
 
         Where there is none, joints that come near to the goal.
         """
         newton = self.solver.newton
         if not len(q):
-            stand = self.solver.nearest(goal[None], wish[None])
-            return self._scale.from_unit(stand.u)
+            iterate = self.solver.nearest(goal[None], near_u[None])
+            return self._scale.from_unit(iterate.u)
         if not newton.redundant:
-            away = newton.away(self._unit(q), wish)
+            away = newton.away(self._unit(q), near_u)
             return q[np.argsort(away, kind="stable")]
         size = len(q), 1
-        stand = settle(
-            newton, self._unit(q), np.tile(goal, size), np.tile(wish, size)
+        iterate = solve_near(
+            newton, self._unit(q), np.tile(goal, size), np.tile(near_u, size)
         )
-        met = newton.is_met(stand.miss)
-        q[met] = self._scale.from_unit(stand.u[met])
+        met = newton.is_met(iterate.distance)
+        q[met] = self._scale.from_unit(iterate.u[met])
         u = self._unit(q)
-        order = np.argsort(newton.away(u, wish), kind="stable")
+        order = np.argsort(newton.away(u, near_u), kind="stable")
         owner = np.zeros(len(u), dtype=np.intp)
         single = distinct(self._scale, owner, u[order], _SAME)
         return q[order[single][:_FAMILIES]]
@@ -196,7 +196,7 @@ class Reach:
             self.space.evaluate, self._scale, self.space.length, tuple(columns)
         )
 
-    def _kernel(self, query: Query, rows: int) -> Library | None:
+    def _kernel(self, query: CompiledQuery, rows: int) -> Library | None:
         """The compiled C, where it answers poses."""
         return kernel_for(self.space.model, query, rows) if self.posed else None
 
@@ -275,7 +275,7 @@ class Postures:
 
 @dataclass(frozen=True)
 class DrawnPostures:
-    """Postures by the closed form of the drawing, whose ways are nearly those of the arm."""
+    """Postures by the closed form of the drawing, whose solutions are nearly those of the arm."""
 
     closed: ClosedForm
     scale: Scale
@@ -285,7 +285,7 @@ class DrawnPostures:
     apart: ClassVar[float] = SOLVER.same
 
     def of(self, x: Array) -> tuple[Index, Array]:
-        """Joints of every way to poses (n, 12), without those beyond the limits."""
+        """Joints of every solution of poses (n, 12), without those beyond the limits."""
         place = x[:, :3]
         turn = x[:, 3:].reshape(-1, 3, 3)
         values = self.closed.joints(place, turn)
@@ -297,6 +297,6 @@ class DrawnPostures:
         q = q - TURN * turns
         beyond = np.abs(q - middle) > half + _OVERHANG
         inside = ~beyond.any(axis=2)
-        target, way = np.nonzero(inside)
-        u = (q[target, way] - lower) / self.scale.span
+        target, solution = np.nonzero(inside)
+        u = (q[target, solution] - lower) / self.scale.span
         return target, np.clip(u, 0.0, 1.0)

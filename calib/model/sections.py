@@ -15,7 +15,7 @@ from ..common.arrays import Array
 from ..common.rows import row_lengths, spread_rows
 from ..errors import CalibError
 from ..inverse.settings import SOLVER
-from ..inverse.ways import distinct
+from ..inverse.solutions import distinct
 from ..kernel.arm import KernelArm, Sag
 from ..kernel.compiled import MOST
 from ..kernel.posterior import COMPACT, CompactPosterior

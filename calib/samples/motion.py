@@ -8,7 +8,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
-from ..common.rows import group_means, row_lengths
+from ..common.rows import components, group_means, row_lengths
 from ..errors import OptionError
 from .settings import ONE_POSE, READING
 
@@ -186,14 +186,8 @@ def pose_index(q: Array) -> Index:
 
 def _joined(neighbour: Index, is_joined: Mask) -> Index:
     """The group (m,) of each row, of rows that are joined to some of their neighbours (m, k)."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     row = np.nonzero(is_joined)[0]
-    count = len(neighbour)
-    pairs = (row, neighbour[is_joined])
-    graph = coo_array((np.ones(len(row)), pairs), (count, count))
-    return np.asarray(connected_components(graph)[1], dtype=np.intp)
+    return components(len(neighbour), row, neighbour[is_joined])
 
 
 def label_numbers(labels: Index) -> Index:

@@ -19,7 +19,7 @@ from ..common.rows import row_lengths, solve_least_squares
 from ..common.wording import quantity
 from ..errors import CalibError
 from ..model.model import Model
-from ..model.nominal import nominal_before
+from ..model.nominal import nominal_structure
 from .settings import SETTINGS
 
 _ORDER = ("length", "offset", "gain", "elastic", "placement")
@@ -58,7 +58,7 @@ def drawing_behind(model: Model) -> tuple[Structure, Array] | None:
     if model.body is None or not model.about.urdf:
         return None
     try:
-        return nominal_before(model)
+        return nominal_structure(model)
     except CalibError:
         return None
 

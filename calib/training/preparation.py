@@ -15,7 +15,7 @@ from ..common.rows import finite_rows, median_length
 from ..common.wording import quantity
 from ..errors import LogError, OptionError
 from ..model.model import Model
-from ..model.prediction import predict
+from ..model.prediction import Prediction
 from ..samples.misfit import align
 from ..samples.repeatability import noise_beside_poses
 from ..samples.samples import Samples
@@ -242,7 +242,7 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
     notes: list[str] = []
     if model.body is not None:
         samples, notes = samples_in_time(samples, model.body)
-    predicted = predict(model, samples).value
+    predicted = Prediction(model, samples).value
     residual = samples.x - predicted
     answered = finite_rows(predicted)
     if answered.sum() < DIAGNOSIS.fewest_rows:

@@ -16,7 +16,7 @@ from ..common.scale import Scale
 from ..errors import LogError
 from ..model.answers import unit_joints
 from ..model.model import Model
-from ..model.prediction import predict
+from ..model.prediction import Prediction
 from ..samples.motion import Motion
 from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
@@ -93,7 +93,7 @@ def evaluate_residuals(
         raise LogError(NOT_LEARNED)
     motion = motion.take(answered)
     x = x[answered]
-    prediction = predict(model, motion)
+    prediction = Prediction(model, motion)
     scale = model.motor.scale
     u = scale.to_unit(motion.q)
     near = model.solver.newton.clip(u)
@@ -253,7 +253,9 @@ def p95_and_coverage(model: Model, residuals: Residuals) -> dict[str, float]:
     Fewer than ten rows give no share.
     """
     errors = residuals.distances(model.default_readout)
-    bound = residuals.widening * predict(model, residuals.motion).bound
+    bound = (
+        residuals.widening * Prediction(model, residuals.motion).reading_bound
+    )
     answered = np.isfinite(bound)
     rounding = 1e-12  # of an exact arm both are
     inside = errors[answered] <= bound[answered] + rounding

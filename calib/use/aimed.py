@@ -57,8 +57,8 @@ def joints_towards(
     turning = np.zeros(structure.dof, dtype=bool)
     scale = Scale(space.lower, space.upper - space.lower, turning)
     newton = Newton(_Aim(structure, beta, scale, target.shape[1]), scale)
-    stand = newton.refine(scale.to_unit(q), target, 0.1 * AIMING.near)
-    return scale.from_unit(stand.u), stand.miss
+    iterate = newton.refine(scale.to_unit(q), target, 0.1 * AIMING.near)
+    return scale.from_unit(iterate.u), iterate.distance
 
 
 def at_point(

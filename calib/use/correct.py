@@ -210,7 +210,7 @@ def _by_kernel(model: Model, q: ArrayLike) -> Corrected | None:
     nearest, sure = answer
     if sure != 1 and not model.strict:
         return None
-    if sure == 1 and not model.everywhere:
+    if sure == 1 and not model.answers_whole_range:
         inside = kernel.ask("forward", nearest[0])
         if inside is None or not inside[1]:
             return None

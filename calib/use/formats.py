@@ -14,7 +14,7 @@ from ..body.views import is_camera
 from ..common.parallel import one_blas_thread
 from ..common.wording import one_line
 from ..errors import OptionError
-from ..model.header import Header
+from ..model.c_header import Header
 from ..model.model import Model
 from ..model_file.storage import to_bytes
 from ..recording.rig import stamped

@@ -240,7 +240,7 @@ class _Equations:
         self.delay = 0.0  # [samples]
         self._reference = Reference(with_chain_in_doubt(body), body.beta)
         structure = body.structure
-        units = np.clip(model.motor.units, 0.0, 1.0)
+        units = model.motor.units_in_box
         nodes = model.motor.scale.from_unit(units)
         # X: all parameters that may change, and the groups that are tested
         causes = single_causes(structure)

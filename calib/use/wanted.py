@@ -19,14 +19,14 @@ from ..common.arrays import Array, Mask, frozen
 from ..common.scale import TURN
 from ..inverse.task import Poses
 from ..model.alignment import Alignment
-from ..model.answers import anchor, joints_and_reach
+from ..model.answers import joints_and_reach, near_in_box
 from ..model.model import Model
 from ..model.nominal import (
     moves_in_space,
     nominal_arm,
-    nominal_before,
-    nominal_behind,
     nominal_in_plane,
+    nominal_parameters,
+    nominal_structure,
 )
 from ..model.reach import Reach
 from ..model.space import REACHED, Space, measured_chain
@@ -93,7 +93,7 @@ class Wanted:
         """Position (n, 3) [m] and orientation (n, 3, 3) of the nominal tool in the base frame."""
         assert self.space is not None  # noqa: S101
         structure = self.space.structure
-        nominal = nominal_behind(structure, self.space.body.beta)
+        nominal = nominal_parameters(structure, self.space.body.beta)
         position, rotation = structure.pose(q, nominal)
         return position, rotation
 
@@ -134,7 +134,7 @@ class Wanted:
     def _meet_reading(self, target: Array, start: Array) -> tuple[Array, Mask]:
         """Joints (n, dof) near `start` at which the sensor reads `target`, and whether it does."""
         if self.model.default_readout == "local":
-            near = anchor(self.model, start, len(start))
+            near = near_in_box(self.model, start, len(start))
             return joints_and_reach(self.model, target, near)
         answer = self.model.solve(target, start)
         return answer.q, answer.reachable
@@ -169,13 +169,13 @@ def _find_wanted(model: Model) -> Wanted:
                 moves = (to_sensor, *moves)
         return Wanted(model, free, nominal_arm(model).forward, moves)
     elif body is not None and measured_chain(body) is not None:
-        structure, beta = nominal_before(model)
+        structure, beta = nominal_structure(model)
         moves = ()
         if structure.dof >= CORRECTION.posed or is_camera(structure.view):
             space = Space.of(model)
     else:  # by a fit to the model's answers
         geometry = fit_geometry(model)
         structure = geometry.structure
-        beta = nominal_behind(structure, geometry.beta)
+        beta = nominal_parameters(structure, geometry.beta)
     predict = partial(structure.predict, beta=frozen(beta))
     return Wanted(model, free, predict, moves, space=space)

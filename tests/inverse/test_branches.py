@@ -28,7 +28,7 @@ from scipy.sparse.csgraph import connected_components
 import calib
 from calib.arm.loading import arm_from_urdf
 from calib.common.scale import Scale
-from calib.inverse.ways import distinct
+from calib.inverse.solutions import distinct
 from calib.model.poses import solve_poses
 
 TURN = 2 * np.pi

@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import calib
 from calib.arm.loading import arm_from_urdf
 from calib.kernel.compiled import Compiler
-from calib.model.header import Header
+from calib.model.c_header import Header
 
 ROBOTS = [entry.name for entry in calib.list_robots()]
 MODELS = {

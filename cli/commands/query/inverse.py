@@ -61,7 +61,12 @@ def inverse(
     unit: opt.PositionUnit = None,
     degrees: opt.Degrees = False,
 ) -> Outcome:
-    from ...inverse import Search, answer_one, answer_table, orientation_of
+    from ...inverse import (
+        InverseOptions,
+        answer_one,
+        answer_table,
+        orientation_of,
+    )
     from ...query import Files, Query
 
     is_pose = quaternion is not None or rpy is not None
@@ -80,10 +85,12 @@ def inverse(
         raise BadOption(why)
     files = Files(input_, columns, output, target)
     query = Query.of(model, files, unit, degrees, "base" if on else frame)
-    anchor = query.within_range("--near", near)
+    near_q = query.within_range("--near", near)
     orientation = orientation_of(quaternion, rpy, degrees)
-    search = Search(readout, all_branches, keep, free, anchor, orientation)
+    options = InverseOptions(
+        readout, all_branches, keep, free, near_q, orientation
+    )
     if input_ is not None:
-        return answer_table(query, search)
+        return answer_table(query, options)
     height = None if on is None else on.low
-    return answer_one(query, search, target or (), height)
+    return answer_one(query, options, target or (), height)

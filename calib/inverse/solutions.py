@@ -1,4 +1,4 @@
-"""Ways: joints that are sought for several targets at once, each with its target's index."""
+"""Solutions: joints that are sought for several targets at once, each with its target's index."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from .settings import SOLVER
 
 
 @dataclass(frozen=True)
-class Ways:
-    """Ways to targets, one row each."""
+class Solutions:
+    """Solutions to targets, one row each."""
 
     target: Index  # (n,), ascending
     u: Array  # (n, dof), joints of the unit box
-    miss: Array  # (n,)
+    distance: Array  # (n,)
 
-    def rows(self, index: Index | Mask) -> Ways:
-        """Some of the ways."""
-        return Ways(
+    def rows(self, index: Index | Mask) -> Solutions:
+        """Some of the solutions."""
+        return Solutions(
             self.target[index],
             self.u[index],
-            self.miss[index],
+            self.distance[index],
         )
 
-    def joined(self, other: Ways, scale: Scale) -> Ways:
-        """These and other ways, by target and distance to the middle of the ranges."""
+    def joined(self, other: Solutions, scale: Scale) -> Solutions:
+        """These and other solutions, by target and distance to the middle of the ranges."""
         target = np.concatenate([self.target, other.target])
         u = np.concatenate([self.u, other.u])
-        miss = np.concatenate([self.miss, other.miss])
-        return Ways(target, u, miss).sorted(scale)
+        distance = np.concatenate([self.distance, other.distance])
+        return Solutions(target, u, distance).sorted(scale)
 
-    def sorted(self, scale: Scale) -> Ways:
-        """The ways by target and distance to the middle of the ranges."""
+    def sorted(self, scale: Scale) -> Solutions:
+        """The solutions by target and distance to the middle of the ranges."""
         return self.rows(by_middle(scale, self.target, self.u))
 
 

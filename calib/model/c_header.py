@@ -131,7 +131,7 @@ class Header:
         if self.small:
             return [*parts, sections.middle_start(model)]
         blended = []
-        if not model.everywhere:
+        if not model.answers_whole_range:
             most = {"most_bound": model.most_bound}
             bounds = {"position_bound": model.model_bounds}
             blended.append(Section(bounds, most))

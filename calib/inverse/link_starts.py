@@ -1,4 +1,4 @@
-"""Links: joints from which every branch of a position is reached, as Hebbian links propose them."""
+"""Link starts: joints from which every branch of a position is reached, as links propose them."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from ..common.arrays import Array, Index
 from ..maps.association import Association
 from ..maps.predictor import Predictor
-from .newton import Newton, Stand, limit_length
+from .newton import Iterate, Newton, limit_length
 from .settings import SOLVER
+from .solutions import Solutions, distinct, rank_within
 from .solver import Solver
 from .task import Positions
-from .ways import Ways, distinct, rank_within
 
 
 @dataclass(frozen=True)
@@ -27,15 +27,15 @@ class LinkSettings:
     # spacings of the sensory map by which a start may miss its node
     missed: float = 2.0
     width: int = 8  # most starts of a sensory node
-    # nearest sensory nodes of a target, of three joints: with one 25 of 2,029 ways were missed at
-    # limits and folds, with three 4, with five none
+    # nearest sensory nodes of a target, of three joints: with one 25 of 2,029 solutions were
+    # missed at limits and folds, with three 4, with five none
     nodes: int = 5
     spare_width: int = 32  # the same, of redundant arms
     ahead: int = 48  # sensory nodes that a single query makes ready
     # of the largest singular value: less is left out of a first step
     flat: float = 1e-2
     # branches further apart than a node have separate starts
-    folded: float = 1e-2
+    fold_threshold: float = 1e-2
     rounds: int = 2  # a second one leaves a third of what a first one misses
 
 
@@ -52,7 +52,7 @@ def solver_by_links(association: Association, predictor: Predictor) -> Solver:
         newton,
         LinkStarts(association, newton),
         not newton.redundant,
-        LINKS.folded,
+        LINKS.fold_threshold,
     )
 
 
@@ -70,9 +70,9 @@ class LinkStarts:
         dof = association.motor.units.shape[1]
         outputs = association.sensory.units.shape[1]
         self._width = LINKS.spare_width if newton.redundant else LINKS.width
-        # two joints have both their ways from one node
-        several = dof > 2 and not newton.redundant
-        self._count = LINKS.nodes if several else 1
+        # one node leads two joints to both their solutions
+        has_branches = dof > 2 and not newton.redundant
+        self._count = LINKS.nodes if has_branches else 1
         starts = nodes, self._width
         self._ready = np.zeros(nodes, dtype=bool)
         self._u = np.full((*starts, dof), np.nan)
@@ -88,9 +88,9 @@ class LinkStarts:
         filled = np.isfinite(self._u[node, :, 0])
         target, place, column = filled.nonzero()
         start = node[target, place], column
-        gap = x[target] - self._value[start]
+        residual = x[target] - self._value[start]
         inverse = self._inverse[start]
-        step = (inverse @ gap[..., None])[..., 0]
+        step = (inverse @ residual[..., None])[..., 0]
         longest = LINKS.step * self.association.motor.spacing
         step = limit_length(step, longest)
         if not self._newton.redundant:
@@ -116,44 +116,44 @@ class LinkStarts:
 
     def _prepare(self, nodes: Index) -> None:
         """Remember the starts of sensory nodes, and how each moves with its position."""
-        ways = self._branches(self._ways(nodes))
-        column = rank_within(ways.target)
+        solutions = self._branches(self._solutions(nodes))
+        column = rank_within(solutions.target)
         fits = column < self._width
-        ways = ways.rows(fits)
-        place = nodes[ways.target], column[fits]
-        self._remember(place, ways.u)
+        solutions = solutions.rows(fits)
+        place = nodes[solutions.target], column[fits]
+        self._remember(place, solutions.u)
         self._ready[nodes] = True
 
-    def _ways(self, nodes: Index) -> Ways:
-        """Ways to sensory nodes from the joints that links propose; of each the closest first."""
+    def _solutions(self, nodes: Index) -> Solutions:
+        """Joints that links lead to sensory nodes; of each node the closest first."""
         sensory = self.association.sensory
         x = sensory.scale.from_unit(sensory.units[nodes])
         target, u = self._proposals(nodes)
-        stand = self._newton.refine(u, x[target], SOLVER.close)
-        order = np.lexsort((stand.miss, target))
-        ways = Ways(target, stand.u, stand.miss)
-        return ways.rows(order)
+        iterate = self._newton.refine(u, x[target], SOLVER.close)
+        order = np.lexsort((iterate.distance, target))
+        solutions = Solutions(target, iterate.u, iterate.distance)
+        return solutions.rows(order)
 
-    def _branches(self, ways: Ways) -> Ways:
-        """The best way of each branch, of those that come close to their node."""
+    def _branches(self, solutions: Solutions) -> Solutions:
+        """The best solution of each branch, of those that come close to their node."""
         newton = self._newton
         motor = self.association.motor
         sensory = self.association.sensory
         span = float(sensory.scale.span.mean())
         spacing = sensory.spacing * span
-        near = ways.miss <= LINKS.missed * spacing
-        best = rank_within(ways.target) == 0
-        ways = ways.rows(near | best)
+        near = solutions.distance <= LINKS.missed * spacing
+        best = rank_within(solutions.target) == 0
+        solutions = solutions.rows(near | best)
         solved = LINKS.cell if newton.redundant else LINKS.apart
-        met = newton.is_met(ways.miss)
+        met = newton.is_met(solutions.distance)
         apart = np.where(met, solved, 1.0) * motor.spacing
         single = distinct(
             newton.scale,
-            ways.target,
-            ways.u,
+            solutions.target,
+            solutions.u,
             apart,
         )
-        return ways.rows(single)
+        return solutions.rows(single)
 
     def _proposals(self, nodes: Index) -> tuple[Index, Array]:
         """Joints of motor nodes that are linked to sensory nodes, the strongest of each branch."""
@@ -178,25 +178,25 @@ class LinkStarts:
     def _remember(self, place: tuple[Index, Index], u: Array) -> None:
         """Remember joints (n, dof), and how positions move around them."""
         origin = np.zeros((len(u), self._newton.task.count))
-        stand = self._newton.at(u, origin)
+        iterate = self._newton.at(u, origin)
         inverse = np.asarray(
-            np.linalg.pinv(stand.slope, rcond=LINKS.flat), float
+            np.linalg.pinv(iterate.slope, rcond=LINKS.flat), float
         )
         self._u[place] = u
-        self._value[place] = -stand.gap
+        self._value[place] = -iterate.residual
         self._inverse[place] = inverse
         if not self._newton.redundant:
-            self._bends[place] = self._bends_at(stand, inverse)
+            self._bends[place] = self._bends_at(iterate, inverse)
 
-    def _bends_at(self, stand: Stand, inverse: Array) -> Array:
-        """How much steps du from joints have to bend, B (n, dof, dof, dof).
+    def _bends_at(self, iterate: Iterate, inverse: Array) -> Array:
+        """Bends B (n, dof, dof, dof) of steps du from joints.
 
         To second order ``J^-1 dx = du + B du du`` with ``B = J^-1 dJ/du / 2``.
         """
         changes = []
-        for probe in SOLVER.probe * np.eye(stand.u.shape[1]):
-            _, ahead = self._newton.task.residual(stand.u + probe, stand.x)
-            changes.append((ahead - stand.slope) / SOLVER.probe)
+        for probe in SOLVER.probe * np.eye(iterate.u.shape[1]):
+            _, ahead = self._newton.task.residual(iterate.u + probe, iterate.x)
+            changes.append((ahead - iterate.slope) / SOLVER.probe)
         bends = np.einsum("nim,knmj->nijk", inverse, np.array(changes))
         return np.asarray(0.5 * bends)
 
