@@ -19,7 +19,7 @@ import typer
 from . import commands
 from . import options as opt
 from .errors import INTERRUPTED, TRACEBACK, report_error
-from .output import NO, SPEECH, Outcome, note, silence
+from .output import EXIT_ACT, PRINT_MODE, Outcome, note, silence
 from .parsing import BadOption
 
 INPUTS = (
@@ -177,7 +177,7 @@ def _printing(command: Callable[..., Outcome]) -> Callable[..., None]:
     @wraps(command)  # Typer reads the parameters of the command itself
     def run_and_print(**options: object) -> None:
         streamed = options.get("output") == "-"
-        if SPEECH.as_json and streamed:
+        if PRINT_MODE.as_json and streamed:
             raise BadOption(
                 "--json and '-' both want standard output: expected one of them"
             )
@@ -188,7 +188,7 @@ def _printing(command: Callable[..., Outcome]) -> Callable[..., None]:
             sys.stdout.flush()
         except BrokenPipeError:  # a reader who has seen enough
             silence(sys.stdout)
-        raise typer.Exit(NO if outcome.warnings else outcome.code)
+        raise typer.Exit(EXIT_ACT if outcome.warnings else outcome.code)
 
     return run_and_print
 
@@ -225,7 +225,7 @@ def start(
 
     Start with: calib train two_link, then calib query inverse two_link.calib 0.1 0.4
     """
-    SPEECH.start(as_json, verbose, quiet)
+    PRINT_MODE.start(as_json, verbose, quiet)
     if version:
         import calib
 

@@ -7,7 +7,7 @@ import typer
 from calib.common.wording import one_line
 from calib.errors import CalibError
 
-from .output import NO, as_typed, note, option_of, print_json, silence
+from .output import EXIT_ACT, as_typed, note, option_of, print_json, silence
 from .parsing import BadOption
 
 FAILED = 1
@@ -41,7 +41,7 @@ def describe_error(error: Exception) -> tuple[int, dict[str, object]]:
     value: object = None
     if isinstance(error, CalibError):
         # clocks that no offset brings together are an answer about the recording
-        code = NO if kind == "ClockError" else FAILED
+        code = EXIT_ACT if kind == "ClockError" else FAILED
         text = as_typed(error.message)
         hint = error.hint and as_typed(error.hint)
         parameter = error.parameter and option_of(error.parameter)

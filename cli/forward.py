@@ -17,7 +17,7 @@ from calib.model.space import Space
 from calib.samples.joint_values import check_joint_values
 from calib.samples.motion import Motion
 
-from .output import NO, Outcome, TextTable, note, with_decimals
+from .output import EXIT_ACT, Outcome, TextTable, note, with_decimals
 from .query import BOUNDS, Query, with_answers
 
 
@@ -47,7 +47,7 @@ def answer_one(
     outside = query.model.outside(q[0], degrees=joints.degrees)
     if outside is not None:
         note(f"no answer: {outside}")
-        return Outcome(document, code=NO)
+        return Outcome(document, code=EXIT_ACT)
     printed = query.positions.to_printed * np.array(position)
     alone = " ".join(with_decimals(value, 4) for value in printed.tolist())
     return Outcome(document, lines, result=[alone])

@@ -20,7 +20,7 @@ from calib.errors import QueryError
 from calib.model.answers import Answer, every_branch
 from calib.model.space import Space
 
-from .output import NO, Outcome, note
+from .output import EXIT_ACT, Outcome, note
 from .parsing import BadOption
 from .query import BOUNDS, Query, with_answers
 
@@ -109,7 +109,7 @@ def answer_one(
         distance += f" and {math.degrees(shown['turned'][0]):.3g} deg"
     note(f"out of reach: the {missed} is {distance} away")
     table = query.table(answer.q, shown, missed)
-    return Outcome(document, [table], result=(), code=NO)
+    return Outcome(document, [table], result=(), code=EXIT_ACT)
 
 
 def _numbers(

@@ -122,11 +122,11 @@ def read_measured_log(
         say(arm.notes)
         joints = None
         revolute = by_name(arm.joint_names, arm.revolute)
-    glass = None
+    known_lens = None
     if lens is not None:
         from calib.recording.lens import load_lens
 
-        glass = load_lens(lens)[0].to_json()
+        known_lens = load_lens(lens)[0].to_json()
     log = calib.read_log(
         source,
         arm,
@@ -136,7 +136,7 @@ def read_measured_log(
         unit=log_format.unit,
         ranges=in_si("--range", selection.ranges, revolute, selection.degrees),
         prismatic=sliding,
-        lens=glass,
+        lens=known_lens,
         time_offset=log_format.time_offset,
     )
     if sensor:
@@ -225,7 +225,7 @@ def log_for(
     )
     if sensor:
         log = replace(log, sensor=sensor)
-    if "board" in about.options:
+    if about.board:
         from calib.recording.board_pictures import with_lens_of
 
         log = with_lens_of(model, log)

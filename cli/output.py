@@ -22,7 +22,9 @@ from calib.common.wording import one_line, printable
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-NO = 3  # exit code of a result that a script should act on; each command's help names its own
+EXIT_ACT = (
+    3  # where a script should act on the result; each command's help says when
+)
 _WIDTH = 100  # of lines of words and of tables
 
 JsonDocument = Mapping[str, object] | Sequence[object]
@@ -154,7 +156,7 @@ class Outcome:
     more: Sequence[Line] = ()  # what --verbose adds
     warnings: Sequence[
         str
-    ] = ()  # lines before all others; with any the exit code is `NO`
+    ] = ()  # lines before all others; with any the exit code is `EXIT_ACT`
     # what --quiet prints, the first line if not given
     result: Sequence[Line] | None = None
     # what goes to standard output as CSV
@@ -164,13 +166,13 @@ class Outcome:
     def show(self, *, streamed: bool) -> None:
         """Print the result; lines go to standard error where a table was `streamed`."""
         end_progress()
-        if SPEECH.as_json:
+        if PRINT_MODE.as_json:
             print_json(self.document)
             return
         lines: Sequence[Line] = [*self.warnings, *self.lines]
-        if SPEECH.quiet:
+        if PRINT_MODE.quiet:
             lines = lines[:1] if self.result is None else self.result
-        elif SPEECH.verbose:
+        elif PRINT_MODE.verbose:
             lines = [*lines, *self.more]
         if self.columns is not None:
             from calib.samples.tables import write_table
@@ -181,12 +183,12 @@ class Outcome:
             text = one_line(as_typed(line)) if isinstance(line, str) else line
             if not streamed:
                 print(text)
-            elif not SPEECH.quiet:
+            elif not PRINT_MODE.quiet:
                 note(str(line).removeprefix("-: "))
 
 
 @dataclass
-class Speech:
+class PrintMode:
     """How the current command prints, and its notes on standard error."""
 
     as_json: bool = False  # one document on standard output
@@ -203,28 +205,28 @@ class Speech:
         self.notes.clear()
 
 
-SPEECH = Speech()
+PRINT_MODE = PrintMode()
 
 
 def progress(share: float, *_: object) -> None:
     """Show the share of the work that is done, on a terminal."""
-    if sys.stderr.isatty() and not SPEECH.quiet:
+    if sys.stderr.isatty() and not PRINT_MODE.quiet:
         print(f"\r{share:4.0%} ", end="", file=sys.stderr, flush=True)
-        SPEECH.in_progress = True
+        PRINT_MODE.in_progress = True
 
 
 def end_progress() -> None:
     """Take the share of the work away."""
-    if SPEECH.in_progress:
+    if PRINT_MODE.in_progress:
         print("\r     \r", end="", file=sys.stderr)
-        SPEECH.in_progress = False
+        PRINT_MODE.in_progress = False
 
 
 def say(notes: Iterable[str]) -> None:
     """Print notes on standard error, each once, unless the result alone is wanted."""
     for text in notes:
-        if text not in SPEECH.notes and not SPEECH.quiet:
-            SPEECH.notes.add(text)
+        if text not in PRINT_MODE.notes and not PRINT_MODE.quiet:
+            PRINT_MODE.notes.add(text)
             note(f"note: {text}")
 
 

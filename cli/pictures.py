@@ -54,10 +54,10 @@ def read_setting(
         )
     pattern = None if board is None else parse_board(board)
     marks = None if tags_at is None else MarkLayout.read(tags_at)
-    glass = None
+    known_lens = None
     if lens is not None:
         folder = Path() if output == "-" else Path(output).parent
-        glass, notes = load_lens(lens, pattern, folder / "lens.json")
+        known_lens, notes = load_lens(lens, pattern, folder / "lens.json")
         say(notes)
         if marks is not None:
             pattern = None  # it served the lens alone
@@ -71,7 +71,7 @@ def read_setting(
         dictionary,
         pattern,
         marks,
-        glass,
+        known_lens,
         None if tag_size is None else parse_length(tag_size, "`tag_size`"),
         parse_length(tag_height or "0mm", "`tag_height`", signed=True),
     )
@@ -136,11 +136,11 @@ def record_board(
         )
     need_joints(source, joints)
     shots = find_board(source, joints, board, camera=camera, names=names)
-    glass = None
+    known_lens = None
     if lens is not None:
-        glass, notes = load_lens(lens, shots.board)
+        known_lens, notes = load_lens(lens, shots.board)
         say(notes)
-    log = shots.log(glass or shots.lens(), eye == "hand")
+    log = shots.log(known_lens or shots.lens(), eye == "hand")
     say(log.notes)
     return log
 
@@ -157,7 +157,7 @@ def log_of_pictures(
     from calib.recording.lens import lens_of_model
 
     about = model.about
-    board: Mapping[str, str] | None = about.options.get("board")
+    board: Mapping[str, str] | None = about.board
     if board is None:
         raise BadOption(
             "the model was not made of pictures: expected --data of a log, and no --joints-file"

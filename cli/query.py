@@ -19,7 +19,7 @@ from calib.common.scale import METRES
 from calib.common.wording import error_size, for_people, listing
 from calib.use import standing
 
-from .output import NO, Outcome, TextTable, note, say, with_decimals
+from .output import EXIT_ACT, Outcome, TextTable, note, say, with_decimals
 from .parsing import TABLES, BadOption, bad_value, check_file, refuse
 from .units import JointFormat, units_of
 
@@ -238,7 +238,7 @@ class Query:
             note_rows(numbers, rows_of_table, why)
             document[name] = numbers
             if numbers:
-                code = NO
+                code = EXIT_ACT
         if batch.invalid:
             code = 1
         document |= {**(facts or {}), **self.meaning}

@@ -105,7 +105,7 @@ def judge(
     with guarded_algebra():
         model = model.by(log.sensor)
         measured = log
-        if "board" in model.about.options:
+        if model.about.board:
             from ..recording.board_pictures import with_lens_of
 
             measured = with_lens_of(model, log)

@@ -78,7 +78,7 @@ def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     causes += _noises(evidence, drifted=drifted)
     if evidence.tool.score > 1.0:
         causes.append(evidence.tool.cause)
-    board = evidence.rows.model.about.options.get("board")
+    board = evidence.rows.model.about.board
     if board is not None:
         what = "camera" if board["eye"] == "hand" else "board"
         causes = _mount_once(causes, what)

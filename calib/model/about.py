@@ -80,6 +80,14 @@ class About(ReadOnly):
         return holds(self.within, self.tested)
 
     @property
+    def board(self) -> Document | None:
+        """Source of a log of pictures of a board: "board", "eye", "lens", "point", "rig".
+
+        `BoardPictures.log` writes it; other logs have none.
+        """
+        return self.options.get("board")
+
+    @property
     def units_of_joints(self) -> tuple[str, ...]:
         """Unit of each joint: "rad" or "m"."""
         return tuple("rad" if turns else "m" for turns in self.revolute)

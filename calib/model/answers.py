@@ -19,7 +19,7 @@ from ..inverse.settings import SOLVER
 from ..inverse.solutions import slices
 from ..kernel.compiled import Flag
 from ..samples.motion import Motion
-from .compiling import INVERSE, INVERSE_ALL, kernel_for
+from .compiled_queries import INVERSE, INVERSE_ALL, kernel_for
 from .parts import PREDICTOR, Parts
 from .turns import nearest_turn, on_turn
 
@@ -130,10 +130,10 @@ def solve(
     if readout == PREDICTOR:
         q = inverse(model, x, near, nearest=True)
         u = model.motor.scale.to_unit(q)
-        return answer(model, u, x)._replace(q=q)
+        return describe_joints(model, u, x)._replace(q=q)
     near_u = near_in_box(model, near, len(x))
     u = unit_joints(model, x, near_u, (readout,))[readout]
-    return answer(model, u, x, readout=readout)
+    return describe_joints(model, u, x, readout=readout)
 
 
 def solve_all(model: Parts, x: Array) -> list[Answer]:
@@ -145,7 +145,7 @@ def solve_all(model: Parts, x: Array) -> list[Answer]:
 def every_branch(model: Parts, x: Array) -> Answer:
     """All branches of targets (n, m), one after another."""
     solutions = model.solver.solve_all(limited_targets(model, x))
-    return answer(model, solutions.u, x, solutions.target)
+    return describe_joints(model, solutions.u, x, solutions.target)
 
 
 def inverse_all(model: Parts, x: Array) -> list[Array]:
@@ -193,7 +193,7 @@ def limited_targets(model: Parts, x: Array) -> Array:
     return np.asarray(x / np.maximum(furthest / limit, 1.0))
 
 
-def answer(
+def describe_joints(
     model: Parts,
     u: Array,
     x: Array,

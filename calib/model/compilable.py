@@ -13,7 +13,12 @@ from ..common.arrays import Array
 from ..errors import OptionError, QueryError
 from ..kernel.compiled import Flag
 from . import answers
-from .compiling import CompiledQuery, CompiledReading, kernel_for, kernel_of
+from .compiled_queries import (
+    CompiledQuery,
+    CompiledReading,
+    kernel_for,
+    kernel_of,
+)
 from .parts import Parts
 from .prediction import Prediction
 
@@ -26,7 +31,7 @@ _UNREACHED = "no joints were found from `near` on within a bounded search"
 class Compilable(Parts):
     """The parts of a model, and what was compiled of them."""
 
-    strict: ClassVar[bool] = False  # as of `warm_up`
+    strict: ClassVar[bool] = False  # see `warm_up`; no field, as `kernel`
 
     def warm_up(self, *, strict: bool = False) -> str:
         """Make queries fast: compile the model's own C, where a C compiler is found.

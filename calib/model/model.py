@@ -16,7 +16,7 @@ from ..kernel.compiled import Flag
 from . import answers
 from .answers import Answer
 from .compilable import Compilable
-from .compiling import (
+from .compiled_queries import (
     FORWARD,
     INVERSE,
     JACOBIAN,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
@@ -45,6 +45,7 @@ MOST_SHARE = 0.1
 ROUNDED = 1e-5
 
 _P = TypeVar("_P", bound="Parts")
+_T = TypeVar("_T")
 
 PREDICTOR = "local"
 """Readout that `Parts.predictor` answers: of maps alone it stands for the default, `linear`."""
@@ -87,7 +88,7 @@ class Parts:
     # the same arm as its further sensors see it, each with its own maps, local models and bounds
     others: tuple[Parts, ...] = ()
 
-    # compiled by `warm_up`, or for a large batch
+    # compiled by `warm_up`, or for a large batch; no field, so that no changed model takes it over
     kernel: ClassVar[Library | None] = None
 
     def __post_init__(self) -> None:
@@ -328,6 +329,14 @@ class Parts:
         if name is None or name == self.default_readout:
             return PREDICTOR
         return name
+
+
+def remembered(model: Parts, key: str, make: Callable[[], _T]) -> _T:
+    """What `make` returned when it was first called for a model and a key."""
+    if key not in model.cache:
+        model.cache[key] = make()
+    value: _T = model.cache[key]
+    return value
 
 
 def bounds_of_nodes(motor: Map, body: Body) -> tuple[Array, Array]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +20,13 @@ from ..inverse.newton import Iterate, Newton
 from ..inverse.settings import SOLVER
 from ..inverse.solver import Solver
 from ..maps.map import Map
-from .answers import Answer, answer, limited_targets, near_in_box, rows_for
+from .answers import (
+    Answer,
+    describe_joints,
+    limited_targets,
+    near_in_box,
+    rows_for,
+)
 from .parts import Parts
 from .reach import Reach
 from .space import REACHED, Space
@@ -64,7 +72,7 @@ class Path:
 
     # (k, m) [unit, m in the base frame], points on the lines between the waypoints
     target: Array
-    # as of `Answer`; joints stay on one branch between jumps
+    # see `Answer`; joints stay on one branch between jumps
     q: Array
     position: Array
     distance: Array
@@ -92,6 +100,39 @@ class Path:
         )
 
 
+@dataclass(frozen=True)
+class PathTask:
+    """Following a path in the frame of a sensor, or in the base frame."""
+
+    axes: tuple[str, ...]
+    solver: Solver
+    extent: float  # of the workspace [unit, m in the base frame]
+    # whether targets (n, m) are close enough to what the arm reaches to be followed, (n,)
+    is_close: Callable[[Array], Mask]
+    # describes joints (n, dof) of the unit box that answer targets (n, m)
+    describe: Callable[[Array, Array], Answer]
+
+    @staticmethod
+    def of(model: Parts, frame: str) -> PathTask:
+        """The task of a model in the frame "sensor" or "base"."""
+        if frame == "base":
+            space = Space.of(model)
+            return PathTask(
+                ("x", "y", "z"),
+                Reach.of(space, posed=False).solver,
+                2 * space.length,
+                lambda x: row_lengths(x) <= PATHS.furthest * space.length,
+                partial(_in_base, space),
+            )
+        return PathTask(
+            model.axes,
+            model.solver,
+            model.solver.extent,
+            partial(close_to_map, model.sensory),
+            partial(describe_joints, model),
+        )
+
+
 def follow_path(
     model: Parts,
     waypoints: ArrayLike,
@@ -101,42 +142,32 @@ def follow_path(
 ) -> Path:
     """Follow waypoints; see :meth:`calib.Model.path`."""
     check_choice("frame", frame, FRAMES, QueryError)
-    space = Space.of(model) if frame == "base" else None
-    axes = model.axes if space is None else ("x", "y", "z")
-    corners, single = query_rows(waypoints, axes, "waypoints")
+    task = PathTask.of(model, frame)
+    corners, single = query_rows(waypoints, task.axes, "waypoints")
     if single or len(corners) < 2:
         raise QueryError(
             f"a path needs 2 waypoints or more, got {len(corners)}: add rows, or ask for the "
             "inverse of a single one"
         )
-    solver = model.solver
-    extent = solver.extent
-    if space is not None:
-        solver = Reach.of(space, posed=False).solver
-        extent = 2 * space.length
     if step is None:
-        step = PATHS.step * extent
+        step = PATHS.step * task.extent
     if not step > 0:
         raise QueryError(
             f"step {step!r}: expected a length greater than zero, such as 0.005"
         )
     x, waypoint = _lines(corners, float(step))
     targets = limited_targets(model, x)
-    if space is None:
-        close = close_to_map(model.sensory, targets)
-    else:
-        away = row_lengths(targets)
-        close = away <= PATHS.furthest * space.length
+    close = task.is_close(targets)
     first = None if start is None else near_in_box(model, start, 1)[0]
-    u, jumps = follow_targets(solver, targets, close, first)
-    answers = answer(model, u, x) if space is None else _in_base(space, u, x)
+    u, jumps = follow_targets(task.solver, targets, close, first)
+    answers = task.describe(u, x)
     begin = answers.q[0]
     if start is not None:
         begin = rows_for(start, model.about.joint_names, "start", 1)[0]
     q, turned = unwound(model, answers.q, begin)
     answers = answers._replace(q=q)
     jumps = np.union1d(jumps, turned)
-    way = row_lengths(np.diff(x, axis=0)) / extent
+    way = row_lengths(np.diff(x, axis=0)) / task.extent
     fast_turns = np.setdiff1d(
         _fast_turns(q[:, model.about.revolute], way), jumps
     )

@@ -19,7 +19,8 @@ from ..inverse.solutions import distinct, drawn_joints, rank_within, slices
 from ..inverse.solver import Solver
 from ..inverse.task import Evaluate, Poses, Positions, Task
 from ..kernel.compiled import Flag, Library
-from .compiling import POSES, POSES_ALL, CompiledQuery, kernel_for
+from .compiled_queries import POSES, POSES_ALL, CompiledQuery, kernel_for
+from .parts import remembered
 from .space import REACHED, Space
 
 if TYPE_CHECKING:
@@ -52,11 +53,7 @@ class Reach:
     def of(space: Space, *, posed: bool, free: int | None = None) -> Reach:
         """The search of a model, made once."""
         key = f"reach {posed} {free}"
-        cache = space.model.cache
-        if key not in cache:
-            cache[key] = Reach(space, posed, free)
-        reach: Reach = cache[key]
-        return reach
+        return remembered(space.model, key, lambda: Reach(space, posed, free))
 
     @cached_property
     def solver(self) -> Solver:

@@ -22,7 +22,7 @@ from ..common.arrays import Array, Mask
 from ..common.inputs import query_rows
 from ..common.rows import row_lengths
 from ..errors import QueryError
-from .parts import Parts
+from .parts import Parts, remembered
 
 if TYPE_CHECKING:
     from ..kernel.arm import Sag
@@ -44,16 +44,7 @@ class Space:
     @staticmethod
     def of(model: Parts) -> Space:
         """The arm of a model, made once; QueryError if the model knows no chain in space."""
-        if "space" not in model.cache:
-            body = _in_base(model.body) or _drawn_body(model)
-            if body is None:
-                raise QueryError(
-                    "the model knows no arm in space in its base frame: expected one of an arm "
-                    "that moves in space, learned together with its robot"
-                )
-            model.cache["space"] = Space(model, body)
-        space: Space = model.cache["space"]
-        return space
+        return remembered(model, "space", lambda: _space_of(model))
 
     @property
     def structure(self) -> SpatialStructure:
@@ -195,6 +186,16 @@ class Space:
         bend = 3.0 * lens[3] * (place[:, :2] ** 2).sum(axis=1)
         unfolded = place[:, 2] ** 2 + bend >= 0
         return np.asarray(ahead & inside & unfolded)
+
+
+def _space_of(model: Parts) -> Space:
+    body = _in_base(model.body) or _drawn_body(model)
+    if body is None:
+        raise QueryError(
+            "the model knows no arm in space in its base frame: expected one of an arm that moves "
+            "in space, learned together with its robot"
+        )
+    return Space(model, body)
 
 
 def measured_chain(body: Body | None) -> SpatialStructure | None:

@@ -287,7 +287,7 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
     are elsewhere by millimetres, although nothing has moved.
     Other logs stay as they are, and so do those of a camera that was refocused.
     """
-    made = model.about.options.get("board")
+    made = model.about.board
     source = log.source
     if not made or "lens" not in source or source.get("board") != made["board"]:
         return log

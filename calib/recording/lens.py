@@ -175,7 +175,7 @@ def _lens_of_file(path: Path) -> Lens:
 
 def lens_of_model(model: Model) -> Lens:
     """The lens that a model of pictures of a board was made with; LogError if it is none."""
-    board: Any = model.about.options.get("board")
+    board: Any = model.about.board
     try:
         return Lens.from_json(board["lens"])
     except (KeyError, TypeError, ValueError):

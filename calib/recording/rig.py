@@ -275,7 +275,7 @@ def load_rig(path: FilePath) -> HandEye:
 
 def rig_of_model(model: Model) -> HandEye | None:
     """The rig that a model was learned from; None of others."""
-    board: Any = model.about.options.get("board")
+    board: Any = model.about.board
     try:
         return rig_of(board[KIND])
     except (LookupError, TypeError, ValueError):

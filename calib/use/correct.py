@@ -17,6 +17,7 @@ from ..common.rows import row_lengths
 from ..errors import QueryError, require
 from ..model.model import Model
 from ..model.nominal import visited_joints
+from ..model.parts import remembered
 from ..samples.joint_values import check_joint_values
 from .settings import CORRECTION
 from .wanted import Wanted
@@ -198,9 +199,7 @@ def _agreement(model: Model) -> _Shared | None:
 
 def _by_kernel(model: Model, q: ArrayLike) -> Corrected | None:
     """The correction of one row by the compiled kernel; None where the batch has to answer."""
-    if "correcting" not in model.cache:
-        model.cache["correcting"] = _agreement(model)
-    shared: _Shared | None = model.cache["correcting"]
+    shared = remembered(model, "correcting", lambda: _agreement(model))
     kernel = model.kernel
     if shared is None or kernel is None:
         return None

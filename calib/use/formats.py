@@ -105,7 +105,7 @@ def camera_info(model: Model) -> str:
 def _lens_of(model: Model) -> Lens:
     """The lens of a model of pixels, or of pictures of a board; OptionError of others."""
     body = model.body
-    board = model.about.options.get("board")
+    board = model.about.board
     if board:
         return Lens.from_json(board["lens"])
     if body is None or not is_camera(body.structure.view):
@@ -135,7 +135,7 @@ def static_transforms(model: Model) -> list[dict[str, object]]:
             "in space and its robot"
         )
     root = parse_robot(about.urdf, about.robot).root
-    board = about.options.get("board")
+    board = about.board
     if board:
         mount = hand_pose(body)  # of the point in the log
         hand = replace(

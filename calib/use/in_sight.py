@@ -153,7 +153,7 @@ def expected_rig(source: Arm | Model) -> ExpectedRig:
     described: Any = None
     if isinstance(source, Model):
         body = source.body
-        described = source.about.options.get("board")
+        described = source.about.board
     if described is None or body is None:
         raise OptionError(
             "handeye: expected a robot that moves in space, or a model that `calib handeye -o` made"

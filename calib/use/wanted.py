@@ -28,6 +28,7 @@ from ..model.nominal import (
     nominal_parameters,
     nominal_structure,
 )
+from ..model.parts import remembered
 from ..model.reach import Reach
 from ..model.space import REACHED, Space, measured_chain
 from ..model.turns import joint_limits, within_limits
@@ -60,10 +61,7 @@ class Wanted:
     @classmethod
     def of(cls, model: Model) -> Wanted:
         """Return that of a model, which keeps it: a controller corrects row by row."""
-        if "wanted" not in model.cache:
-            model.cache["wanted"] = _find_wanted(model)
-        wanted: Wanted = model.cache["wanted"]
-        return wanted
+        return remembered(model, "wanted", lambda: _find_wanted(model))
 
     @property
     def posed(self) -> bool:

@@ -12,7 +12,7 @@ from calib.common.wording import with_unit
 
 from .. import options as opt
 from ..logs import LogFormat, log_for
-from ..output import NO, Line, Outcome, as_typed, fields, progress, say
+from ..output import EXIT_ACT, Line, Outcome, as_typed, fields, progress, say
 from ..parsing import check_file
 from ..pictures import photo_of_log
 from ..units import units_of
@@ -92,7 +92,9 @@ def adapt(
     more: list[Line] = [f"corrected: {result.correction}"]
     if result.kept:
         more.append(f"left as it was: {', '.join(result.kept)}")
-    return Outcome(document, lines, more, code=0 if result.improved else NO)
+    return Outcome(
+        document, lines, more, code=0 if result.improved else EXIT_ACT
+    )
 
 
 def _improvement(

@@ -16,7 +16,7 @@ from calib.use import standing
 
 from .. import options as opt
 from ..logs import LogFormat, log_for
-from ..output import NO, Outcome, TextTable, progress, say
+from ..output import EXIT_ACT, Outcome, TextTable, progress, say
 from ..parsing import above_zero, refuse
 from ..pictures import log_of_pictures
 from ..units import units_of
@@ -77,7 +77,7 @@ def check(
     for episode in verdict.drifted_episodes:
         title = f"episode {episode.episode}: DRIFTED"
         lines.append(f"{title}: {episode.main_cause}")
-    code = 0 if verdict.is_calm else NO
+    code = 0 if verdict.is_calm else EXIT_ACT
     return Outcome(document, lines, [_signals(verdict)], code=code)
 
 

@@ -115,9 +115,9 @@ def handeye(
         selection = Selection(joints, tip, lock=lock, degrees=degrees)
         arm = selection.load(names[0])
         need_joints(pictures, joints_file)
-    glass = None
+    known_lens = None
     if lens is not None:
-        glass, notes = load_lens(lens, parse_board(board))
+        known_lens, notes = load_lens(lens, parse_board(board))
         say(notes)
     rig = calib.handeye(
         arm,
@@ -126,7 +126,7 @@ def handeye(
         board,
         _eyes(eye),
         poses=poses_file,
-        lens=glass,
+        lens=known_lens,
         degrees=degrees if arm is not None else degrees or None,
         camera=camera,
         unit=unit,

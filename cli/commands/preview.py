@@ -7,7 +7,7 @@ from typing import Annotated
 import calib
 
 from .. import options as opt
-from ..output import SPEECH, Outcome, note
+from ..output import PRINT_MODE, Outcome, note
 from ..parsing import check_file, whole
 from ..pictures import load_drawn, size_of_page
 
@@ -36,7 +36,7 @@ def preview(
             return Outcome(document, [size_of_page(html)])
         try:
             # a document follows at the end
-            if not SPEECH.as_json:
+            if not PRINT_MODE.as_json:
                 print(page.url, flush=True)
             note(f"showing the preview at {page.url}; Ctrl-C ends it")
             while True:

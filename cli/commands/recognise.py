@@ -9,7 +9,7 @@ from calib.common.wording import error_size, for_people
 
 from .. import options as opt
 from ..logs import LogFormat, log_for
-from ..output import NO, Outcome, TextTable
+from ..output import EXIT_ACT, Outcome, TextTable
 from ..units import units_of
 
 
@@ -45,4 +45,4 @@ def recognise(
         "unit": about.unit,
         "units": units_of(about),
     }
-    return Outcome(document, [verdict, table], code=0 if name else NO)
+    return Outcome(document, [verdict, table], code=0 if name else EXIT_ACT)

@@ -13,7 +13,7 @@ from calib.common.wording import error_size, for_people, with_unit
 from calib.use import standing
 
 from .. import options as opt
-from ..output import NO, Outcome, TextTable, note, say, with_decimals
+from ..output import EXIT_ACT, Outcome, TextTable, note, say, with_decimals
 from ..parsing import check_file
 from ..units import units_of
 
@@ -70,7 +70,7 @@ def urdf(
             f"offsets and placements leave {rms} unexplained, more than {MOST_UNEXPLAINED:.0%}: "
             "nothing was written; check the joints, the tip and the unit of the log"
         )
-        return Outcome(document, [_table(geometry)], code=NO)
+        return Outcome(document, [_table(geometry)], code=EXIT_ACT)
     before = with_unit(geometry.before, unit)
     line = f"{output}: residual {rms}, with the nominal URDF {before}"
     return Outcome(document, [line, _table(geometry)])
