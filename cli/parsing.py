@@ -23,7 +23,7 @@ class OfJoint(NamedTuple):
 
     joint: str
     low: float  # [rad or m], or [deg] with --degrees
-    high: float  # the same of a single value
+    high: float  # equals `low` where a single value is typed
 
 
 class BadOption(typer.BadParameter):

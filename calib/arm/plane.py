@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, freeze_copies
+from ..common.rows import rms
 from ..errors import LogError, RobotError
 
 _NEAR_NORMAL = np.cos(np.pi / 4) + 1e-6
@@ -109,4 +110,4 @@ def fit_plane(points: ArrayLike) -> tuple[Plane, float]:
             f"line, got shape {p.shape}: add rows"
         )
     plane = plane_of(directions[2], centroid)
-    return plane, float(np.sqrt(np.mean(plane.distances(p) ** 2)))
+    return plane, rms(plane.distances(p))

@@ -97,7 +97,7 @@ def with_masses(
     Links off the chain (fingers, covers) hang on the last chain joint below them and do not
     move of their own. It stays without where the robot states no mass for any, or one is unknown.
 
-    posture, moving : as in `chain_of`
+    posture, moving : see `chain_of`
     """
     order = list(moving)
     masses = np.zeros(chain.joints)

@@ -17,7 +17,7 @@ from .task import Positions
 
 
 @dataclass(frozen=True)
-class LinkSettings:
+class LinkStartSettings:
     """How links are followed: lengths are node spacings of the motor map unless noted."""
 
     step: float = 2.0  # longest first step of a node
@@ -30,7 +30,7 @@ class LinkSettings:
     # nearest sensory nodes of a target, of three joints: with one 25 of 2,029 solutions were
     # missed at limits and folds, with three 4, with five none
     nodes: int = 5
-    spare_width: int = 32  # the same, of redundant arms
+    spare_width: int = 32  # most starts of a sensory node, of redundant arms
     ahead: int = 48  # sensory nodes that a single query makes ready
     # of the largest singular value: less is left out of a first step
     flat: float = 1e-2
@@ -39,7 +39,7 @@ class LinkSettings:
     rounds: int = 2  # a second one leaves a third of what a first one misses
 
 
-LINKS = LinkSettings()
+LINK_STARTS = LinkStartSettings()
 
 
 def solver_by_links(association: Association, predictor: Predictor) -> Solver:
@@ -52,7 +52,7 @@ def solver_by_links(association: Association, predictor: Predictor) -> Solver:
         newton,
         LinkStarts(association, newton),
         not newton.redundant,
-        LINKS.fold_threshold,
+        LINK_STARTS.fold_threshold,
     )
 
 
@@ -69,10 +69,12 @@ class LinkStarts:
         nodes = association.sensory.size
         dof = association.motor.units.shape[1]
         outputs = association.sensory.units.shape[1]
-        self._width = LINKS.spare_width if newton.redundant else LINKS.width
+        self._width = (
+            LINK_STARTS.spare_width if newton.redundant else LINK_STARTS.width
+        )
         # one node leads two joints to both their solutions
         has_branches = dof > 2 and not newton.redundant
-        self._count = LINKS.nodes if has_branches else 1
+        self._count = LINK_STARTS.nodes if has_branches else 1
         starts = nodes, self._width
         self._ready = np.zeros(nodes, dtype=bool)
         self._u = np.full((*starts, dof), np.nan)
@@ -91,7 +93,7 @@ class LinkStarts:
         residual = x[target] - self._value[start]
         inverse = self._inverse[start]
         step = (inverse @ residual[..., None])[..., 0]
-        longest = LINKS.step * self.association.motor.spacing
+        longest = LINK_STARTS.step * self.association.motor.spacing
         step = limit_length(step, longest)
         if not self._newton.redundant:
             step = _bent(step, self._bends[start])
@@ -106,8 +108,10 @@ class LinkStarts:
         if is_ready.all():
             return node
         missing = node[~is_ready]
-        if 0 < len(missing) < LINKS.ahead:  # single queries follow each other
-            count = min(LINKS.ahead, sensory.size)
+        if (
+            0 < len(missing) < LINK_STARTS.ahead
+        ):  # single queries follow each other
+            count = min(LINK_STARTS.ahead, sensory.size)
             places = sensory.units[missing]
             _, around = sensory.nearest(places, count)
             missing = around[~self._ready[around]]
@@ -141,10 +145,10 @@ class LinkStarts:
         sensory = self.association.sensory
         span = float(sensory.scale.span.mean())
         spacing = sensory.spacing * span
-        near = solutions.distance <= LINKS.missed * spacing
+        near = solutions.distance <= LINK_STARTS.missed * spacing
         best = rank_within(solutions.target) == 0
         solutions = solutions.rows(near | best)
-        solved = LINKS.cell if newton.redundant else LINKS.apart
+        solved = LINK_STARTS.cell if newton.redundant else LINK_STARTS.apart
         met = newton.is_met(solutions.distance)
         apart = np.where(met, solved, 1.0) * motor.spacing
         single = distinct(
@@ -161,12 +165,12 @@ class LinkStarts:
         links = self.association.partners.take(nodes)
         order = np.lexsort((-links.data, links.rows))
         rank = rank_within(links.rows[order])
-        strong = rank < LINKS.most
+        strong = rank < LINK_STARTS.most
         strongest = order[strong]
         target = links.rows[strongest]
         node = links.indices[strongest]
         u = self._newton.clip(motor.units[node])
-        apart = LINKS.cell * motor.spacing
+        apart = LINK_STARTS.cell * motor.spacing
         single = distinct(
             self._newton.scale,
             target,
@@ -180,7 +184,7 @@ class LinkStarts:
         origin = np.zeros((len(u), self._newton.task.count))
         iterate = self._newton.at(u, origin)
         inverse = np.asarray(
-            np.linalg.pinv(iterate.slope, rcond=LINKS.flat), float
+            np.linalg.pinv(iterate.slope, rcond=LINK_STARTS.flat), float
         )
         self._u[place] = u
         self._value[place] = -iterate.residual
@@ -204,7 +208,7 @@ class LinkStarts:
 def _bent(steps: Array, bends: Array) -> Array:
     """The steps du (n, dof) for which ``du + bends du du`` are straight ones (n, dof)."""
     bent = steps
-    for _ in range(LINKS.rounds):
+    for _ in range(LINK_STARTS.rounds):
         rates = (bends @ bent[:, None, :, None])[..., 0]
         bent = steps - (rates @ bent[..., None])[..., 0]
     return bent

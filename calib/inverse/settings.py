@@ -44,7 +44,7 @@ class SolverSettings:
     probe: float = 1e-4  # step of the derivative of a singular value
     # an answer this near to the joints of `near` is the nearest
     near_enough: float = 0.005
-    near_enough_spare: float = 0.3  # the same, of redundant joints and of poses
+    near_enough_spare: float = 0.3  # so near, of redundant joints and of poses
     margin: float = 0.1  # a start may be this much further away than its answer
     drawn: int = 32  # starts all over the ranges where others have failed
     # draws so far beyond a limit are put on it: of poses with joints at three limits and more one
@@ -54,7 +54,7 @@ class SolverSettings:
     # steps of a search by compiled C from joints and what is near: at most a millisecond
     budget: int = 2000
     bent_steps: int = 4  # that a step of joints that bend counts as
-    # the same, of redundant joints, whose steps take longer
+    # steps of a search for redundant joints, which take longer
     spare_budget: int = 1600
     # of the workspace's extent: what redundant joints miss by less may be reached by
     # others, as the edge is where steps are slow
@@ -70,7 +70,7 @@ class SolverSettings:
     # drawn postures: the nearest to a pose is some .4 rad away; of half as many, and 24 runs, 34
     # solutions of 2,100 were missed instead of 24
     postures: int = 8192
-    nearest: int = 192  # of them, those that a pose starts from
+    nearest: int = 192  # postures that a pose starts from
     runs: int = 36  # runs without a new branch that end the search
     # postures closer to a solution than this lead to it
     start_spacing: float = 0.12

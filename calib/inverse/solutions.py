@@ -61,7 +61,7 @@ def rank_within(owner: Index) -> Index:
     return row - first_row
 
 
-def drawn_joints(count: int, dof: int) -> Array:
+def random_joints(count: int, dof: int) -> Array:
     """Joints (count, dof) all over the unit box, many of them at a limit; always the same."""
     u = np.random.default_rng(0).random((count, dof))
     outwards = SOLVER.overhang * (2.0 * u - 1.0)

@@ -12,7 +12,7 @@ from .families import representatives
 from .newton import Iterate, Newton
 from .settings import SOLVER
 from .slides import solve_near
-from .solutions import Solutions, distinct, drawn_joints
+from .solutions import Solutions, distinct, random_joints
 
 _UNMET = 1e3
 """Cost from which on joints miss their target: above any distance between joints."""
@@ -236,7 +236,7 @@ class Solver:
     def _starts_everywhere(self, x: Array) -> tuple[Index, Array]:
         """All starts of targets (n, m), and joints at random all over their ranges."""
         target, start = self.starts.of(x)
-        drawn = drawn_joints(SOLVER.drawn, start.shape[1])
+        drawn = random_joints(SOLVER.drawn, start.shape[1])
         owner = np.repeat(np.arange(len(x)), len(drawn))
         targets = np.concatenate([target, owner])
         joints = np.concatenate([start, np.tile(drawn, (len(x), 1))])

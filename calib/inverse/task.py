@@ -73,12 +73,12 @@ class Poses:
     lever: float  # [m], what a radian of turn counts as
     size: float  # [m], the arm's length
     # axis of the tip, 0 to 2, about which it may turn freely
-    free: int | None = None
+    free_axis: int | None = None
 
     @property
     def count(self) -> int:
         """Six numbers, five where a turn is free."""
-        return 6 if self.free is None else 5
+        return 6 if self.free_axis is None else 5
 
     @staticmethod
     def target(position: Array, rotation: Array) -> Array:
@@ -94,10 +94,10 @@ class Poses:
         spin = slope[:, 3:]
         goal_place = target[:, :3]
         goal_turn = target[:, 3:].reshape(-1, 3, 3)
-        rest = turn_left(turn, goal_turn, self.free)
-        if self.free is not None:  # along the tip's two other axes
+        rest = turn_left(turn, goal_turn, self.free_axis)
+        if self.free_axis is not None:  # along the tip's two other axes
             axes = np.swapaxes(turn, 1, 2)
-            sides = np.delete(axes, self.free, axis=1)
+            sides = np.delete(axes, self.free_axis, axis=1)
             rest = (sides @ rest[:, :, None])[:, :, 0]
             spin = sides @ spin
         missing = goal_place - place

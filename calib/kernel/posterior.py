@@ -39,7 +39,7 @@ class CompactSettings:
     unexplained: float = 1e-6
     # of the largest motion: what moves less is lost in differences of large numbers
     least: float = 1e-12
-    apart: float = 1e-6  # the same, of how far beliefs are apart
+    apart: float = 1e-6  # of the largest motion, of how far beliefs are apart
     # rows at a time: a BLAS splits larger products over threads
     chunk: int = 64
     # of a turn, between which the variance of a curve is linear
@@ -81,7 +81,7 @@ class CompactPosterior:
         factors = [(body.kappa, SHARED**2)]
         if body.second is not None:
             beliefs.append(body.second)
-            # as in `Body.bound`: the first belief is inflated, the second not
+            # see `Body.bound`: the first belief is inflated, the second not
             factors.append((1.0, 1.0))
         ways = COMPACT.ways[len(beliefs) - 1]
         compact = [
@@ -102,7 +102,7 @@ class CompactPosterior:
         )
 
     def bound(self, q: Array, *, noise: bool) -> Array:
-        """95 % bounds (n,) on positions at joint values (n, dof), as `Body.bound`."""
+        """95 % bounds (n,) on positions at joint values (n, dof), see `Body.bound`."""
         variance = self.residual + self.noise if noise else self.residual
         extra = np.diag(variance)
         bounds = [np.zeros(0)]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..common.arrays import Array, Index
-from ..common.rows import group_sums, row_lengths
+from ..common.rows import components, group_sums, row_lengths
 from ..common.scale import Scale
 from .links import SparseRows, entry_rows
 from .map import Map
@@ -90,9 +90,6 @@ def _cluster_labels(links: SparseRows, motor: Map) -> Index:
 
     links : (sensory nodes, motor nodes)
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     count = len(links.indices)
     neighbours = _close_nodes(motor)[links.indices]
     link = entry_rows(neighbours.indptr)
@@ -103,11 +100,7 @@ def _cluster_labels(links: SparseRows, motor: Map) -> Index:
     place = np.searchsorted(keys, neighbour_keys)
     place = np.minimum(place, count - 1)
     exists = keys[place] == neighbour_keys
-    pairs = (link[exists], place[exists])
-    ones = np.ones(len(pairs[0]))
-    graph = coo_array((ones, pairs), (count, count))
-    label: Index = connected_components(graph)[1].astype(np.intp)
-    return label
+    return components(count, link[exists], place[exists])
 
 
 def _close_nodes(motor: Map) -> csr_array:

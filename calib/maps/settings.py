@@ -141,11 +141,11 @@ class SelectionSettings:
     total_gain: float = 3.0  # standard errors beyond zero of the sum
     # share of the residuals along the motion that is no chance
     along: float = 0.1
-    sure: float = 5.0  # standard errors of the same
+    sure: float = 5.0  # standard errors of that share
     rows_averaged: int = 30  # whose residuals are averaged for a map's density
     # standard errors by which a mean square must exceed the common one
     chance: float = 4.0
-    # standard deviations of the calm mean squares, the same
+    # standard deviations of the calm mean squares by which it must exceed the common one
     spreads: float = 6.0
 
 

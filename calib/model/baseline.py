@@ -9,6 +9,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from ..common.arrays import Array, ReadOnly, Shape
+from ..common.rows import rms
 from ..common.scale import Scale
 from ..maps.association import Association
 from ..maps.map import Map, nearest_points
@@ -93,7 +94,7 @@ class Baseline(ReadOnly):
         usual_bound = np.where(np.isfinite(bound), bound, 0.0)
         squares = ((x - predicted) ** 2).sum(axis=1)
         links = math.sqrt(np.mean(squares))
-        usual_links = math.sqrt(np.mean(usual_bound**2))
+        usual_links = rms(usual_bound)
         return {
             "motor": _zeta(association.motor, u, self.motor),
             "sensory": _zeta(sensory, measured, self.sensory),

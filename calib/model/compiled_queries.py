@@ -25,7 +25,7 @@ ALIKE = 1e-8
 class CompiledQuery:
     """A question that compiled C answers row by row."""
 
-    name: str  # of its function, see `Library`
+    name: str  # of the kernel's function, see `Library`
     # processor time of a row by NumPy, for each squared joint [us], see benchmarks/inverse.py
     cost: float
 
@@ -34,7 +34,7 @@ class CompiledQuery:
 class CompiledReading(CompiledQuery):
     """A quantity at joint values."""
 
-    of: Callable[[Prediction], Array]  # the same in NumPy
+    of: Callable[[Prediction], Array]  # its values in NumPy
 
 
 FORWARD = CompiledReading("forward", 0.03, lambda prediction: prediction.value)

@@ -41,7 +41,7 @@ def solve_poses(
 ) -> Answer:
     """Joint values for positions and, if given, orientations.
 
-    position, quaternion, near, frame : as of :meth:`calib.Model.inverse_pose`
+    position, quaternion, near, frame : see :meth:`calib.Model.inverse_pose`
     every : whether all branches of a pose are wanted, the nearest first
     keep : of a position, whether the orientation at `near` is kept as far as the joints allow
     free : of a pose, the tip's axis "x", "y" or "z" about which it may turn freely
@@ -92,13 +92,13 @@ class Goals:
     place: Array  # (n, 3) [m]
     rotation: Array  # (n, 3, 3)
     posed: bool  # whether orientations count
-    free: int | None  # axis of the tip about which it may turn freely
+    free_axis: int | None  # axis of the tip about which it may turn freely
 
     def joints(
         self, start: Array, *, every: bool, keep: bool
     ) -> tuple[Array, Index]:
         """Joints (k, dof) near `start` (n, dof), and which goal each is for, (k,)."""
-        reach = Reach.of(self.space, posed=self.posed, free=self.free)
+        reach = Reach.of(self.space, posed=self.posed, free_axis=self.free_axis)
         target = np.arange(len(start))
         if not self.posed:
             search = reach.least_turn_joints if keep else reach.nearest
@@ -111,13 +111,13 @@ class Goals:
         return np.concatenate([start[:0], *solutions]), target
 
     def answer(self, q: Array, target: Index, *, in_base: bool) -> Answer:
-        """What joints (k, dof) for goals (k,) reach, without bounds."""
+        """Answers of joints (k, dof) to goals (k,), without bounds."""
         space = self.space
         position, rotation, _ = space.evaluate(q)
         distance = row_lengths(position - self.place[target])
         angle = np.zeros(len(q))
         if self.posed:
-            rest = turn_left(rotation, self.rotation[target], self.free)
+            rest = turn_left(rotation, self.rotation[target], self.free_axis)
             angle = row_lengths(rest)
         met = distance <= REACHED * space.length
         met &= angle <= 10 * REACHED
@@ -142,7 +142,7 @@ class Goals:
 def pose_in_sensor(
     model: Parts, position: ArrayLike, quaternion: ArrayLike | None
 ) -> tuple[Array, Array | None]:
-    """A pose (3,), (4,) of the base frame, or a place, in the sensor's."""
+    """Position (3,) and quaternion (4,), if there is one, of the base frame in the sensor's."""
     space = Space.of(model)
     place, _ = query_rows(position, ("x", "y", "z"), "positions")
     if quaternion is None:

@@ -15,7 +15,7 @@ from ..inverse.closed_form import ClosedForm
 from ..inverse.newton import Newton
 from ..inverse.settings import SOLVER
 from ..inverse.slides import solve_near
-from ..inverse.solutions import distinct, drawn_joints, rank_within, slices
+from ..inverse.solutions import distinct, random_joints, rank_within, slices
 from ..inverse.solver import Solver
 from ..inverse.task import Evaluate, Poses, Positions, Task
 from ..kernel.compiled import Flag, Library
@@ -47,13 +47,17 @@ class Reach:
 
     space: Space
     posed: bool
-    free: int | None = None  # axis of the tip about which it may turn freely
+    free_axis: int | None = (
+        None  # axis of the tip about which it may turn freely
+    )
 
     @staticmethod
-    def of(space: Space, *, posed: bool, free: int | None = None) -> Reach:
+    def of(space: Space, *, posed: bool, free_axis: int | None = None) -> Reach:
         """The search of a model, made once."""
-        key = f"reach {posed} {free}"
-        return remembered(space.model, key, lambda: Reach(space, posed, free))
+        key = f"reach {posed} {free_axis}"
+        return remembered(
+            space.model, key, lambda: Reach(space, posed, free_axis)
+        )
 
     @cached_property
     def solver(self) -> Solver:
@@ -172,7 +176,9 @@ class Reach:
         length = space.length
         if not self.posed:
             return Positions.in_base(space.evaluate, self._scale, length)
-        return Poses(space.evaluate, self._scale, length, length, self.free)
+        return Poses(
+            space.evaluate, self._scale, length, length, self.free_axis
+        )
 
     @cached_property
     def _starts(self) -> Postures | DrawnPostures:
@@ -180,8 +186,8 @@ class Reach:
         structure = self.space.structure
         closed = ClosedForm.of(structure.chain)
         columns = [0, 1, 2]
-        if self.posed and self.free is not None:
-            columns += range(3 + self.free, 12, 3)
+        if self.posed and self.free_axis is not None:
+            columns += range(3 + self.free_axis, 12, 3)
         elif self.posed and closed is not None:
             beta = self.space.body.beta
             gain = beta[structure.groups["gain"]]
@@ -212,7 +218,7 @@ class Reach:
             most = int(np.bincount(owner).max(initial=0))
             starts = np.full((count, most, dof), np.nan)  # where there are less
             starts[owner, rank_within(owner)] = self._scale.from_unit(u)
-        axis = -1 if self.free is None else self.free
+        axis = -1 if self.free_axis is None else self.free_axis
         choice = axis, self._starts.apart, starts.shape[1]
         return [
             place,
@@ -250,7 +256,7 @@ class Postures:
     @cached_property
     def _u(self) -> Array:
         """Joints (k, dof) of the unit box."""
-        return drawn_joints(SOLVER.postures, len(self.scale.span))
+        return random_joints(SOLVER.postures, len(self.scale.span))
 
     @cached_property
     def _tree(self) -> KDTree:

@@ -33,7 +33,7 @@ Words = Mapping[str, object]
 
 @dataclass(frozen=True)
 class StartSettings:
-    """How many joints a header knows from which ways to positions may begin."""
+    """How many joints a header has, from which searches for positions start."""
 
     # cells of the workspace
     cells: int = 576
@@ -123,7 +123,7 @@ def _curves(arm: KernelArm) -> Tables:
 
 
 def _sag(sag: Sag) -> Tables:
-    """What bends the joints of an arm."""
+    """Gravity, and the masses and moments that bend the joints of an arm."""
     return {"gravity": sag.gravity, "bending": sag.bending}
 
 
@@ -265,7 +265,7 @@ def posture_starts(model: Parts) -> Section:
     """Joints of redundant arms, which have too many for each place: some postures."""
     nodes = np.flatnonzero(model.visited)
     nodes = nodes[spread_rows(len(nodes), STARTS.postures)]
-    return _starts(model, np.clip(model.motor.units[nodes], 0.0, 1.0))
+    return _starts(model, model.motor.units_in_box[nodes])
 
 
 def middle_start(model: Parts) -> Section:

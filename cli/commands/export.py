@@ -1,6 +1,7 @@
 """Write a model as one C99 header for controllers, or files for ROS, LeRobot and MuJoCo."""
 
 import json
+from collections.abc import Mapping
 from typing import Annotated, NamedTuple
 
 from .. import options as opt
@@ -77,24 +78,7 @@ def export(
         "ur": ur,
         "mjcf": mjcf,
     }
-    if lerobot is not None and output is None:
-        raise BadOption(
-            "--lerobot needs -o NEW.json, where the corrected calibration goes"
-        )
-    if not any(paths.values()) and ros2 is None:
-        raise BadOption(
-            "nothing to write: expected -o FILE.h, --camera, --transform, --ur or --mjcf FILE, or "
-            "--ros2 FOLDER"
-        )
-    endings = {
-        "output": (".h", ".hpp") if lerobot is None else (".json",),
-        "camera": _YAML,
-        "transform": (".json",),
-        "ur": _YAML,
-        "mjcf": (".xml",),
-    }
-    for name, path in paths.items():
-        check_file(path, endings[name], option=f"--{name}")
+    _check(paths, lerobot, ros2)
     loaded = model_in(model, sensor)
     document: dict[str, object] = {
         "model": model,
@@ -147,6 +131,30 @@ def export(
         lines.append(f"{ros2}: a ROS 2 package of {len(package)} files")
     document |= {name: path for name, path in paths.items() if path}
     return Outcome(document, lines)
+
+
+def _check(
+    paths: Mapping[str, str | None], lerobot: str | None, ros2: str | None
+) -> None:
+    """Refuse files, by option, that cannot be written."""
+    if lerobot is not None and paths["output"] is None:
+        raise BadOption(
+            "--lerobot needs -o NEW.json, where the corrected calibration goes"
+        )
+    if not any(paths.values()) and ros2 is None:
+        raise BadOption(
+            "nothing to write: expected -o FILE.h, --camera, --transform, --ur or --mjcf FILE, or "
+            "--ros2 FOLDER"
+        )
+    endings = {
+        "output": (".h", ".hpp") if lerobot is None else (".json",),
+        "camera": _YAML,
+        "transform": (".json",),
+        "ur": _YAML,
+        "mjcf": (".xml",),
+    }
+    for name, path in paths.items():
+        check_file(path, endings[name], option=f"--{name}")
 
 
 def _c_header(path: str, text: str, tables: int, *, single: bool) -> File:

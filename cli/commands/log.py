@@ -26,6 +26,8 @@ from ..pictures import (
 )
 
 if TYPE_CHECKING:
+    from calib.recording.motion_tables import JointTable
+    from calib.recording.setting import Setting
     from calib.samples.samples import Samples
 
 
@@ -90,9 +92,7 @@ def log(
     prismatic: opt.Prismatic = None,
 ) -> Outcome:
     from calib.recording.motion_tables import read_joints
-    from calib.recording.tag_logs import log_pictures, log_video
     from calib.samples.logs import write_log
-    from calib.samples.roles import log_columns
 
     check_file(output, TABLES, stream=True)
     sliding = prismatic or ()
@@ -147,45 +147,13 @@ def log(
             tag_size=tag_size,
             tag_height=tag_height,
         )
-        if table is None:
-            raise BadOption(
-                "--joints-file FILE is missing: pictures and videos need it"
-            )
-        if is_film(bag):
-            rows = log_video(
-                bag[0],
-                table,
-                setting,
-                time_offset=time_offset,
-                still=still,
-                max_gap=max_gap,
-            )
-        else:
-            rows = log_pictures(bag, table, setting)
-        say(rows.notes)
+        rows = _tag_log(bag, table, setting, time_offset, still, max_gap)
         rows = with_seen_picture(rows, bag, output, setting, picture)
+    write_log(rows, output)
     units = "[rad, m, s]"
     if not is_bag:
         units = f"[rad, {rows.unit}]{_noise(rows)}"
-    write_log(rows, output)
-    names = rows.joint_names
-    document = {
-        "log": output,
-        "joints": names,
-        "samples": len(rows),
-        "unit": rows.unit,
-        **rows.source,
-        "units": {
-            "joints": {
-                name: "m" if name in sliding else "rad" for name in names
-            },
-            "positions": rows.unit,
-            "time": "s",
-        },
-    }
-    columns = ", ".join(log_columns(rows))
-    line = f"{output}: {len(rows)} rows of {columns} {units}"
-    return Outcome(document, [line])
+    return _outcome(rows, output, sliding, units)
 
 
 def _check_pictures(
@@ -202,6 +170,62 @@ def _check_pictures(
         raise BadOption(
             f"{len(names)} names: expected one video or dataset, or pictures"
         )
+
+
+def _tag_log(
+    names: Sequence[str],
+    joints: JointTable | None,
+    setting: Setting,
+    time_offset: float | None,
+    still: float | None,
+    max_gap: float,
+) -> Samples:
+    """Make a log of a video or of pictures of a tag."""
+    from calib.recording.tag_logs import log_pictures, log_video
+
+    if joints is None:
+        raise BadOption(
+            "--joints-file FILE is missing: pictures and videos need it"
+        )
+    if is_film(names):
+        rows = log_video(
+            names[0],
+            joints,
+            setting,
+            time_offset=time_offset,
+            still=still,
+            max_gap=max_gap,
+        )
+    else:
+        rows = log_pictures(names, joints, setting)
+    say(rows.notes)
+    return rows
+
+
+def _outcome(
+    rows: Samples, path: str, sliding: Sequence[str], units: str
+) -> Outcome:
+    """Report a log that was written to a file."""
+    from calib.samples.roles import log_columns
+
+    names = rows.joint_names
+    document = {
+        "log": path,
+        "joints": names,
+        "samples": len(rows),
+        "unit": rows.unit,
+        **rows.source,
+        "units": {
+            "joints": {
+                name: "m" if name in sliding else "rad" for name in names
+            },
+            "positions": rows.unit,
+            "time": "s",
+        },
+    }
+    columns = ", ".join(log_columns(rows))
+    line = f"{path}: {len(rows)} rows of {columns} {units}"
+    return Outcome(document, [line])
 
 
 def _noise(rows: Samples) -> str:

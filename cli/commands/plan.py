@@ -24,6 +24,7 @@ from ..units import JointFormat, in_si
 
 if TYPE_CHECKING:
     from calib.arm.arm import Arm
+    from calib.use.plan import Plan
 
 
 def plan(
@@ -78,8 +79,6 @@ def plan(
     ] = None,
     seed: opt.Seed = 0,
 ) -> Outcome:
-    from calib.samples.tables import write_table
-
     is_model = robot.endswith(".calib")
     if not handeye or is_model:
         why = "is for --handeye of ROBOT: a model knows its board"
@@ -144,6 +143,15 @@ def plan(
         above=above,
     )
     say(result.notes)
+    return _joint_poses(result, output, shown, seed)
+
+
+def _joint_poses(
+    result: Plan, output: str, shown: JointFormat, seed: int
+) -> Outcome:
+    """Write the joint values of a plan."""
+    from calib.samples.tables import write_table
+
     names = shown.names
     table = result.columns()
     table |= by_name(names, (result.q * shown.to_typed).T)
@@ -162,7 +170,7 @@ def plan(
             "positions": result.unit,
         },
     }
-    unit = "deg" if degrees else "rad"
+    unit = "deg" if shown.degrees else "rad"
     line = f"{output}: {len(result)} rows of {', '.join(table)} [{unit}, {result.unit}]"
     ways = ", ".join(shown.change(k, way) for k, way in enumerate(travel))
     return Outcome(document, [line, *result.why, f"joints travel {ways}"])
