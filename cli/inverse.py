@@ -61,7 +61,7 @@ def orientation_of(
 ) -> Array | None:
     """Return the orientation (4,) that was typed, None where none was."""
     if quaternion is not None:
-        return np.asarray(np.array(quaternion) / math.hypot(*quaternion))
+        return np.array(quaternion) / math.hypot(*quaternion)
     if rpy is None:
         return None
     from calib.samples.roles import from_angles

@@ -63,7 +63,7 @@ def exponential(vectors: ArrayLike) -> Array:
     # Rodrigues: 1 + sin(angle) K + (1 - cos(angle)) K^2 of a unit vector
     straight = np.sin(angle) / angle * k
     bent = 2 * (np.sin(angle / 2) / angle) ** 2 * (k @ k)
-    return np.asarray(np.eye(3) + straight + bent)
+    return np.eye(3) + straight + bent
 
 
 def logarithm(matrices: ArrayLike) -> Array:
@@ -76,7 +76,7 @@ def _vector_of(q: Array) -> Array:
     q = np.where(q[..., 3:] < 0, -q, q)
     sine = _lengths(q[..., :3])
     half = np.arctan2(sine, q[..., 3:])
-    return np.asarray(2 * half / np.maximum(sine, _LEAST) * q[..., :3])
+    return 2 * half / np.maximum(sine, _LEAST) * q[..., :3]
 
 
 def _lengths(vectors: Array) -> Array:

@@ -251,7 +251,7 @@ def _nearest_move(
     if preferred_move is not None:
         rest = rest - slope @ preferred_move[..., None]
     force = np.linalg.solve(power, rest)
-    move = np.asarray((across @ force)[..., 0])
+    move = (across @ force)[..., 0]
     return move if preferred_move is None else preferred_move + move
 
 

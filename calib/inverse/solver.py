@@ -40,17 +40,6 @@ class BestSolutions:
     # (n,), how far the joints are from `near`; above `_UNMET` where they miss the target
     cost: Array
 
-    @staticmethod
-    def of(newton: Newton, iterate: Iterate, near: Array) -> BestSolutions:
-        """Start with one solution of each target."""
-        cost = _cost(newton, iterate, near)
-        return BestSolutions(
-            newton,
-            near,
-            iterate,
-            cost,
-        )
-
     def rows_beyond(self, distance: float) -> Index:
         """Targets whose joints are further from `near` than that, or miss them.
 
@@ -154,7 +143,13 @@ class Solver:
             best = self._try_all_at_once(x, near)
         else:
             iterate = solve_near(newton, near, x, near)
-            best = BestSolutions.of(newton, iterate, near)
+            cost = _cost(newton, iterate, near)
+            best = BestSolutions(
+                newton,
+                near,
+                iterate,
+                cost,
+            )
             rows = best.rows_beyond(SOLVER.near_enough_spare)
             if len(rows):
                 target, start = self.starts.of(x[rows])

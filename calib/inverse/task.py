@@ -108,7 +108,7 @@ class Poses:
         return residual, slope * self.scale.span
 
 
-def turn_left(start: Array, goal: Array, axis: int | None = None) -> Array:
+def turn_left(start: Array, goal: Array, axis: int | None) -> Array:
     """Rotation vectors (n, 3) from orientations (n, 3, 3) to others.
 
     Where the turn about an axis of the tip is free, the others are those nearest to the first: of

@@ -88,8 +88,8 @@ class Question:
     """What a function of the C source answers to one row."""
 
     function: str
-    sizes: tuple[int, ...]  # of the further arguments
-    answer: tuple[int, ...]  # its shape
+    answer: tuple[int, ...] = ()  # its shape
+    sizes: tuple[int, ...] = ()  # of the further arguments
 
 
 @dataclass(frozen=True)
@@ -118,21 +118,19 @@ class Library:
         self._local = threading.local()
         self._dof = dof
         place = (outputs,)
-        # and the free axis, or -1, how far starts are apart, and how many there are
+        # position, quaternion; the free axis or -1, how far starts are apart, their number
         pose = (3, 4, 3)
         self._questions = {
-            "forward": Question("forward", (), place),
-            "jacobian": Question("jacobian", (), (outputs, dof)),
-            "bounds": Question("expected_error", (), ()),
-            "model_bounds": Question("model_error", (), ()),
-            "pose": Question("pose_row", (), (7,)),
-            "inverse": Question("inverse_row", place, (dof,)),
-            "inverse_all": Question(
-                "inverse_all_row", (), (MOST.branches, dof)
-            ),
-            "poses": Question("poses_row", pose, (dof,)),
-            "poses_all": Question("poses_all_row", pose, (MOST.most_ways, dof)),
-            "correct": Question("correct", (), (1, dof)),
+            "forward": Question("forward", place),
+            "jacobian": Question("jacobian", (outputs, dof)),
+            "bounds": Question("expected_error"),
+            "model_bounds": Question("model_error"),
+            "pose": Question("pose_row", (7,)),
+            "inverse": Question("inverse_row", (dof,), place),
+            "inverse_all": Question("inverse_all_row", (MOST.branches, dof)),
+            "poses": Question("poses_row", (dof,), pose),
+            "poses_all": Question("poses_all_row", (MOST.most_ways, dof), pose),
+            "correct": Question("correct", (1, dof)),
         }
 
     def has(self, name: str) -> bool:

@@ -114,7 +114,7 @@ class Association:
         # sum_i a_i c_ij w_j / sum_i a_i c_ij
         a = self.wiring.activity(self.motor, u)
         total = a @ self._strength
-        sums = np.asarray(a @ self._partner_sums)
+        sums = a @ self._partner_sums
         is_linked = total > 0
         predicted = sums / np.where(is_linked, total, 1.0)[:, None]
         unlinked = np.flatnonzero(~is_linked)

@@ -66,9 +66,9 @@ class Stage:
 
 def coarse_to_fine(
     lattice: Lattice,
-    epochs: int | None = None,
-    sigma: tuple[float, float] | None = None,
-    density: Density = "even",
+    epochs: int | None,
+    sigma: tuple[float, float] | None,
+    density: Density,
 ) -> list[Stage]:
     """Stages that order a coarse lattice and refine it up to `lattice`.
 
@@ -173,7 +173,7 @@ def learn_batch(
     stages: list[Stage],
     gain: Gain | None,
     rng: np.random.Generator,
-    residual: Array | None = None,
+    residual: Array | None,
 ) -> Iterator[Epoch]:
     """Train stage after stage; yields after each epoch.
 

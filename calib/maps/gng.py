@@ -86,9 +86,9 @@ def learn_gng(
 def present_gng(
     gas: Gas,
     samples: Array,
-    decay: float = 0.995,
-    gain: Gain | None = None,
-    progress: float = 1.0,
+    decay: float,
+    gain: Gain | None,
+    progress: float,
 ) -> float:
     """Move the winners of a block and their neighbours, renew and age edges.
 

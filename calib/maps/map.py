@@ -95,8 +95,7 @@ class Map:
         first = self.units[a]
         second = self.units[b]
         gap = self.scale.difference(first, second)
-        lengths = row_lengths(gap)
-        return frozen(np.asarray(lengths))
+        return frozen(row_lengths(gap))
 
     @cached_property
     def spacing(self) -> float:

@@ -281,7 +281,7 @@ def near_on_turn(model: Parts, near_u: Array, near: ArrayLike | None) -> Array:
 
 
 def motion_of(
-    model: Parts, q: ArrayLike, approach: ArrayLike | None = None
+    model: Parts, q: ArrayLike, approach: ArrayLike | None
 ) -> tuple[Motion, bool]:
     """The motion of a query, and whether it is a single row."""
     names = model.about.joint_names

@@ -183,10 +183,8 @@ def belief(posterior: CompactPosterior, *, noise: bool) -> Section:
         arms["drawn"] = arm.drawn
     if posterior.curves.any():
         tables |= _curves(arm)
-        waves = posterior.curves.reshape(
-            len(posterior.curves), 2, HARMONICS, -1
-        )
-        tables["by_wave"] = waves
+        shape = len(posterior.curves), 2, HARMONICS, -1
+        tables["by_wave"] = posterior.curves.reshape(shape)
         tables["alone"] = posterior.alone
     geometry = posterior.geometry
     parts = np.concatenate(list(geometry.values()))
@@ -256,8 +254,8 @@ def grid_starts(model: Parts) -> Section:
         "grid_lower": place.lower,
         "grid_step": step,
         "cell": np.append(0, np.cumsum(count)),
+        "start_q": model.motor.scale.from_unit(u[single]),
     }
-    grid["start_q"] = model.motor.scale.from_unit(u[single])
     return Section(grid, {"starts": np.count_nonzero(single)})
 
 

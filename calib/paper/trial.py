@@ -137,13 +137,13 @@ def row_of_seeds(results: Sequence[SeedErrors]) -> Row:
                     result.errors[readout][direction][column]
                     for result in results
                 ]
+                cell = _mean_cell(cells)
                 if column == "distance":
-                    row[readout][f"{direction}_distance"] = _mean_cell(cells)
+                    row[readout][f"{direction}_distance"] = cell
                     continue
                 width = float(
                     np.mean([result.ranges[column] for result in results])
                 )
-                cell = _mean_cell(cells)
                 cell["mean_of_range"] = cell["mean"] / width
                 cell["max_of_range"] = cell["max"] / width
                 row[readout][column] = cell
@@ -192,7 +192,7 @@ def activity_errors(pair: Association, q: Array, x: Array) -> Array:
     inverse = motor.difference(
         np.clip(pair.inverses(v, u)["activity"], 0.0, 1.0), u
     )
-    return np.asarray(np.abs(np.hstack([forward, inverse])))
+    return np.abs(np.hstack([forward, inverse]))
 
 
 def best_schedule(setting: Setting, network: str) -> list[Candidate]:

@@ -94,23 +94,23 @@ def handeye(
 
     check_file(output, (".calib",), option="-o")
     check_file(transform, (".json",), option="--transform")
-    if poses_file is None and len(names) != 2:
-        raise BadOption(
-            f"{len(names)} names: expected ROBOT PICTURES, or PICTURES with --poses-file"
-        )
-    if poses_file is not None and len(names) != 1:
-        raise BadOption("--poses-file takes PICTURES alone: no ROBOT")
-    of_robot = {
-        "joints_file": joints_file,
-        "joints": joints,
-        "tip": tip,
-        "lock": lock,
-    }
     pictures = names[-1]
     arm = None
     if poses_file is not None:
+        if len(names) != 1:
+            raise BadOption("--poses-file takes PICTURES alone: no ROBOT")
+        of_robot = {
+            "joints_file": joints_file,
+            "joints": joints,
+            "tip": tip,
+            "lock": lock,
+        }
         refuse(of_robot, "is of ROBOT, which --poses-file replaces")
     else:
+        if len(names) != 2:
+            raise BadOption(
+                f"{len(names)} names: expected ROBOT PICTURES, or PICTURES with --poses-file"
+            )
         refuse({"unit": unit, "rotation": rotation}, "is of --poses-file")
         selection = Selection(joints, tip, lock=lock, degrees=degrees)
         arm = selection.load(names[0])
@@ -137,14 +137,19 @@ def handeye(
     warnings = [] if output is None else _save(rig, output)
     warnings += map(as_typed, doubts)
     if transform is not None:
-        from calib.common.atomic import atomic_write
-        from calib.recording.rig import transform_files
-
-        for path, text in transform_files(rig, transform).items():
-            atomic_write(path, text.encode())
-            note(f"where all is stands in {path}")
+        _write_transforms(rig, transform)
     document = {**rig.to_json(), "units": UNITS}
     return Outcome(document, rig.lines(), warnings=warnings)
+
+
+def _write_transforms(rig: calib.HandEye, path: str) -> None:
+    """Write where cameras and board are, for ROS and for people."""
+    from calib.common.atomic import atomic_write
+    from calib.recording.rig import transform_files
+
+    for file, text in transform_files(rig, path).items():
+        atomic_write(file, text.encode())
+        note(f"where all is stands in {file}")
 
 
 def _save(rig: calib.HandEye, path: str) -> list[str]:

@@ -109,9 +109,13 @@ def log(
     )
     table = None
     if not is_bag:
-        topics = {"joints_topic": joints_topic, "tip_topic": tip_topic}
+        of_bags = {
+            "joints_topic": joints_topic,
+            "tip_topic": tip_topic,
+            "frames": frames,
+        }
         of_videos = {"still": still, "time_offset": time_offset}
-        _check_pictures(bag, eye, {**topics, "frames": frames}, of_videos)
+        _check_pictures(bag, eye, of_bags, of_videos)
     if joints_file is not None:
         table = read_joints(
             joints_file, joints, degrees=degrees, prismatic=sliding

@@ -42,35 +42,37 @@ def path(
     valid = np.flatnonzero(answered)
     longest = None if step is None else step / query.positions.to_typed
     first = query.within_range("--from", start)
-    way = query.model.path(
+    result = query.model.path(
         batch.values[valid], first, longest, frame=query.frame
     )
-    fast = (way.fast_turns + 1).tolist()
+    fast = (result.fast_turns + 1).tolist()
     note_rows(
         fast,
-        len(way.q),
+        len(result.q),
         "joints turn fast here, beside an axis or a stretched pose: go slowly",
     )
     table = {
-        "waypoint": valid[way.waypoint] + 1,
-        **by_name(axes, way.target.T),
-        **by_name(joints.names, (way.q * joints.to_typed).T),
-        "distance": way.distance,
-        "expected_error": way.expected_error,
-        "model_error": way.model_error,
-        "reachable": way.reachable.astype(np.int64),
-        "jump": np.isin(np.arange(len(way.q)), way.jumps).astype(np.int64),
+        "waypoint": valid[result.waypoint] + 1,
+        **by_name(axes, result.target.T),
+        **by_name(joints.names, (result.q * joints.to_typed).T),
+        "distance": result.distance,
+        "expected_error": result.expected_error,
+        "model_error": result.model_error,
+        "reachable": result.reachable.astype(np.int64),
+        "jump": np.isin(np.arange(len(result.q)), result.jumps).astype(
+            np.int64
+        ),
     }
-    missed = ~way.reachable
-    largest = float(way.distance[missed].max(initial=0.0))
+    missed = ~result.reachable
+    largest = float(result.distance[missed].max(initial=0.0))
     furthest = query.positions.words(largest)
     failures = {
         "jumps": (
-            way.jumps,
+            result.jumps,
             "a jump cannot be avoided, the branch ends before",
         ),
         "left_out": (
-            np.flatnonzero(way.left_out),
+            np.flatnonzero(result.left_out),
             "left out, far beyond all that the arm reaches: the joints stay",
         ),
         "out_of_reach": (
@@ -82,7 +84,7 @@ def path(
         batch,
         table,
         failures,
-        count=len(way.q),
+        count=len(result.q),
         key="path",
         facts={"fast_turns": fast},
     )
