@@ -192,8 +192,7 @@ def test_a_joint_that_an_equality_ties_to_another_follows_it():
 def test_masses_count_where_every_moving_body_states_its_own(mass, total):
     """MuJoCo weighs a body without <inertial> by its geoms: the others' masses are half a load."""
     heavy = '<inertial pos="0 0 0.05" mass="2" diaginertia=".01 .01 .01"/>'
-    stated = arm_from_urdf(EVERY_FORM).chain.masses
-    assert stated.sum() == pytest.approx(6)
+    assert arm_from_urdf(EVERY_FORM).chain.masses.sum() == pytest.approx(6)
     assert EVERY_FORM.count(heavy) == 3
     last = f'<geom size=".1" {mass}/>'.join(EVERY_FORM.rsplit(heavy, 1))
     assert arm_from_urdf(last).chain.masses.sum() == pytest.approx(total, abs=0)

@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 import typer
-from calib_cli.app import application
+from calib_cli.app import INPUTS, OUTPUTS, application
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -141,8 +141,7 @@ def judge_output(args, done):
         assert len(others) == len(errors) == 1, said
         assert "--json" in args or not out, said
     elif code == 1:  # of a batch, the others are answered
-        told = errors or "not all values are numbers" in err or "left out" in err
-        assert told, said
+        assert errors or "not all values are numbers" in err or "left out" in err, said
         assert len(errors) <= 1, said
     else:
         assert code in (0, 3), said
@@ -180,6 +179,12 @@ def test_command_lines_end_in_order(home, run):
 
     judge()
     assert set(found) == {0, 1, 2, 3}, found
+
+
+def test_which_files_a_command_reads_and_writes_is_listed():
+    parts = [part for _, command in COMMANDS for part in command.params]
+    files = {p.name for p in parts if re.search(r"(FILE|LOG|MODEL)\b", p.metavar or "")}
+    assert files - {*INPUTS, *OUTPUTS} == {"camera", "log", "model", "models", "photo"}
 
 
 @pytest.mark.parametrize("name", ["\x1b]0;own\x07", "\x1b[2J", "\u202eel", "a\nb", "\x9b2J", "\t"])

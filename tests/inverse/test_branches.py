@@ -178,8 +178,7 @@ def test_ways_beyond_a_fold_of_the_drawing_are_found():
     q[:, 4] = np.random.default_rng(0).uniform(-0.05, 0.05, 400)  # a straight wrist
     answers = solve_poses(model, *model.pose(q), None, every=True)
     apart = np.remainder(answers.q - q[answers.target] + np.pi, TURN) - np.pi
-    same = np.abs(apart).max(axis=1) < 1e-3
-    assert len(np.unique(answers.target[same])) > 0.97 * len(q)
+    assert len(np.unique(answers.target[np.abs(apart).max(axis=1) < 1e-3])) > 0.97 * len(q)
 
 
 def test_a_way_beside_one_that_went_stays():
@@ -315,8 +314,7 @@ def test_a_jump_that_cannot_be_avoided_is_told_where_it_is(model):
 
 def test_rows_lie_on_the_lines_at_most_a_step_apart(model):
     path = model.path(SQUARE, step=0.007)
-    gaps = lengths(np.diff(path.target, axis=0))
-    assert gaps.max() <= 0.007 + 1e-12
+    assert lengths(np.diff(path.target, axis=0)).max() <= 0.007 + 1e-12
     for k, waypoint in enumerate(SQUARE):
         last = np.flatnonzero(path.waypoint == k)[-1]
         assert_array_equal(path.target[last], waypoint)

@@ -115,8 +115,7 @@ def test_errors_are_mean_distances_in_own_units_and_shares_between_nodes_that_ar
     scale = Scale.of_range(np.array([0.0, -5.0]), np.array([2.0, 5.0]), (False, False))
     square = network([[0, 0], [0, 1], [1, 0], [1, 1]], (2, 2), scale)
     # a fifth of the width beside the first node; a tenth of the height below the last
-    x = [[0.4, -5.0], [2.0, 4.0]]
-    assert square.quantization_error(x) == pytest.approx((0.4 + 1.0) / 2)
+    assert square.quantization_error([[0.4, -5.0], [2.0, 4.0]]) == pytest.approx((0.4 + 1.0) / 2)
     assert square.quantization_error(square.weights) == 0.0
     # a line of four nodes folded over: nodes 0 and 3 lie side by side
     folded = network([[0.0, 0.0], [0.5, 0.0], [0.5, 0.4], [0.0, 0.1]], (4,))

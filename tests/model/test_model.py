@@ -129,8 +129,7 @@ def test_bounds_of_a_simulation_hold_in_both_directions(robot, noise, all_points
         assert away[reached].max() < 1e-12
         return
     assert 0.93 <= forward.mean() <= 0.97
-    within = calib.evaluate(model).within
-    assert within["covered"] == pytest.approx(forward.mean(), abs=0.015)
+    assert calib.evaluate(model).within["covered"] == pytest.approx(forward.mean(), abs=0.015)
     assert 0.93 <= inverse.mean() <= 0.97
     border = (np.abs(model.motor.scale.to_unit(q) - 0.5) > 0.45).any(axis=1)
     assert 0.91 <= forward[border].mean() <= 0.98
