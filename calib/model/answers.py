@@ -20,7 +20,7 @@ from ..inverse.solutions import slices
 from ..kernel.compiled import Flag
 from ..samples.motion import Motion
 from .compiled_queries import INVERSE, INVERSE_ALL, kernel_for
-from .parts import PREDICTOR, Parts
+from .parts import PREDICTOR, ModelParts
 from .turns import nearest_turn, on_turn
 
 
@@ -73,7 +73,7 @@ class Answer(NamedTuple):
 
 
 def unit_joints(
-    model: Parts, x: Array, near: Array, readouts: Sequence[str]
+    model: ModelParts, x: Array, near: Array, readouts: Sequence[str]
 ) -> dict[str, Array]:
     """Joints of the unit box (n, dof) that answer targets (n, m), by readout."""
     target = limited_targets(model, x)
@@ -94,7 +94,7 @@ def unit_joints(
 
 
 def inverse(
-    model: Parts, x: Array, near: ArrayLike | None, *, nearest: bool
+    model: ModelParts, x: Array, near: ArrayLike | None, *, nearest: bool
 ) -> Array:
     """Joints (n, dof) for targets (n, m); NaN out of reach, or those that come `nearest`."""
     near_u = near_in_box(model, near, len(x))
@@ -115,7 +115,7 @@ def inverse(
 
 
 def _inverse_by_numpy(
-    model: Parts, x: Array, near_u: Array, near_q: Array, nearest: bool
+    model: ModelParts, x: Array, near_u: Array, near_q: Array, nearest: bool
 ) -> Array:
     """The joints (n, dof) of `inverse`, nearest to `near_u`, on the turns nearest to `near_q`."""
     joints, within = joints_and_reach(model, x, near_u, bounded=not nearest)
@@ -124,7 +124,10 @@ def _inverse_by_numpy(
 
 
 def solve(
-    model: Parts, x: Array, near: ArrayLike | None, readout: str = PREDICTOR
+    model: ModelParts,
+    x: Array,
+    near: ArrayLike | None,
+    readout: str = PREDICTOR,
 ) -> Answer:
     """Joints nearest to `near` for targets (n, m) in full; out of reach those that come nearest."""
     if readout == PREDICTOR:
@@ -136,19 +139,19 @@ def solve(
     return describe_joints(model, u, x, readout=readout)
 
 
-def solve_all(model: Parts, x: Array) -> list[Answer]:
+def solve_all(model: ModelParts, x: Array) -> list[Answer]:
     """All branches of each target (n, m) in full, the nearest to the ranges' middle first."""
     every = every_branch(model, x)
     return [every.rows(rows) for rows in slices(every.target, len(x))]
 
 
-def every_branch(model: Parts, x: Array) -> Answer:
+def every_branch(model: ModelParts, x: Array) -> Answer:
     """All branches of targets (n, m), one after another."""
     solutions = model.solver.solve_all(limited_targets(model, x))
     return describe_joints(model, solutions.u, x, solutions.target)
 
 
-def inverse_all(model: Parts, x: Array) -> list[Array]:
+def inverse_all(model: ModelParts, x: Array) -> list[Array]:
     """Joints (k, dof) of every branch of targets (n, m), the nearest to the middle first."""
     kernel = None  # families of redundant joints are NumPy's
     if not model.solver.redundant:
@@ -166,7 +169,7 @@ def inverse_all(model: Parts, x: Array) -> list[Array]:
 
 
 def joints_and_reach(
-    model: Parts, x: Array, near: Array, *, bounded: bool = True
+    model: ModelParts, x: Array, near: Array, *, bounded: bool = True
 ) -> tuple[Array, Mask]:
     """Nearest joint values (n, dof), and whether they reach the target (n,) if `bounded`."""
     u, distance = model.solver.solve(limited_targets(model, x), near)
@@ -179,7 +182,7 @@ def joints_and_reach(
     return model.motor.scale.from_unit(u), within
 
 
-def limited_targets(model: Parts, x: Array) -> Array:
+def limited_targets(model: ModelParts, x: Array) -> Array:
     """Targets (n, m), those further than a million extents moved nearer in the same direction.
 
     The squares of larger numbers overflow.
@@ -194,7 +197,7 @@ def limited_targets(model: Parts, x: Array) -> Array:
 
 
 def describe_joints(
-    model: Parts,
+    model: ModelParts,
     u: Array,
     x: Array,
     target: Index | None = None,
@@ -223,7 +226,7 @@ def describe_joints(
     return Answer(q, position, distance, *bounds, within, target)
 
 
-def _within_reach(model: Parts, bound: Array) -> Array:
+def _within_reach(model: ModelParts, bound: Array) -> Array:
     """Distance (n,) to a target at which it counts as reached [unit]."""
     extent = model.solver.extent
     least = ANSWER.reached * extent
@@ -244,7 +247,7 @@ def rows_for(
     return np.broadcast_to(rows, (n, len(names)))
 
 
-def near_in_box(model: Parts, near: ArrayLike | None, n: int) -> Array:
+def near_in_box(model: ModelParts, near: ArrayLike | None, n: int) -> Array:
     """Joints of the unit box that answers should be close to, (n, dof).
 
     The middle of the ranges where `near` is not given; values beyond a limit are clipped.
@@ -271,7 +274,9 @@ def near_in_box(model: Parts, near: ArrayLike | None, n: int) -> Array:
     return np.where(scale.periodic, scale.to_unit(rows), inside)
 
 
-def near_on_turn(model: Parts, near_u: Array, near: ArrayLike | None) -> Array:
+def near_on_turn(
+    model: ModelParts, near_u: Array, near: ArrayLike | None
+) -> Array:
     """Joints (n, dof) [rad or m] of :func:`near_in_box`, on the turns nearest to `near`."""
     q = model.motor.scale.from_unit(near_u)
     if near is None or not model.motor.scale.goes_round:
@@ -281,7 +286,7 @@ def near_on_turn(model: Parts, near_u: Array, near: ArrayLike | None) -> Array:
 
 
 def motion_of(
-    model: Parts, q: ArrayLike, approach: ArrayLike | None
+    model: ModelParts, q: ArrayLike, approach: ArrayLike | None
 ) -> tuple[Motion, bool]:
     """The motion of a query, and whether it is a single row."""
     names = model.about.joint_names
@@ -293,7 +298,7 @@ def motion_of(
 
 
 def servo_step(
-    model: Parts,
+    model: ModelParts,
     measured: ArrayLike,
     target: ArrayLike,
     q: ArrayLike,

@@ -15,7 +15,7 @@ from ..kernel.arm import KernelArm
 from ..kernel.source import braces, c_source, source, table
 from . import sections
 from .nominal import Goal, nominal_for_kernel
-from .parts import Parts
+from .parts import ModelParts
 from .sections import Section, Tables, Words
 
 # files of the source, and the table or word of a model that each is for
@@ -67,7 +67,7 @@ _NO_COMMENTS: Words = {
 class Header:
     """What of a model its C source is made of."""
 
-    model: Parts
+    model: ModelParts
     arm: KernelArm
     # the nominal arm, and those of its residuals that `calib_correct` uses
     nominal: tuple[KernelArm, Goal] | None
@@ -76,7 +76,7 @@ class Header:
     small: bool = False
 
     @staticmethod
-    def of(model: Parts, *, small: bool = False) -> Header:
+    def of(model: ModelParts, *, small: bool = False) -> Header:
         """What the C source of a model is made of; OptionError if the model has no body."""
         if model.body is None:
             raise OptionError(

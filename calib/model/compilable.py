@@ -1,4 +1,4 @@
-"""Models whose single queries compiled C answers, where there is a compiler."""
+"""Compilable: a model whose single queries compiled C answers, where there is a compiler."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .compiled_queries import (
     kernel_for,
     kernel_of,
 )
-from .parts import Parts
+from .parts import ModelParts
 from .prediction import Prediction
 
 _UNSURE = "the bound on the position may be too wide here: ask without strict"
@@ -28,7 +28,7 @@ _UNREACHED = "no joints were found from `near` on within a bounded search"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Compilable(Parts):
+class Compilable(ModelParts):
     """The parts of a model, and what was compiled of them."""
 
     strict: ClassVar[bool] = False  # see `warm_up`; no field, as `kernel`

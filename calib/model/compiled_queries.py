@@ -1,4 +1,4 @@
-"""Compiling: questions that compiled C answers, and when a model's C is compiled for them."""
+"""Compiled queries: those that compiled C answers, and when a model's C is compiled."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..errors import CalibError, OptionError
 from ..kernel.compiled import Library, compile_source
-from .parts import Parts
+from .parts import ModelParts
 from .prediction import Prediction
 
 COMPILE_TIME = 7e5  # [us], processor time of the compiler
@@ -55,7 +55,7 @@ POSES = CompiledQuery("poses", 40.0)
 POSES_ALL = CompiledQuery("poses_all", 100.0)
 
 
-def kernel_of(model: Parts) -> tuple[Library | None, str]:
+def kernel_of(model: ModelParts) -> tuple[Library | None, str]:
     """A model's compiled kernel, or None, and a sentence on what queries are answered by."""
     from .c_header import Header
 
@@ -69,7 +69,7 @@ def kernel_of(model: Parts) -> tuple[Library | None, str]:
     return compiled, "queries are answered by compiled C"
 
 
-def _check_answers(model: Parts, kernel: Library) -> None:
+def _check_answers(model: ModelParts, kernel: Library) -> None:
     """Refuse C that knows less than NumPy, such as a body's parameter that only one of them has."""
     step = max(model.motor.size // ROWS_TO_COMPARE, 1)
     q = model.motor.weights[::step]
@@ -80,7 +80,9 @@ def _check_answers(model: Parts, kernel: Library) -> None:
         raise OptionError("the compiled C does not agree with NumPy")
 
 
-def kernel_for(model: Parts, query: CompiledQuery, rows: int) -> Library | None:
+def kernel_for(
+    model: ModelParts, query: CompiledQuery, rows: int
+) -> Library | None:
     """The compiled C for rows of a query, made where that pays; None where NumPy answers.
 
     If it cannot be made, one warning gives the reason.

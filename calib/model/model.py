@@ -1,4 +1,8 @@
-"""The model: two maps, their Hebbian links and local models, queried in both directions."""
+"""The model: two maps, their Hebbian links and local models, queried in both directions.
+
+`ModelParts` has the fields, bounds and readouts; `Compilable` adds single queries by compiled C,
+`Model` the public queries.  Functions that a model imports take its `ModelParts`.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +54,7 @@ FUNCTIONS = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model(Compilable):
-    """A calibrated arm: its parts, see :class:`calib.model.parts.Parts`, and what it answers.
+    """A calibrated arm: its :class:`calib.model.parts.ModelParts`, and what it answers.
 
     Queries take single vectors as well as batches, with one row each.
     """
@@ -146,7 +150,7 @@ class Model(Compilable):
                 why = f"sensor {sensor!r}: expected none, the model has one sensor"
                 raise OptionError(why, parameter="sensor")
             return self.by(sensor).forward(q, readout, approach=approach)
-        if readout is None or self.resolve_readout(readout) == PREDICTOR:
+        if readout is None or self._resolve_readout(readout) == PREDICTOR:
             return self._at(FORWARD, q, approach)
         motion, single = answers.motion_of(self, q, approach)
         x = Prediction(self, motion).read(readout)
@@ -179,7 +183,7 @@ class Model(Compilable):
             if quick is not None:
                 return quick
         rows, single = query_rows(x, self.axes, "positions")
-        if self.resolve_readout(readout) == PREDICTOR:
+        if self._resolve_readout(readout) == PREDICTOR:
             q = answers.inverse(self, rows, near, nearest=nearest)
         else:
             answer = self.solve(rows, near, readout)
@@ -200,7 +204,7 @@ class Model(Compilable):
     ) -> Answer:
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
         rows, _ = query_rows(x, self.axes, "positions")
-        return answers.solve(self, rows, near, self.resolve_readout(readout))
+        return answers.solve(self, rows, near, self._resolve_readout(readout))
 
     def solve_all(self, x: ArrayLike) -> list[Answer]:
         """All branches of each target (n, m), the one closest to the middle of the ranges first.

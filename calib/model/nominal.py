@@ -20,11 +20,11 @@ from ..common.arrays import Array
 from ..common.rows import spread_rows
 from ..errors import CalibError, OptionError
 from ..kernel.arm import KernelArm
-from .parts import Parts
+from .parts import ModelParts
 
 
 def nominal_in_plane(
-    model: Parts, *, based: bool = False
+    model: ModelParts, *, based: bool = False
 ) -> tuple[PlanarStructure, Array]:
     """Structure and parameters (d,) of the nominal arm of a model with a planar body.
 
@@ -45,7 +45,7 @@ def nominal_in_plane(
     return structure, nominal_parameters(structure, body.beta)
 
 
-def nominal_structure(model: Parts) -> tuple[Structure, Array]:
+def nominal_structure(model: ModelParts) -> tuple[Structure, Array]:
     """Structure and parameters (d,) of the nominal arm, seen by the sensor of a model's body."""
     body = model.body
     if body is None or isinstance(body.structure, PlanarStructure):
@@ -62,7 +62,7 @@ def nominal_parameters(structure: Structure, beta: Array) -> Array:
     return nominal
 
 
-def moves_in_space(model: Parts) -> bool:
+def moves_in_space(model: ModelParts) -> bool:
     """Whether the arm moves in space: seen in x, y and z, or by a camera from anywhere."""
     return len(model.axes) == 3 or (
         model.body is not None
@@ -70,7 +70,7 @@ def moves_in_space(model: Parts) -> bool:
     )
 
 
-def visited_joints(model: Parts, most: int) -> Array:
+def visited_joints(model: ModelParts, most: int) -> Array:
     """Joints (n, dof) of some motor nodes that rows visited, within the ranges."""
     nodes = np.flatnonzero(model.visited)
     nodes = nodes[spread_rows(len(nodes), most)]
@@ -79,7 +79,7 @@ def visited_joints(model: Parts, most: int) -> Array:
     )
 
 
-def nominal_arm(model: Parts) -> PlanarArm | SpatialArm:
+def nominal_arm(model: ModelParts) -> PlanarArm | SpatialArm:
     """Return the arm as its URDF describes it."""
     about = model.about
     if not about.urdf:
@@ -107,7 +107,7 @@ class Goal(IntEnum):
 
 
 def nominal_for_kernel(
-    model: Parts, arm: KernelArm
+    model: ModelParts, arm: KernelArm
 ) -> tuple[KernelArm, Goal] | None:
     """Return the nominal arm and its residuals for a correction; None where C cannot correct."""
     fitted = arm.structure

@@ -1,4 +1,4 @@
-"""Parts: the maps, body and bounds of a model, and bounds and readouts that follow from them."""
+"""Model parts: its maps, body and bounds, and the predictions and readouts that follow."""
 
 from __future__ import annotations
 
@@ -44,18 +44,18 @@ MOST_SHARE = 0.1
 # beyond the limit
 ROUNDED = 1e-5
 
-_P = TypeVar("_P", bound="Parts")
+_P = TypeVar("_P", bound="ModelParts")
 _T = TypeVar("_T")
 
 PREDICTOR = "local"
-"""Readout that `Parts.predictor` answers: of maps alone it stands for the default, `linear`."""
+"""Readout of `ModelParts.predictor`: of maps alone it stands for the default, `linear`."""
 
 BoundName = Literal["bounds", "model_bounds"]
 """Reading bound, on what `about.bound_of` names, or position bound, on the true position."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Parts:
+class ModelParts:
     """The fields of a :class:`calib.Model`, as a model file keeps them."""
 
     about: About  # what it is a model of and where it came from
@@ -86,7 +86,7 @@ class Parts:
     # by the camera that measured the arm, to draw the map over
     photo: Photo | None = None
     # the same arm as its further sensors see it, each with its own maps, local models and bounds
-    others: tuple[Parts, ...] = ()
+    others: tuple[ModelParts, ...] = ()
 
     # compiled by `warm_up`, or for a large batch; no field, so that no changed model takes it over
     kernel: ClassVar[Library | None] = None
@@ -319,7 +319,7 @@ class Parts:
             self.association.forward(u, readout)
         )
 
-    def resolve_readout(self, name: str | None) -> str:
+    def _resolve_readout(self, name: str | None) -> str:
         """`PREDICTOR` for the default readout, else the name itself."""
         check_choice("readout", name or PREDICTOR, READOUTS)
         if name == "local" and self.default_readout == "linear":
@@ -331,7 +331,7 @@ class Parts:
         return name
 
 
-def remembered(model: Parts, key: str, make: Callable[[], _T]) -> _T:
+def remembered(model: ModelParts, key: str, make: Callable[[], _T]) -> _T:
     """What `make` returned when it was first called for a model and a key."""
     if key not in model.cache:
         model.cache[key] = make()

@@ -27,7 +27,7 @@ from .answers import (
     near_in_box,
     rows_for,
 )
-from .parts import Parts
+from .parts import ModelParts
 from .reach import Reach
 from .space import REACHED, Space
 from .turns import unwound
@@ -113,7 +113,7 @@ class PathTask:
     describe: Callable[[Array, Array], Answer]
 
     @staticmethod
-    def of(model: Parts, frame: str) -> PathTask:
+    def of(model: ModelParts, frame: str) -> PathTask:
         """The task of a model in the frame "sensor" or "base"."""
         if frame == "base":
             space = Space.of(model)
@@ -134,7 +134,7 @@ class PathTask:
 
 
 def follow_path(
-    model: Parts,
+    model: ModelParts,
     waypoints: ArrayLike,
     start: ArrayLike | None,
     step: float | None,

@@ -20,7 +20,7 @@ from ..inverse.task import Poses, turn_left
 from ..samples.motion import Motion
 from ..samples.settings import READING
 from .answers import Answer, near_in_box, near_on_turn, rows_for
-from .parts import Parts
+from .parts import ModelParts
 from .prediction import Prediction
 from .reach import Reach
 from .space import REACHED, Space
@@ -28,7 +28,7 @@ from .turns import on_turn
 
 
 def solve_poses(
-    model: Parts,
+    model: ModelParts,
     position: ArrayLike,
     quaternion: ArrayLike | None = None,
     near: ArrayLike | None = None,
@@ -140,7 +140,7 @@ class Goals:
 
 
 def pose_in_sensor(
-    model: Parts, position: ArrayLike, quaternion: ArrayLike | None
+    model: ModelParts, position: ArrayLike, quaternion: ArrayLike | None
 ) -> tuple[Array, Array | None]:
     """Position (3,) and quaternion (4,), if there is one, of the base frame in the sensor's."""
     space = Space.of(model)

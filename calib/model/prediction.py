@@ -19,7 +19,7 @@ from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Mask
 from ..common.rows import row_lengths
 from ..samples.motion import Motion
-from .parts import PREDICTOR, BoundName, Parts
+from .parts import PREDICTOR, BoundName, ModelParts
 from .space import Space
 
 
@@ -31,7 +31,7 @@ class Prediction:
     and places where the bound exceeds a tenth of the reach.
     """
 
-    model: Parts
+    model: ModelParts
     motion: Motion
 
     @cached_property
@@ -109,7 +109,7 @@ class Prediction:
         return self.model.motor.scale.to_unit(self.joints[self.has_answer])
 
     def _bound(self, which: BoundName) -> Array:
-        """95 % bound (n,) [unit], see `Parts.bound_at`."""
+        """95 % bound (n,) [unit], see `ModelParts.bound_at`."""
         approach = self.model.approach
         side = self.motion.side
         sides: Mask | None = None

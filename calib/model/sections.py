@@ -23,7 +23,7 @@ from ..maps.blend import blend_size
 from ..maps.local_models import exponents
 from ..maps.settings import LOCAL
 from ..samples.settings import READING
-from .parts import ROUNDED, Parts
+from .parts import ROUNDED, ModelParts
 from .space import Space
 from .turns import joint_limits
 
@@ -64,7 +64,7 @@ SETTINGS: Words = {
 """Words of every source."""
 
 
-def joint_ranges(model: Parts) -> Section:
+def joint_ranges(model: ModelParts) -> Section:
     """Ranges of joints, and how far positions extend."""
     scale = model.motor.scale
     limits = joint_limits(model)
@@ -127,7 +127,7 @@ def _sag(sag: Sag) -> Tables:
     return {"gravity": sag.gravity, "bending": sag.bending}
 
 
-def placed_arm(model: Parts, arm: KernelArm) -> list[Section]:
+def placed_arm(model: ModelParts, arm: KernelArm) -> list[Section]:
     """The arm in its base frame, for poses; none where that frame is not known."""
     if arm.outputs != 3:
         return []
@@ -145,7 +145,7 @@ def placed_arm(model: Parts, arm: KernelArm) -> list[Section]:
     return [Section(words=words, arms={"placed": placed})]
 
 
-def motor_nodes(model: Parts) -> Section:
+def motor_nodes(model: ModelParts) -> Section:
     """The motor map's nodes, between which values are blended."""
     nodes = model.motor.size
     near = min(blend_size(len(model.about.lower)), nodes - 1)
@@ -202,7 +202,7 @@ def belief(posterior: CompactPosterior, *, noise: bool) -> Section:
     return Section(tables, words, arms)
 
 
-def local_models(model: Parts) -> Section:
+def local_models(model: ModelParts) -> Section:
     """Local models of the nodes, and how their monomials are made of each other."""
     models = model.predictor.models
     terms = exponents(model.motor.units.shape[1], models.degree)
@@ -231,7 +231,7 @@ def local_models(model: Parts) -> Section:
     return Section(tables, words)
 
 
-def grid_starts(model: Parts) -> Section:
+def grid_starts(model: ModelParts) -> Section:
     """Joints from which positions are sought, by cells of the workspace.
 
     The source grows by 20 bytes a number.
@@ -259,19 +259,19 @@ def grid_starts(model: Parts) -> Section:
     return Section(grid, {"starts": np.count_nonzero(single)})
 
 
-def posture_starts(model: Parts) -> Section:
+def posture_starts(model: ModelParts) -> Section:
     """Joints of redundant arms, which have too many for each place: some postures."""
     nodes = np.flatnonzero(model.visited)
     nodes = nodes[spread_rows(len(nodes), STARTS.postures)]
     return _starts(model, model.motor.units_in_box[nodes])
 
 
-def middle_start(model: Parts) -> Section:
+def middle_start(model: ModelParts) -> Section:
     """The middle of the ranges alone."""
     return _starts(model, np.full((1, len(model.about.lower)), 0.5))
 
 
-def _starts(model: Parts, u: Array) -> Section:
+def _starts(model: ModelParts, u: Array) -> Section:
     """Joints (k, dof) of the unit box, and where they lead."""
     tables: Tables = {
         "start_q": model.motor.scale.from_unit(u),

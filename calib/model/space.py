@@ -22,7 +22,7 @@ from ..common.arrays import Array, Mask
 from ..common.inputs import query_rows
 from ..common.rows import row_lengths
 from ..errors import QueryError
-from .parts import Parts, remembered
+from .parts import ModelParts, remembered
 
 if TYPE_CHECKING:
     from ..kernel.arm import Sag
@@ -38,11 +38,11 @@ _Belief = TypeVar("_Belief", Body, Second)
 class Space:
     """The arm of a model in its base frame."""
 
-    model: Parts
+    model: ModelParts
     body: Body  # the body in the view "base", in m
 
     @staticmethod
-    def of(model: Parts) -> Space:
+    def of(model: ModelParts) -> Space:
         """The arm of a model, made once; QueryError if the model knows no chain in space."""
         return remembered(model, "space", lambda: _space_of(model))
 
@@ -188,7 +188,7 @@ class Space:
         return np.asarray(ahead & inside & unfolded)
 
 
-def _space_of(model: Parts) -> Space:
+def _space_of(model: ModelParts) -> Space:
     body = _in_base(model.body) or _drawn_body(model)
     if body is None:
         raise QueryError(
@@ -255,7 +255,7 @@ def _of_the_arm(structure: SpatialStructure, belief: _Belief) -> _Belief:
     )
 
 
-def _drawn_body(model: Parts) -> Body | None:
+def _drawn_body(model: ModelParts) -> Body | None:
     """The drawn arm of a simulation whose arm and sensor were not changed."""
     about = model.about
     if (

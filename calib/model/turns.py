@@ -9,12 +9,12 @@ import numpy as np
 
 from ..common.arrays import Array, Index, Mask
 from ..common.scale import TURN
-from .parts import Parts
+from .parts import ModelParts
 
 _ROUNDED = 1e-9  # [rad] by which a joint may be rounded beyond its limit
 
 
-def joint_limits(model: Parts) -> Array:
+def joint_limits(model: ModelParts) -> Array:
     """Lower and upper limit (dof, 2) [rad or m]: of more than a turn as drawn."""
     about = model.about
     if about.limits is None:
@@ -22,13 +22,13 @@ def joint_limits(model: Parts) -> Array:
     return about.limits
 
 
-def within_limits(model: Parts, q: Array) -> Mask:
+def within_limits(model: ModelParts, q: Array) -> Mask:
     """Which joint values (n, dof) are within the limits of `joint_limits`."""
     lower, upper = joint_limits(model).T
     return np.asarray((q >= lower - _ROUNDED) & (q <= upper + _ROUNDED))
 
 
-def nearest_turn(model: Parts, q: Array, near: Array) -> Array:
+def nearest_turn(model: ModelParts, q: Array, near: Array) -> Array:
     """Joints (n, dof) by whole turns as near to others (n, dof) as can be, beyond limits too."""
     scale = model.motor.scale
     if not scale.goes_round:
@@ -37,7 +37,7 @@ def nearest_turn(model: Parts, q: Array, near: Array) -> Array:
     return np.where(scale.periodic, q + TURN * turns, q)
 
 
-def on_turn(model: Parts, q: Array, near: Array) -> Array:
+def on_turn(model: ModelParts, q: Array, near: Array) -> Array:
     """Joints (n, dof) by whole turns as near to others (n, dof) as their limits allow."""
     scale = model.motor.scale
     if not scale.goes_round:
@@ -53,7 +53,7 @@ def on_turn(model: Parts, q: Array, near: Array) -> Array:
     return np.where(scale.periodic, np.clip(moved, lower, upper), q)
 
 
-def unwound(model: Parts, q: Array, start: Array) -> tuple[Array, Index]:
+def unwound(model: ModelParts, q: Array, start: Array) -> tuple[Array, Index]:
     """Joints (n, dof) of a path on the turns that follow each other, and rows that turn round.
 
     A joint continues over the seam of its turn where its limits allow; where they do not, it has to

@@ -11,7 +11,7 @@ from ..common.atomic import atomic_write
 from ..common.parallel import one_blas_thread
 from ..errors import CalibError, ModelError
 from ..maps.links import SparseRows
-from ..model.parts import Parts
+from ..model.parts import ModelParts
 from .container import check_sum, pack, unpack
 from .fields import read, write
 
@@ -25,10 +25,10 @@ NONSENSE = (
     TypeError,
     ValueError,
 )
-_M = TypeVar("_M", bound=Parts)
+_M = TypeVar("_M", bound=ModelParts)
 
 
-def save(model: Parts, path: str | os.PathLike[str]) -> None:
+def save(model: ModelParts, path: str | os.PathLike[str]) -> None:
     """Write a model into one file, whole or not at all, once it could be read back.
 
     The same model gives the same bytes: there are no times, dates or paths inside.  Raises
@@ -45,7 +45,7 @@ def save(model: Parts, path: str | os.PathLike[str]) -> None:
     atomic_write(path, data)
 
 
-def to_bytes(model: Parts) -> bytes:
+def to_bytes(model: ModelParts) -> bytes:
     """Content of a model file."""
     with one_blas_thread():  # a covariance is factored on the way into the file
         header, tensors = write(model, type(model))
@@ -97,7 +97,7 @@ def _check_links(links: SparseRows) -> None:
         raise ModelError("it links nodes that do not exist")
 
 
-def _check(model: Parts) -> None:
+def _check(model: ModelParts) -> None:
     """Refuse a model without an answer; ModelError or what breaks of its parts."""
     _check_links(model.association.linked)
     middle = np.full((1, len(model.about.lower)), 0.5)
