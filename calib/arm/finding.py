@@ -21,7 +21,7 @@ from .urdf import Joint, Urdf
 
 
 @dataclass(frozen=True)
-class Finding:
+class FindingSettings:
     """What makes joints an arm; shares and lengths were chosen on the robots of docs/robots.md."""
 
     # of an arm in space, as many as a log can cover: of more those nearest to the root are locked
@@ -40,7 +40,7 @@ class Finding:
     least_lever: float = 1e-6
 
 
-FINDING = Finding()
+FINDING = FindingSettings()
 
 TIP_NAMES = (
     "tool0",

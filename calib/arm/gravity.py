@@ -89,7 +89,7 @@ class Loads:
         return replace(self, weights=factor * self.weights)
 
     def levers(self, q: Array) -> Array:
-        """Loads as gravity points along each axis of the root frame: (n, dof) -> (e, 3, n) [m].
+        """Loads by unit gravity along each axis of the root frame: (n, dof) -> (e, 3, n) [m].
 
         For a weight in kg and gravity in m/s2 a load is ``gravity . lever`` [N m, N of a slide].
         """

@@ -137,7 +137,7 @@ class _Tree:
             self.joints.append(Joint(name, "fixed", link, body, frame))
 
     def _weigh(self, link: str, inside: list[Element]) -> None:
-        """Note the mass of a body; of one that MuJoCo weighs by its geoms it is unknown, NaN."""
+        """Note the mass of a body; NaN, as unknown, where MuJoCo takes it from the geoms."""
         for element in inside:
             if element.node.tag == "inertial":
                 stated = Attributes(f"body {quoted(link)}", element.node.attrib)

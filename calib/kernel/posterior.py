@@ -213,8 +213,8 @@ def compact_belief(
 def _moves(structure: Structure, belief: Body | Second, q: Array) -> Array:
     """How positions at joints (n, dof) move with a body's parameters, (n m, d).
 
-    Where the belief is: what moves nothing there, by which it is hardly known, moves positions at
-    the parameters of another.
+    At the belief's parameters: one that moves nothing there is hardly known for that reason, and
+    moves positions at the parameters of another belief.
     """
     _, slope = structure.linearise(q, belief.beta, belief.active)
     outputs = structure.blocks[0]

@@ -36,7 +36,7 @@ class AnswerSettings:
     # damping of a step of a servo, as a share of the Jacobian's power
     calm: float = 1e-3
     longest: float = 0.1  # of the joints' range: no step of a servo is longer
-    budgets: int = 50  # of steps, for a search of a batch
+    budgets: int = 50  # so many budgets of steps has a search of a batch
     # targets whose branches fit into the processor's cache
     chunk: int = 20_000
 
@@ -84,12 +84,12 @@ def unit_joints(
         elif readout == "body":
             solver = solver_by_links(model.association, model.body_predictor)
             joints[readout] = solver.solve(target, near)[0]
-    if set(readouts) - set(joints):
+    of_links = [readout for readout in readouts if readout not in joints]
+    if of_links:
         v = model.sensory.scale.to_unit(target)
         linked = model.association.inverses(v, near)
-        for readout in readouts:
-            if readout not in joints:
-                joints[readout] = model.solver.newton.clip(linked[readout])
+        for readout in of_links:
+            joints[readout] = model.solver.newton.clip(linked[readout])
     return joints
 
 
@@ -157,7 +157,7 @@ def inverse_all(model: ModelParts, x: Array) -> list[Array]:
     if not model.solver.redundant:
         kernel = kernel_for(model, INVERSE_ALL, len(x))
     if kernel is None:
-        return [found.q[found.reachable] for found in solve_all(model, x)]
+        return [answer.q[answer.reachable] for answer in solve_all(model, x)]
     branches: list[Array] = []
     for first in range(0, len(x), ANSWER.chunk):
         goals = x[first : first + ANSWER.chunk]

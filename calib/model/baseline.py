@@ -19,16 +19,16 @@ _PRIOR = 4.0  # samples that the mean of all nodes counts for at each node
 
 @dataclass(frozen=True, eq=False)
 class RowPlaces(ReadOnly):
-    """Places of the rows of a log: without a body its bound holds there, and grows between them.
+    """Places of the rows of a log: without a body its bound holds around them, and grows between.
 
-    A place counts as far as its n + 1 neighbours are, for n joints: along a path they are near.
-    It counts no further than is usual: where rows are few, the bound is that of others.
+    Around a place it holds as far as the place's n + 1st neighbour is, for n joints, but no further
+    than the median of these distances.
     """
 
     places: Annotated[
         Array, Shape("seen", "dof", storage="f4")
     ]  # in the unit box
-    # how far each counts, in the unit box
+    # how far around each place the bound holds, in the unit box
     reach: Annotated[Array, Shape("seen", storage="f4")]
 
     @staticmethod
@@ -41,7 +41,7 @@ class RowPlaces(ReadOnly):
         return RowPlaces(_in_file(places), _in_file(reach))
 
     def beside(self, scale: Scale, u: Array) -> Array:
-        """How far points `u` (n, dof) are beyond the places' neighbourhoods, (n,)."""
+        """Distances (n,) of points `u` (n, dof) from where the bound holds."""
         distance, place = nearest_points(self.places, scale, u)
         return np.maximum(distance[:, 0] - self.reach[place[:, 0]], 0.0)
 

@@ -79,7 +79,7 @@ class Compilable(ModelParts):
     ) -> Array | None:
         """What the compiled C answers to one row; None where the batch has to.
 
-        unsure : flags of answers that are none
+        unsure : flags of what is no answer
         """
         kernel = self.kernel
         if kernel is None:

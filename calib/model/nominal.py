@@ -24,11 +24,11 @@ from .parts import ModelParts
 
 
 def nominal_in_plane(
-    model: ModelParts, *, based: bool = False
+    model: ModelParts, *, in_root_frame: bool = False
 ) -> tuple[PlanarStructure, Array]:
     """Structure and parameters (d,) of the nominal arm of a model with a planar body.
 
-    Behind the sensor that the body knows, or, where `based`, in the robot's root frame.
+    Seen by the sensor that the body knows, or, where `in_root_frame`, in the robot's root frame.
     """
     body = model.body
     if body is None or not isinstance(body.structure, PlanarStructure):
@@ -39,7 +39,7 @@ def nominal_in_plane(
     if nominal is None:
         nominal = PlanarDrawing.of(nominal_arm(model))
     structure = body.structure.with_fields(nominal=nominal, signs=nominal.signs)
-    if based:
+    if in_root_frame:
         structure = structure.with_sensor(view="base", mirror=nominal.mirror)
         return structure, structure.neutral()
     return structure, nominal_parameters(structure, body.beta)
@@ -117,7 +117,7 @@ def nominal_for_kernel(
         return None
     try:
         if isinstance(fitted, PlanarStructure):
-            structure, beta = nominal_in_plane(model, based=simulated)
+            structure, beta = nominal_in_plane(model, in_root_frame=simulated)
             if structure.signs != fitted.signs:
                 # of a reversed joint the wiring has to be mended
                 return None

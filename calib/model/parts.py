@@ -61,7 +61,7 @@ class ModelParts:
     about: About  # what it is a model of and where it came from
     # motor map, sensory map and the links between them
     association: Association
-    # of the motor nodes, for what the body leaves over
+    # models of the motor nodes, of what the body leaves over
     local: LocalModels
     # [unit], 95 % bounds around each motor node: the reading bound, on what `about.bound_of` names,
     # and the position bound, on the true position in the sensor's frame
@@ -211,7 +211,7 @@ class ModelParts:
     def in_range(self, q: Array) -> Mask:
         """Which joint values (n, dof) [rad or m] are within the joints' range.
 
-        Joints that turn round and round may be a turn beyond it: further away is no arm.
+        Periodic joints may be a turn beyond it: no arm is further away.
         """
         scale = self.motor.scale
         with np.errstate(over="ignore"):

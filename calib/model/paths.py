@@ -57,7 +57,7 @@ class PathSettings:
     outside: float = 0.1
     spacings: float = 1.5
     front: int = 8  # solutions of redundant joints that set out together
-    # iterations of a small step: more are of a target out of reach
+    # iterations of a small step: a target that takes more is out of reach
     few: int = 20
     # of the way to the middle: so far redundant joints drift there
     drift: float = 0.02

@@ -104,7 +104,7 @@ class Reach:
         return q
 
     def least_turn_joints(self, p: Array, near: Array) -> Array:
-        """Joints (n, dof) for places (n, 3) with the orientation at `near` as far as they can."""
+        """Joints (n, dof) for places (n, 3) that keep the orientation at `near` if they can."""
         space = self.space
         # positions weigh a thousand times as much as the turn
         task = Poses(
@@ -119,7 +119,7 @@ class Reach:
     def branches(self, target: Array, near: Array) -> list[Array]:
         """Joints (k, dof) of every solution of targets, nearest to `near` (n, dof) first.
 
-        Of the infinitely many of redundant joints some that are near.
+        Redundant joints have infinitely many: these are some that are near.
         """
         kernel = None
         if not self.solver.redundant:
@@ -206,7 +206,7 @@ class Reach:
     def _question(self, target: Array, *, alone: bool = False) -> list[Array]:
         """The arguments of compiled C for poses, see ``c/many.h``.
 
-        alone : whether to begin near the joints alone, rather than at starts, too
+        alone : whether the search starts at the joints of `near` alone
         """
         count = len(target)
         dof = len(self._scale.span)

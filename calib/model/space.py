@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 #: A pose or a position counts as reached within this share of the arm's length.
 REACHED = 1e-6
-_LENS = 30  # iterations of a lens turned round
+_LENS = 30  # iterations that invert a lens
 
 _Belief = TypeVar("_Belief", Body, Second)
 

@@ -1,6 +1,6 @@
 """Turns: joints that can turn more than once, and the turn of an answer.
 
-The box in which joints are learned is one turn wide at most: the arm is the same a turn on.
+The box in which joints are learned is one turn wide at most: after a turn the arm is the same.
 """
 
 from __future__ import annotations

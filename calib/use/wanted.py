@@ -156,7 +156,7 @@ def _find_wanted(model: Model) -> Wanted:
     space = None
     structure: Structure
     if body is not None and isinstance(body.structure, PlanarStructure):
-        structure, beta = nominal_in_plane(model, based=not free)
+        structure, beta = nominal_in_plane(model, in_root_frame=not free)
         if free:  # the body knows the frame as it is after all adaptations
             moves = ()
     elif is_simulated(model) or not moves_in_space(model):

@@ -112,9 +112,16 @@ def plan(
     source: Arm | calib.Model
     within = None
     if is_model:
-        why = "is for ROBOT: a model has its joints and its tip already"
-        of_robot = {"joints": joints, "tip": tip, "lock": lock}
-        refuse({**of_robot, "planar": planar or None}, why)
+        of_robot = {
+            "joints": joints,
+            "tip": tip,
+            "lock": lock,
+            "planar": planar or None,
+        }
+        refuse(
+            of_robot,
+            "is for ROBOT: a model has its joints and its tip already",
+        )
         model = calib.load(robot)
         source = model
         shown = JointFormat(model.about, degrees)

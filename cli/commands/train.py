@@ -84,8 +84,6 @@ def train(
 ) -> Outcome:
     selection = Selection(joints, tip, planar, lock, ranges, degrees, gravity)
     log_format = LogFormat(columns, unit, time_offset, prismatic=prismatic)
-    of_touches = {"distance": distance, "plane": plane}
-    of_cameras = {"gravity": gravity, "lens": lens, "photo": photo}
     _check_sources(
         robot,
         data,
@@ -95,7 +93,14 @@ def train(
             "lock": lock,
             "gravity": gravity,
         },
-        of_logs={**vars(log_format), **of_touches, **of_cameras},
+        of_logs={
+            **vars(log_format),
+            "distance": distance,
+            "plane": plane,
+            "gravity": gravity,
+            "lens": lens,
+            "photo": photo,
+        },
         of_simulation={"samples": samples, "noise": noise, "change": change},
     )
     path = output or _default_path(robot or (data or [""])[0])
