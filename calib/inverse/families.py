@@ -30,7 +30,7 @@ class FamilySettings:
     rounds: int = 6  # pairs of members between two families that are walked
 
 
-FAMILIES = FamilySettings()
+FAMILY = FamilySettings()
 
 
 def representatives(
@@ -61,7 +61,7 @@ def _slide_to_middle(
         solutions.u,
         goals,
         middle,
-        FAMILIES.step,
+        FAMILY.step,
     )
     u = iterate.u
     lost = ~newton.is_met(iterate.distance)
@@ -84,13 +84,13 @@ def _families(
     count = len(u)
     a, b = _pairs(solutions.target)
     apart = newton.away(central[a], central[b])
-    same = apart < FAMILIES.same
+    same = apart < FAMILY.same
     family = components(count, a[same], b[same])
     distance = newton.away(u[a], u[b])
     order = np.argsort(distance, kind="stable")
     a = a[order]
     b = b[order]
-    for _ in range(FAMILIES.rounds):
+    for _ in range(FAMILY.rounds):
         separate = family[a] != family[b]
         a = a[separate]
         b = b[separate]
@@ -138,20 +138,20 @@ def _arrives(newton: Newton, start: Array, goal: Array, x: Array) -> Mask:
     arrived = np.zeros(len(start), dtype=bool)
     rows = np.arange(len(start))
     iterate = newton.at(start, x)
-    for _ in range(FAMILIES.walk):
+    for _ in range(FAMILY.walk):
         here = iterate.rows(rows)
         preferred_move = newton.scale.difference(goal[rows], here.u)
         ahead = row_lengths(preferred_move)
         move = newton.tangent(here, preferred_move)
-        u = here.u + limit_length(move, FAMILIES.step)
+        u = here.u + limit_length(move, FAMILY.step)
         trial = newton.refine(u, here.x, SOLVER.close)
         iterate.put(rows, trial)
         shift = newton.away(trial.u, here.u)
         rest = newton.away(trial.u, goal[rows])
         going = newton.is_met(trial.distance)
-        going &= shift < 2 * FAMILIES.step
+        going &= shift < 2 * FAMILY.step
         going &= rest < ahead
-        near = rest < FAMILIES.arrived * FAMILIES.step
+        near = rest < FAMILY.arrived * FAMILY.step
         there = rows[going & near]
         arrived[there] = True
         rows = rows[going & ~near]

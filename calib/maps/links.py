@@ -12,7 +12,7 @@ from ..common.arrays import Array, Index, ReadOnly, Shape
 from ..common.choices import check_choice
 from ..common.rows import group_sums
 from .map import Map
-from .settings import LINKS
+from .settings import LINK
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -29,7 +29,7 @@ class Wiring:
     # same for both directions; else on the sensory side alone, as eq. 5 has it from motor to
     # sensory nodes
     mutual: bool = True
-    bandwidth: float = LINKS.bandwidth  # of eq. 6, in units of the spacing.
+    bandwidth: float = LINK.bandwidth  # of eq. 6, in units of the spacing.
 
     def widths(self, network: Map) -> Array:
         """Sigma of eq. 6 of each node, (nodes,), in the unit box."""
@@ -42,7 +42,7 @@ class Wiring:
 
         They are relative to the winner's, which is never zero even far from every node.
         """
-        k = min(LINKS.nearest, network.size)
+        k = min(LINK.nearest, network.size)
         distance, nodes = network.nearest(u, k)
         exponent = (distance / self.widths(network)[nodes]) ** 2
         least = exponent.min(axis=1, keepdims=True)
@@ -103,8 +103,8 @@ def without_weak(links: csr_array | NDArray[np.floating]) -> SparseRows:
     column_max = links.max(axis=0).toarray().ravel()
     rows = entry_rows(links.indptr)
     lower_max = np.minimum(row_max[rows], column_max[links.indices])
-    nothing = LINKS.nothing * links.data.max(initial=0.0)
-    weak = links.data < LINKS.weak * lower_max
+    nothing = LINK.nothing * links.data.max(initial=0.0)
+    weak = links.data < LINK.weak * lower_max
     weak |= links.data <= nothing
     links.data[weak] = 0.0
     links.eliminate_zeros()

@@ -5,7 +5,7 @@ import numpy as np
 from ..common.arrays import Array, Mask
 from .blend import Blend
 from .map import Map, nearest_points
-from .settings import BOUNDS
+from .settings import BOUND
 
 
 def learn_bounds(
@@ -25,7 +25,7 @@ def learn_bounds(
     largest = float(errors.max(initial=0.0))
     floor = max(1e-9 * largest, 1e-15)
     most = max(1, len(u) // 2)
-    k = min(BOUNDS.around, most)
+    k = min(BOUND.around, most)
     places = motor.units_in_box
     _, near = nearest_points(u, motor.scale, places, k)
     mean = errors[near].mean(axis=1)
@@ -33,15 +33,15 @@ def learn_bounds(
     blend = Blend(motor, u)
     groups = _groups(motor, u)
     # both groups' nodes bound samples between them: again, until both fit
-    for _ in range(BOUNDS.passes):
+    for _ in range(BOUND.passes):
         for members, rows in groups:
             stated = blend.mean(bound[blend.index])[rows]
             ratio = np.sort(errors[rows] / stated)
             # the finite-sample quantile of conformal prediction
-            within = (len(ratio) + 1) * BOUNDS.coverage
+            within = (len(ratio) + 1) * BOUND.coverage
             rank = int(np.ceil(within)) - 1
             quantile = ratio[min(rank, len(ratio) - 1)]
-            bound[members] *= max(quantile, BOUNDS.least)
+            bound[members] *= max(quantile, BOUND.least)
     return np.asarray(bound)
 
 
@@ -50,7 +50,7 @@ def _groups(motor: Map, u: Array) -> list[tuple[Mask, Mask]]:
     nodes = near_border(motor, motor.units)
     rows = near_border(motor, u)
     at_border = np.count_nonzero(rows)
-    if min(at_border, len(rows) - at_border) < BOUNDS.enough:
+    if min(at_border, len(rows) - at_border) < BOUND.enough:
         return [(np.ones_like(nodes), np.ones_like(rows))]
     return [(~nodes, ~rows), (nodes, rows)]
 
@@ -60,4 +60,4 @@ def near_border(motor: Map, u: Array) -> Mask:
     distance = np.minimum(u, 1.0 - u)
     distance = np.where(motor.scale.periodic, np.inf, distance)
     to_limit = distance.min(axis=1)
-    return np.asarray(to_limit < BOUNDS.border * motor.spacing)
+    return np.asarray(to_limit < BOUND.border * motor.spacing)

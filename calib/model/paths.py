@@ -63,7 +63,7 @@ class PathSettings:
     drift: float = 0.02
 
 
-PATHS = PathSettings()
+PATH = PathSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ class PathTask:
                 ("x", "y", "z"),
                 Reach.of(space, posed=False).solver,
                 2 * space.length,
-                lambda x: row_lengths(x) <= PATHS.furthest * space.length,
+                lambda x: row_lengths(x) <= PATH.furthest * space.length,
                 partial(_in_base, space),
             )
         return PathTask(
@@ -150,7 +150,7 @@ def follow_path(
             "inverse of a single one"
         )
     if step is None:
-        step = PATHS.step * task.extent
+        step = PATH.step * task.extent
     if not step > 0:
         raise QueryError(
             f"step {step!r}: expected a length greater than zero, such as 0.005"
@@ -181,7 +181,7 @@ def _fast_turns(angles: Array, way: Array) -> Index:
     way : (n - 1,), from each row to the next, in extents of the workspace
     """
     turn = np.abs(np.diff(angles, axis=0)).max(axis=1, initial=0.0)
-    fast = turn > np.maximum(PATHS.turn, PATHS.faster * way)
+    fast = turn > np.maximum(PATH.turn, PATH.faster * way)
     return np.flatnonzero(fast) + 1
 
 
@@ -202,10 +202,10 @@ def _lines(corners: Array, step: float) -> tuple[Array, Index]:
     with np.errstate(over="ignore"):
         length = row_lengths(np.diff(corners, axis=0))
         total = float(length.sum())
-    few = total / step + len(corners) <= PATHS.most_rows
+    few = total / step + len(corners) <= PATH.most_rows
     if not few or not math.isfinite(total):
         raise QueryError(
-            f"step {step:g} makes more than {PATHS.most_rows:,} rows of a path {total:.4g} long: "
+            f"step {step:g} makes more than {PATH.most_rows:,} rows of a path {total:.4g} long: "
             "give a longer one"
         )
     # rounding of the length must not add a row
@@ -265,8 +265,8 @@ def close_to_map(sensory: Map, x: Array) -> Mask:
     """Whether targets (k, m) are close enough to nodes of the map to be followed."""
     place = sensory.scale.to_unit(x)
     away, _ = sensory.nearest(place)
-    spacings = PATHS.spacings * sensory.spacing
-    furthest = max(PATHS.outside, spacings)
+    spacings = PATH.spacings * sensory.spacing
+    furthest = max(PATH.outside, spacings)
     return away[:, 0] <= furthest
 
 
@@ -277,7 +277,7 @@ def _front(solver: Solver, x: Array) -> Array:
         return families
     others = solver.every(x[None]).u
     front = np.concatenate([families, others])
-    return front[: PATHS.front]
+    return front[: PATH.front]
 
 
 def _furthest(solver: Solver, x: Array, front: Array) -> Array:
@@ -317,7 +317,7 @@ def _advance(
         targets = begin + ahead[:, None] * line
         iterate = _step(newton, u[rows], targets)
         shift = newton.away(iterate.u, u[rows])
-        smooth = shift <= PATHS.smooth
+        smooth = shift <= PATH.smooth
         met = newton.is_met(iterate.distance)
         smooth &= met | (ahead < 1.0)
         if is_whole and not smooth.all() and not _reaches(solver, end):
@@ -328,7 +328,7 @@ def _advance(
         share[moved] = ahead[smooth]
         piece[rows] *= np.where(smooth, 2.0, 0.5)
         going = share < 1.0
-        going &= piece >= PATHS.least
+        going &= piece >= PATH.least
         rows = np.flatnonzero(going)
     return u, share == 1.0
 
@@ -339,9 +339,9 @@ def _step(newton: Newton, u: Array, targets: Array) -> Iterate:
         middle = np.full(u.shape, 0.5)
         to_middle = newton.scale.difference(middle, u)
         here = newton.at(u, targets)
-        drift = newton.tangent(here, PATHS.drift * to_middle)
+        drift = newton.tangent(here, PATH.drift * to_middle)
         u = u + drift
-    return newton.refine(u, targets, SOLVER.close, PATHS.few)
+    return newton.refine(u, targets, SOLVER.close, PATH.few)
 
 
 def _reaches(solver: Solver, x: Array) -> bool:

@@ -43,7 +43,7 @@ class StartSettings:
     postures: int = 128
 
 
-STARTS = StartSettings()
+START = StartSettings()
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ def grid_starts(model: ModelParts) -> Section:
     """
     place = model.sensory.scale
     dimensions = len(place.span)
-    side = max(2, int(STARTS.cells ** (1 / dimensions)))
+    side = max(2, int(START.cells ** (1 / dimensions)))
     corners = np.indices((side,) * dimensions).reshape(dimensions, -1).T
     step = place.span / side
     middles = place.lower + (corners + 0.5) * step
@@ -247,7 +247,7 @@ def grid_starts(model: ModelParts) -> Section:
     places = middles[:, None] + around
     point, u = model.solver.starts.of(places.reshape(-1, dimensions))
     cell = point // len(around)
-    single = distinct(model.motor.scale, cell, u, STARTS.apart)
+    single = distinct(model.motor.scale, cell, u, START.apart)
     count = np.bincount(cell[single], minlength=len(middles))
     grid: Tables = {
         "grid": np.full(dimensions, side),
@@ -262,7 +262,7 @@ def grid_starts(model: ModelParts) -> Section:
 def posture_starts(model: ModelParts) -> Section:
     """Joints of redundant arms, which have too many for each place: some postures."""
     nodes = np.flatnonzero(model.visited)
-    nodes = nodes[spread_rows(len(nodes), STARTS.postures)]
+    nodes = nodes[spread_rows(len(nodes), START.postures)]
     return _starts(model, model.motor.units_in_box[nodes])
 
 
