@@ -10,7 +10,7 @@ import numpy as np
 from ..common.arrays import Array, Mask
 from ..common.rows import rms
 from ..errors import LogError
-from .board_pictures import LEAST
+from .board import LEAST_PICTURES
 from .fit import CornerFit
 from .problem import Problem
 from .start import agreeing_pictures
@@ -131,7 +131,7 @@ def _agreements(problem: Problem, some: list[Mask]) -> list[Agreement]:
 def _agreement(problem: Problem, agreeing: Mask) -> Agreement | None:
     """The fit of all motions that agree with some (n,); None where it fails."""
     for _ in range(AGREEMENT.rounds):
-        if agreeing.sum() < LEAST:
+        if agreeing.sum() < LEAST_PICTURES:
             return None
         try:
             fit = problem.solve(np.flatnonzero(agreeing), problem.start)

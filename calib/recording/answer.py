@@ -106,9 +106,9 @@ class RigFit:
         """Values (s,) of the unknowns."""
         return self.fit.unknowns.values
 
-    def covariance(self, places: Index) -> Array:
+    def covariance(self, indices: Index) -> Array:
         """Covariance (k, k) of some unknowns."""
-        return self.fit.covariance[np.ix_(places, places)]
+        return self.fit.covariance[np.ix_(indices, indices)]
 
     def frame_covariance(self, numbers: list[int]) -> Array:
         """Covariance (6 k, 6 k) of steps of some frames (k,)."""
@@ -212,11 +212,11 @@ class RigFit:
 
     def lens(self, number: int) -> Lens:
         """The lens of a camera."""
-        places = self.layout.lenses[number]
+        indices = self.layout.lenses[number]
         size = self.problem.views[number].size
         distance = float(np.sqrt(2.0) * self.fit.noise.corner[number])
-        lens = Lens.of(size, self.values[places], distance)
-        return replace(lens, covariance=self.covariance(places))
+        lens = Lens.of(size, self.values[indices], distance)
+        return replace(lens, covariance=self.covariance(indices))
 
     def lens_facts(self, number: int) -> LensFacts:
         """The lens as JSON, with half-widths of 95 % intervals."""
@@ -245,7 +245,7 @@ class RigFit:
         if arm is None:
             return None
         view = self.problem.views[0]
-        log = view.log(self.lens(0), view.in_hand)
+        log = view.log(self.lens(0), view.eye)
         log = log.take(self.agreeing[view.rows])
         return replace(
             log,

@@ -16,10 +16,10 @@ from ..errors import LogError
 from ..samples.motion import (
     MAX_GAP,
     check_limits,
-    gaps_between,
     joint_speed,
     joints_at,
     rows_of_motion,
+    unknown_times,
 )
 from ..samples.samples import Samples
 from .clocks import SURE, ClockError, align_clocks
@@ -74,7 +74,7 @@ def read_bag(
     if time_offset is None:
         time_offset, notes = _offset(stamps, x, times, values)
     stamps = stamps + time_offset
-    doubts = gaps_between(stamps, times, max_gap)
+    doubts = unknown_times(stamps, times, max_gap)
     doubts["not finite"] = ~finite_rows(x)
     if still is not None:
         fast = joint_speed(stamps, times, values) > still
@@ -228,9 +228,9 @@ def _offset(
             parameter="time_offset",
         ) from None
     offset = clocks.offset + gap
-    if is_common and abs(offset) < max(_IN_TIME, 3.0 * clocks.doubt):
+    if is_common and abs(offset) < max(_IN_TIME, 3.0 * clocks.sd):
         return 0.0, []
-    interval = f"{offset:+.4f} +- {2.0 * max(clocks.doubt, SURE):.2g} s"
+    interval = f"{offset:+.4f} +- {2.0 * max(clocks.sd, SURE):.2g} s"
     return offset, [
         f"the positions' clock is corrected by {interval}, as the motion shows"
     ]

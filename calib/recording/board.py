@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 LEAST_CORNERS = 8
 """Corners of a board that a picture must show."""
 
+LEAST_PICTURES = 4
+"""Pictures of a board that a calibration needs."""
+
 EXAMPLES = (
     "a chessboard's squares COLSxROWS:SQUARE such as 10x7:22mm, COLSxROWS:SQUARE:MARKER:DICT such "
     "as 7x5:24mm:18mm:5x5_100, or grid:COLSxROWS:TAG:GAP:FAMILY such as grid:6x6:88mm:26.4mm:t36h11"
@@ -314,11 +317,10 @@ def parse_board(board: Pattern | str) -> Pattern:
     return CharucoPattern(*size, side, other, *families)
 
 
-def parse_length(
-    text: str, what: str = "length", *, signed: bool = False
-) -> float:
-    """Return a length [m] above zero, or where `signed` of either sign, such as of "24mm".
+def parse_length(text: str, what: str, *, signed: bool = False) -> float:
+    """Read a length [m] such as "24mm", above zero, or where `signed` of either sign.
 
+    what : name of the length in messages
     Raises OptionError if the text has no number, or no unit.
     """
     match = re.fullmatch(r"\s*(-?\d*\.?\d+)\s*(mm|cm|m|in)\s*", text)

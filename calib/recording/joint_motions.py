@@ -24,9 +24,9 @@ from ..body.structure import OfStructure
 from ..common.arrays import Array, Index
 from ..common.rows import row_lengths
 from .bundle import CornerLayout, Motions
-from .fit import CornerFit, Scale
+from .fit import CornerFit, PriorScale
 
-FREE = ("placement", "offset")
+CORRECTED_GROUPS = ("placement", "offset")
 """Groups of the arm's parameters that the pictures correct."""
 
 SIZE_SD = 2e-3
@@ -45,14 +45,14 @@ class ArmBelief(OfStructure):
 
 @dataclass(frozen=True, eq=False)
 class JointMotions(Motions):
-    """Motions of an arm at joint values (n, dof); parameters are those of `FREE`, and its size."""
+    """Motions of an arm at joint values (n, dof), by `CORRECTED_GROUPS` and the arm's size."""
 
     structure: SpatialStructure  # with view "pose"
 
     @cached_property
     def active(self) -> Index:
         """The structure's parameters that are fitted."""
-        return self.structure.prior(FREE).active
+        return self.structure.prior(CORRECTED_GROUPS).active
 
     @property
     def size(self) -> int:
@@ -95,19 +95,21 @@ class JointMotions(Motions):
         name = structure.chain_names[worst]
         return name, float(shifts[worst]), float(turns[worst])
 
-    def scales(self, places: Index) -> list[Scale]:
-        """Prior scales of the parameters, at their places (k,) among the unknowns.
+    def scales(self, indices: Index) -> list[PriorScale]:
+        """Prior scales of the parameters, at their indices (k,) among the unknowns.
 
         The evidence finds all but that of the size.
         """
-        prior = self.structure.prior(FREE)
-        scales = [Scale(places[-1:], SIZE_SD, SIZE_SD, SIZE_SD)]
+        prior = self.structure.prior(CORRECTED_GROUPS)
+        scales = [PriorScale(indices[-1:], SIZE_SD, SIZE_SD, SIZE_SD)]
         for hyper in prior.hypers:
             numbers = np.searchsorted(self.active, hyper.indices)
             is_placement = hyper.name.startswith("placement")
             within = FINER if is_placement else hyper.within
             lowest, highest = hyper.scale * np.array(within)
-            scales.append(Scale(places[numbers], hyper.scale, lowest, highest))
+            scales.append(
+                PriorScale(indices[numbers], hyper.scale, lowest, highest)
+            )
         return scales
 
     def body(

@@ -16,7 +16,7 @@ from ..common.arrays import Array
 from ..common.atomic import FilePath
 from ..errors import LogError, OptionError
 from ..samples.lens import Lens
-from .board import LEAST_CORNERS, Pattern
+from .board import LEAST_CORNERS, LEAST_PICTURES, Pattern
 from .documents import Json, parse_document, values_of
 from .pictures import list_pictures, one_thread, opencv, read_series
 
@@ -37,7 +37,6 @@ _TERMS = 5  # k1, k2, p1, p2, k3
 UNSTATED = (0, 0)
 """Size of pictures where a file has none."""
 
-_LEAST_PICTURES = 4  # of a board that a calibration needs
 _DOUBT = 0.03  # share of the focal length that its sd may be
 _TANGENTIAL = 10  # pictures from which a lens that sits askew can be found
 
@@ -58,11 +57,11 @@ def calibrate_lens(
     """
     cv2 = opencv()
     usable = [shown for shown in corners if len(shown) >= LEAST_CORNERS]
-    if len(usable) < _LEAST_PICTURES:
+    if len(usable) < LEAST_PICTURES:
         raise LogError(
             f"the board is in {len(usable)} of {len(corners)} pictures of the lens (at most "
             f"{max(map(len, corners), default=0)} corners found, {LEAST_CORNERS} expected in "
-            f"each): take {_LEAST_PICTURES} or more, 10 are better, near and tilted, and check the "
+            f"each): take {LEAST_PICTURES} or more, 10 are better, near and tilted, and check the "
             "board's numbers"
         )
     world = board.corners().astype(np.float32)

@@ -39,18 +39,17 @@ _MOST_RADIANS = 2 * np.pi + 0.1  # values beyond it are no radians
 
 
 @dataclass(frozen=True)
-class Rests:
-    """When an arm counts as resting.  Slower than 0.05 rad/s blur stays below a pixel."""
+class LeRobotRestSettings:
+    """When an arm rests."""
 
-    window: float = 0.2  # of which the slowest frame is taken [s]
-    speed: float = 0.05  # [rad/s]
-    # [rad]; two rests at one place count as one
-    distance: float = math.radians(1.0)
+    window: float = 0.2  # [s], of each window the slowest frame is taken
+    speed: float = 0.05  # [rad/s], below which blur is less than a pixel
+    distance: float = math.radians(1.0)  # least one between two rests [rad]
     most: int = 80  # frames that are taken
-    least: int = 12  # frames, below which it hardly rests
+    least: int = 12  # frames, below which the arm hardly rests
 
 
-RESTS = Rests()
+LEROBOT_REST = LeRobotRestSettings()
 
 
 @dataclass(frozen=True)
@@ -229,7 +228,7 @@ def read_dataset(
     notes = [
         f"{len(frames)} of {len(state)} frames of {chosen}, where the arm is slowest"
     ]
-    if len(frames) < RESTS.least:
+    if len(frames) < LEROBOT_REST.least:
         notes.append("the arm hardly stands still: let it rest at each picture")
     rows = [row for row, _ in frames]
     labels = [f"episode {episode[k]} at {time[k]:.3f} s" for k in rows]
@@ -273,18 +272,18 @@ def _resting(q: Array, time: Array, episode: Index) -> Index:
     """Return frames (k,) in which the arm rests."""
     speed = _speed(q, time)
     # the slowest frame of each window
-    window = np.floor(time / RESTS.window) + 1e6 * episode
+    window = np.floor(time / LEROBOT_REST.window) + 1e6 * episode
     order = np.lexsort((speed, window))
     _, first = np.unique(window[order], return_index=True)
     slowest = order[first]
     resting: list[int] = []
-    for frame in slowest[speed[slowest] < RESTS.speed].tolist():
+    for frame in slowest[speed[slowest] < LEROBOT_REST.speed].tolist():
         if (
             not resting
-            or np.abs(q[frame] - q[resting[-1]]).max() > RESTS.distance
+            or np.abs(q[frame] - q[resting[-1]]).max() > LEROBOT_REST.distance
         ):
             resting.append(frame)
-    some = spread_rows(len(resting), RESTS.most)
+    some = spread_rows(len(resting), LEROBOT_REST.most)
     return np.array(resting, np.intp)[some]
 
 

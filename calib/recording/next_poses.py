@@ -24,8 +24,16 @@ from ..body.information import after_reading
 from ..common.arrays import Array, Index, Mask
 from ..errors import OptionError
 from ..samples.lens import Lens
-from .bundle import LENS, POSE, SHAPE, Bundle, CornerLayout, Motions, Unknowns
-from .fit import Noise, information, without_errors
+from .bundle import (
+    LENS_SIZE,
+    POSE_SIZE,
+    SHAPE_SIZE,
+    Bundle,
+    CornerLayout,
+    Motions,
+    Unknowns,
+)
+from .fit import Noise, information, schur_complement
 from .joint_motions import JointMotions
 from .lens import lens_parameters
 from .rig import HandEye, frame_of
@@ -71,7 +79,7 @@ class ExpectedRig:
     around: Around
     noise: Noise  # of pictures to come, whose lens and board stay as they are
     precision: Array  # (12, 12), of steps of X and Y
-    # (LENS + SHAPE,), sd of the numbers of lens and board, none of what is known
+    # (LENS_SIZE + SHAPE_SIZE,), sd of the numbers of lens and board, none of what is known
     sizes: Array
 
     @staticmethod
@@ -79,7 +87,7 @@ class ExpectedRig:
         """The rig of pictures, whose lens and board stay as they are."""
         in_hand = rig.eye == "hand"
         frames = np.stack([frame_of(rig.hand), frame_of(rig.base)])
-        covariance = rig.covariance + 1e-14 * np.eye(2 * POSE)
+        covariance = rig.covariance + 1e-14 * np.eye(2 * POSE_SIZE)
         slope = shifts_along_parents(frames)
         precision = slope.T @ np.linalg.inv(covariance) @ slope
         scenes = inverse(frames[1]) @ rig.flange @ frames[0]
@@ -87,7 +95,7 @@ class ExpectedRig:
             scenes = inverse(scenes)
         else:  # the camera is at rest
             frames = frames[::-1]
-            precision = np.roll(precision, POSE, axis=(0, 1))
+            precision = np.roll(precision, POSE_SIZE, axis=(0, 1))
         turn = max(rig.repeatability["rotation"], 1e-5)
         shift = max(rig.repeatability["position"], 1e-5)
         corner = DRAW.careful * max(rig.reprojection["mean"], 0.1)
@@ -102,9 +110,9 @@ class ExpectedRig:
             points=np.array(rig.board["points"]),
             boards=scenes,
             around=Around(),
-            noise=noise_of(corner, turn, shift),
+            noise=rig_noise(corner, turn, shift),
             precision=precision,
-            sizes=np.zeros(LENS + SHAPE),
+            sizes=np.zeros(LENS_SIZE + SHAPE_SIZE),
         )
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
@@ -151,7 +159,7 @@ class ExpectedRig:
         predicted = bundle.predict(Unknowns(self.frames, values, exact))
         bundle = replace(bundle, pixels=predicted.pixels)
         products, _ = information(bundle, self.noise, predicted)
-        gains = without_errors(products, self.noise, layout.size)[0]
+        gains = schur_complement(products, self.noise, layout.size)[0]
 
         # in units of what is known before
         root = self._root(motions, layout)
@@ -165,7 +173,7 @@ class ExpectedRig:
     def _root(self, motions: Motions, layout: CornerLayout) -> Array:
         """Root (s, s) of the covariance of all unknowns before any picture."""
         sizes = np.zeros(layout.size)
-        sizes[2 * POSE : 2 * POSE + len(self.sizes)] = self.sizes
+        sizes[2 * POSE_SIZE : 2 * POSE_SIZE + len(self.sizes)] = self.sizes
         if isinstance(motions, JointMotions):
             for scale in motions.scales(layout.arm):
                 sizes[scale.indices] = scale.start
@@ -183,14 +191,14 @@ class ExpectedRig:
             motions,
             in_hand=[self.in_hand],
             points=corners,
-            bends=np.zeros((len(corners), 3, SHAPE - 1)),
+            bends=np.zeros((len(corners), 3, SHAPE_SIZE - 1)),
             pixels=corners[:, :2],
             camera=np.zeros(len(corners), int),
             motion=np.repeat(np.arange(count), len(self.points)),
         )
 
 
-def noise_of(corner: float, turn: float, shift: float) -> Noise:
+def rig_noise(corner: float, turn: float, shift: float) -> Noise:
     """Noise of one camera's corners [px] and of motions [rad, m], whose focal length stays."""
     return Noise(
         corner=np.array([corner]),

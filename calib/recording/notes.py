@@ -12,7 +12,7 @@ from ..arm.arm import SpatialArm
 from ..body.covariance import Z95
 from ..common.arrays import Array, Mask
 from ..common.wording import listing, two_digits
-from .bundle import POSE
+from .bundle import POSE_SIZE
 from .fit import CornerFit
 from .joint_motions import JointMotions
 from .problem import Problem
@@ -179,7 +179,7 @@ def _posed_boards(fit: CornerFit, rig: HandEye) -> Iterator[str]:
 def _lenses(problem: Problem, fit: CornerFit) -> Iterator[str]:
     lenses = problem.bundle.layout.lenses
     for number, view in enumerate(problem.views):
-        focus = float(fit.noise.error[POSE + number])
+        focus = float(fit.noise.error[POSE_SIZE + number])
         corner = float(fit.noise.corner[number])
         if corner > NOTE_LIMITS.corner:
             yield (

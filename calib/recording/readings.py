@@ -15,9 +15,9 @@ from ..common.choices import ROTATIONS, check_choice
 from ..common.rows import row_lengths
 from ..common.scale import METRES
 from ..errors import OptionError
+from .board_pictures import View
 from .pose_files import FlangeTable
 from .start import UNITS, RigStart, find_starts
-from .view import View
 
 AXES = ["".join(axes) for axes in permutations("xyz")]
 ORDERS = (*AXES, *map(str.upper, AXES), "ZYZ", "zyz", "ZXZ", "zxz")

@@ -24,10 +24,10 @@ from ..errors import LogError
 from ..samples.findings import Finding
 from ..samples.interpretations import ONLY_IF, interpretations
 from ..samples.settings import DIAGNOSIS
+from .board_pictures import View
 from .pose_files import FlangeTable
 from .readings import Choice, choose
 from .start import RigStart, find_start, find_starts
-from .view import View
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
         places, turns = base.pose(values, neutral)
         return rigid(turns, places)
 
-    usual = find_start(flanges(q), view, "m")
+    usual = find_start(flanges(q), view)
     is_board = abs(np.expm1(usual.size)) < REFUSAL.size
     if usual.misfit < REFUSAL.far and is_board:
         return
@@ -78,7 +78,7 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     # the reading that explains some of the pictures far better
     rows = spread_rows(len(q), REFUSAL.tried)
     thinned = replace(view, boards=view.boards[rows])
-    other_eye = replace(thinned, in_hand=not view.in_hand)
+    other_eye = replace(thinned, eye=view.other_eye)
     others = list(_others(structure, view))
     values = np.concatenate([joints[rows] for joints, _ in others])
     poses = flanges(values).reshape(len(others), len(rows), 4, 4)
@@ -116,15 +116,12 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
 def _others(
     structure: SpatialStructure, view: View
 ) -> Iterator[tuple[Array, Finding]]:
-    """Other readings of the joints, the simplest first."""
+    """Other readings of the joints, the simplest first: joints (p, dof) and what they mean."""
     q = view.q
     names = structure.joint_names
-    eye = "hand"
-    where = "is in the hand"
-    if view.in_hand:
-        eye = "base"
-        where = "stands still"
-    yield q, Finding("eye", f"the camera {where}", f"give `eye={eye!r}`")
+    where = "stands still" if view.in_hand else "is in the hand"
+    hint = f"give `eye={view.other_eye!r}`"
+    yield q, Finding("eye", f"the camera {where}", hint)
     late = Finding(
         "late",
         "they are a row late or early",

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from ..common.choices import DICTIONARY
 from ..common.rows import row_lengths
 from ..common.wording import suggestion
 from ..errors import OptionError
@@ -111,7 +110,7 @@ class TagFinder:
 
     def __init__(
         self,
-        dictionary: str = DICTIONARY,
+        dictionary: str,
         wanted: Collection[int] | None = None,
     ) -> None:
         aruco = opencv().aruco
@@ -172,7 +171,7 @@ def single_tags(tags: Sequence[Tag]) -> list[Tag]:
     return [tag for tag in tags if counts[tag.number] == 1]
 
 
-def tag_cells(number: int, dictionary: str = DICTIONARY) -> NDArray[np.bool_]:
+def tag_cells(number: int, dictionary: str) -> NDArray[np.bool_]:
     """Return which cells of a tag are white, its black border included: (cells, cells).
 
     Raises OptionError if the dictionary has no such id.

@@ -122,7 +122,7 @@ def check_limits(max_gap: float, still: float | None) -> None:
             raise OptionError(f"`{name}={value:g}`: expected more than zero")
 
 
-def gaps_between(when: Array, time: Array, max_gap: float) -> dict[str, Mask]:
+def unknown_times(when: Array, time: Array, max_gap: float) -> dict[str, Mask]:
     """Times (n,) at which joints cannot be interpolated, by the reason.
 
     time : (m,) [s], of the joints; two of them are close if at most `max_gap` [s] apart

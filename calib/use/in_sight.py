@@ -14,9 +14,9 @@ from ..common.arrays import Array, Index
 from ..errors import OptionError
 from ..model.model import Model
 from ..recording.board import Pattern, parse_board
-from ..recording.bundle import LENS, POSE, SHAPE
+from ..recording.bundle import LENS_SIZE, POSE_SIZE, SHAPE_SIZE
 from ..recording.joint_motions import JointMotions
-from ..recording.next_poses import Around, ExpectedRig, noise_of
+from ..recording.next_poses import Around, ExpectedRig, rig_noise
 from ..samples.lens import Lens
 from .aimed import Candidates, chain_in_base, joints_towards
 from .pose_space import PoseSpace
@@ -141,7 +141,9 @@ def guessed_rig(
         middle = board.points().mean(axis=0)
         frame = off @ rigid(half_turn, -half_turn @ middle)
         camera = flange @ frame @ inverse(facing)
-    sizes = np.concatenate([AIMING.lens_sd, np.full(SHAPE, AIMING.board_sd)])
+    sizes = np.concatenate(
+        [AIMING.lens_sd, np.full(SHAPE_SIZE, AIMING.board_sd)]
+    )
     return _rig(in_hand, np.stack([camera, frame]), lens, board, sizes)
 
 
@@ -171,7 +173,7 @@ def expected_rig(source: Arm | Model) -> ExpectedRig:
     frames = np.stack([hand, base] if in_hand else [base, hand])
     lens = Lens.from_json(described["lens"])
     board = parse_board(described["board"])
-    return _rig(in_hand, frames, lens, board, np.zeros(LENS + SHAPE))
+    return _rig(in_hand, frames, lens, board, np.zeros(LENS_SIZE + SHAPE_SIZE))
 
 
 def _facing(board: Pattern, lens: Lens) -> Array:
@@ -192,7 +194,7 @@ def _rig(
         board.points(),
         _facing(board, lens)[None],
         AROUND,
-        noise_of(AIMING.noise, AIMING.turn, AIMING.shift),
-        np.eye(2 * POSE) / PLANNING.widest**2,
+        rig_noise(AIMING.noise, AIMING.turn, AIMING.shift),
+        np.eye(2 * POSE_SIZE) / PLANNING.widest**2,
         sizes,
     )

@@ -20,7 +20,7 @@ from ..parsing import TABLES, BadOption, above_zero, check_file, refuse
 from ..pictures import (
     is_film,
     is_of_camera,
-    read_setting,
+    read_tag_scene,
     record_board,
     with_seen_picture,
 )
@@ -137,7 +137,7 @@ def log(
         refuse(of_tag, "is of logs of a tag, --eye of a board")
         rows = record_board(bag[0], table, joints, board, eye, lens, camera)
     else:
-        setting = read_setting(
+        scene = read_tag_scene(
             output,
             tag=tag,
             dictionary=dictionary,
@@ -155,15 +155,15 @@ def log(
             rows = log_video(
                 bag[0],
                 table,
-                setting,
+                scene,
                 time_offset=time_offset,
                 still=still,
                 max_gap=max_gap,
             )
         else:
-            rows = log_pictures(bag, table, setting)
+            rows = log_pictures(bag, table, scene)
         say(rows.notes)
-        rows = with_seen_picture(rows, bag, output, setting, picture)
+        rows = with_seen_picture(rows, bag, output, scene, picture)
     units = "[rad, m, s]"
     if not is_bag:
         units = f"[rad, {rows.unit}]{_noise(rows)}"
