@@ -51,7 +51,7 @@ def calibrate_lens(
     Of lenses of one, two and four terms the one by Schwarz's criterion: what the pictures do not
     need is free near the border, where no board was.
 
-    corners : places (2,) [px] by number that each picture shows, as of `Pattern.find`
+    corners : places (2,) [px] by number that each picture shows, see `Pattern.find`
     size : width and height of the pictures [px]
     Raises LogError if too few pictures show the board, or it was never tilted.
     """

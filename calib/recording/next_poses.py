@@ -2,7 +2,7 @@
 
 Boards before the camera are drawn as pictures show them, turned, nearer or farther (`draw`).  Each
 motion is credited with the information that the board's corners would bring there; of them the best
-is taken, again and again (`best`).
+is taken, again and again (`most_informative`).
 """
 
 from __future__ import annotations
@@ -145,7 +145,9 @@ class ExpectedRig:
         upright = turn_of(boards)[:, 2, 2] > DRAW.upright
         return ahead & upright & inside.all(axis=(1, 2))
 
-    def best(self, motions: Motions, count: int) -> tuple[Index, Array]:
+    def most_informative(
+        self, motions: Motions, count: int
+    ) -> tuple[Index, Array]:
         """The most informative motions (count,) of some, one after the other.
 
         Returns the covariance (count, 6, 6) of steps of what is in the hand after each, too.
@@ -251,7 +253,7 @@ def next_poses(
             f"{len(in_view)} of {len(flange)} poses near those of the pictures keep the board in "
             f"view: expected {count}"
         )
-    chosen, covariances = expected.best(Motions(in_view), count)
+    chosen, covariances = expected.most_informative(Motions(in_view), count)
     along_parent = turn_of(frame_of(rig.hand))
     shifts = along_parent @ covariances[:, 3:, 3:] @ along_parent.T
     sd = np.sqrt(shifts.diagonal(axis1=1, axis2=2))

@@ -167,7 +167,7 @@ class MarkLayout:
         Raises LogError if there are fewer than four, or a tag has two places.
         """
         source = open_source(path)
-        rows = source.numbers(["tag", "x", "y"])[0]
+        rows = source.numbers(["tag", "x", "y"])
         is_number = rows[:, 0] % 1 == 0
         is_near = (np.abs(rows[:, 1:]) < 20.0).all(axis=1)
         good = rows[is_number & is_near]

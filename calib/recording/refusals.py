@@ -21,8 +21,7 @@ from ..common.arrays import Array
 from ..common.rows import spread_rows
 from ..common.wording import two_digits
 from ..errors import LogError
-from ..samples.findings import Finding
-from ..samples.interpretations import ONLY_IF, interpretations
+from ..samples.findings import ONLY_IF, Finding, interpretations
 from ..samples.settings import DIAGNOSIS
 from .board_pictures import View
 from .pose_files import FlangeTable
