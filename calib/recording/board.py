@@ -1,4 +1,4 @@
-"""Boards: patterns with corners at known places, and where these are in a picture."""
+"""Boards: patterns with corners at known places, and their corners in a picture."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .tags import (
     Tag,
     TagFinder,
     find_dictionary,
-    lay_corners,
+    refine_corners,
     single_tags,
     tag_cells,
 )
@@ -41,7 +41,7 @@ EXAMPLES = (
 
 @dataclass(frozen=True, eq=False)
 class BlackSquare:
-    """A square of the print: black, and if it is a tag with white cells upon it."""
+    """A black square of the print; if it is a tag, with white cells."""
 
     x: float  # left edge, from the print's corner [m]
     y: float  # upper edge [m]
@@ -76,7 +76,7 @@ class Pattern(ABC):
         """Return the corners that a picture shows: number to place (2,) [px]."""
 
     def black_squares(self) -> Iterator[BlackSquare]:
-        """All black squares of the print, tags among them: every other square, from the first."""
+        """All black squares of the print with its tags; here every other square, from the first."""
         side = self.side
         no_cells = np.zeros((1, 1), bool)
         for x, y in np.ndindex(self.columns, self.rows):
@@ -127,7 +127,7 @@ class Chessboard(Pattern):
         )
         if is_there:
             corners = self._refine(grey, np.reshape(corners, (-1, 2)))
-        else:  # slower, and sees boards in the dark
+        else:  # slower, and finds boards in dark pictures
             is_there, corners = cv2.findChessboardCornersSB(
                 grey, inner, flags=0
             )
@@ -177,7 +177,7 @@ class CharucoPattern(Pattern):
 
     @property
     def tags(self) -> int:
-        """How many tags it has: 0 to one less."""
+        """Number of tags; their ids count from 0."""
         return self.columns * self.rows // 2
 
     @cached_property
@@ -207,7 +207,7 @@ class CharucoPattern(Pattern):
             return {}
         places = np.asarray(corners, float).reshape(-1, 2)
         by_number = sorted(zip(np.ravel(numbers).tolist(), places, strict=True))
-        return lay_corners(grey, dict(by_number), self.charuco)
+        return refine_corners(grey, dict(by_number), self.charuco)
 
     def black_squares(self) -> Iterator[BlackSquare]:
         """Black squares, and tags where OpenCV's detector expects them."""

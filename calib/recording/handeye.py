@@ -239,12 +239,16 @@ def pictures_of_boards(boards: Array) -> tuple[BoardPictures, Lens]:
     places = place_points(boards, pattern.points())
     pixels = lens.distort(places[:, :, :2] / places[:, :, 2:])
     count = len(boards)
-    names = tuple(f"pose {k + 1}" for k in range(count))
-    corners = tuple(dict(enumerate(picture)) for picture in pixels)
-    q = np.zeros((count, 0))
-    size = lens.size
-    rows = np.arange(count)
     pictures = BoardPictures(
-        pattern, (), names, q, corners, size, count, (), rows, is_of_poses=True
+        pattern,
+        (),
+        tuple(f"pose {k + 1}" for k in range(count)),
+        np.zeros((count, 0)),
+        tuple(dict(enumerate(picture)) for picture in pixels),
+        lens.size,
+        count,
+        (),
+        np.arange(count),
+        is_of_poses=True,
     )
     return pictures, lens

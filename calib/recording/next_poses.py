@@ -1,8 +1,8 @@
 """Next poses: those with the whole board in view that best place camera and board.
 
-Boards before the camera are drawn as pictures show them, turned, nearer or farther (`draw`).  Each
-motion is credited with the information that the board's corners would bring there; of them the best
-is taken, again and again (`most_informative`).
+Random boards before the camera are those of pictures, turned, nearer or farther (`draw`).  Each
+motion brings the information of the board's corners there; the best ones are taken one by one
+(`most_informative`).
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ from .rig import HandEye, frame_of
 
 @dataclass(frozen=True)
 class DrawSettings:
-    """How poses are drawn, and which are credited with what."""
+    """How poses are drawn, and how informative they are."""
 
     draws: int = 2000
     # least cosine between the line of sight and the board's normal
     upright: float = 0.5
     lever: float = 0.1  # from what is in the hand to where it is used [m]
-    # of information, over that before any picture, below which a direction is undetermined
+    # information on a direction, over that before any picture, below which it counts as none
     least: float = 1e-2
-    # times the corners' misses, that new ones are credited with: lens and board stay as unsure as
-    # they are (in twelve worlds the intervals that came out were .8 to 1.15 of the promised)
+    # noise of new corners over the errors of those seen, since lens and board stay uncertain (in
+    # twelve worlds the intervals were .8 to 1.15 of the predicted ones)
     careful: float = 4.0
 
 
@@ -59,17 +59,17 @@ DRAW = DrawSettings()
 
 @dataclass(frozen=True)
 class Around:
-    """How boards are drawn about those of pictures."""
+    """How random boards differ from those of pictures."""
 
     # most that the board turns about each of its axes [rad]
     tilt: tuple[float, float, float] = (0.5, 0.5, 0.5)
-    nearer: tuple[float, float] = (0.8, 1.25)  # times the distance
+    nearer: tuple[float, float] = (0.8, 1.25)  # factors on the distance
     edge: float = 0.05  # share of the picture that stays free
 
 
 @dataclass(frozen=True, eq=False)
 class ExpectedRig:
-    """Where camera X and board Y are as far as is known, in the symbols of :mod:`.bundle`."""
+    """The expected camera X and board Y, with their uncertainty; symbols as in :mod:`.bundle`."""
 
     in_hand: bool  # whether the camera is in the hand
     frames: Array  # (2, 4, 4), X and Y [m]
@@ -77,14 +77,14 @@ class ExpectedRig:
     points: Array  # (k, 3), the board's corners in its frame [m]
     boards: Array  # (p, 4, 4), the board before the camera, about which others are drawn [m]
     around: Around
-    noise: Noise  # of pictures to come, whose lens and board stay as they are
+    noise: Noise  # of pictures to come
     precision: Array  # (12, 12), of steps of X and Y
-    # (LENS_SIZE + SHAPE_SIZE,), sd of the numbers of lens and board, none of what is known
+    # (LENS_SIZE + SHAPE_SIZE,), sd of the parameters of lens and board, 0 of known ones
     sizes: Array
 
     @staticmethod
     def of(rig: HandEye) -> ExpectedRig:
-        """The rig of pictures, whose lens and board stay as they are."""
+        """The rig of pictures, whose lens and board count as known."""
         in_hand = rig.eye == "hand"
         frames = np.stack([frame_of(rig.hand), frame_of(rig.base)])
         covariance = rig.covariance + 1e-14 * np.eye(2 * POSE_SIZE)
@@ -163,7 +163,7 @@ class ExpectedRig:
         products, _ = information(bundle, self.noise, predicted)
         gains = schur_complement(products, self.noise, layout.size)[0]
 
-        # in units of what is known before
+        # in units of the sd before any picture
         root = self._root(motions, layout)
         squares, axes = np.linalg.eigh(root.T @ gains @ root)
         telling = squares.max(axis=0) > DRAW.least

@@ -31,26 +31,28 @@ from .start import RigStart, find_start, find_starts
 
 @dataclass(frozen=True)
 class RefusalLimits:
-    """Limits of what pictures contradict."""
+    """Limits beyond which joints or poses are refused."""
 
-    # times the misfit: other rows, or another reading of joints, explain the pictures better
+    # misfit of other rows, or of another reading of joints, over the stated ones', below which they
+    # are the right ones
     clear: float = 0.4
     # rms turn about a second axis that flange poses need [deg]
     turn: float = 1.0
     # misfit of the median picture, beyond which poses are not of the pictures [rad]
     misfit: float = radians(5.0)
-    few: int = 10  # pictures of which each two are tried exchanged
-    # times the misfit of the poses as they are: of many pairs one always fits somewhat better (2.6
-    # to 3.9 times where the hand turned about one axis alone), the right one 30 to 500 times
+    few: int = 10  # most pictures of which each two poses are tried exchanged
+    # misfit of two exchanged poses, over the stated ones', below which they are refused: of many
+    # pairs one always fits somewhat better (2.6 to 3.9 times where the hand turned about one axis
+    # alone), the right one 30 to 500 times
     exchanged: float = 0.1
     # misfit beyond which other readings of joints are tried [rad], and on how many pictures
     far: float = radians(1.5)
     tried: int = 10
-    # misfit that a reading of joints leaves at most: the right one up to 5.3 deg, of joints
-    # that are wrong in two ways at once the best 11 deg and more
+    # largest misfit of a reading of joints that explains the pictures: the right one left up to
+    # 5.3 deg, the best one of joints that are wrong in two ways 11 deg and more
     unexplained: float = radians(8.0)
-    most: float = 4 * np.pi  # no joint turns so far [rad]
-    size: float = 0.05  # of a board's size, that no print is off by
+    most: float = 4 * np.pi  # angle that no joint reaches [rad]
+    size: float = 0.05  # largest relative error of a print's size
 
 
 REFUSAL = RefusalLimits()

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arm.rigid import inverse, shift_of, turn_of
 from ..arm.rotations import quaternion_of
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Document, Index, Mask
 from ..common.atomic import FilePath
 from ..common.parallel import one_blas_thread
 from ..common.rows import rms, row_lengths
@@ -101,7 +101,7 @@ def log_pictures(
         ),
     }
     tags = [*compress(sightings.tags.values(), steady)]
-    about: dict[str, object] = {"source": "pictures"}
+    about = {"source": "pictures"}
     log = _log_of(sightings, tags, joints.names, q[steady], about, dropped)
     names = np.array(sightings.names)[steady]
     return replace(log, pictures=names, notes=(*notes, *log.notes))
@@ -143,20 +143,17 @@ def log_video(
         notes.append(clocks.words())
     when = clocks.joints_time(time)
     q = joints_at(when, joint_time, joint_values)
-    speed = joint_speed(when, joint_time, joint_values)
-    doubts = {
-        "a jump of the track": jumps(track),
-        **unknown_times(when, joint_time, max_gap),
-    }
-    usable, dropped = usable_rows(np.isfinite(track[:, 0]), doubts)
-    if not usable.any():
-        raise LogError(
-            f"the clocks are apart: the video runs from {when[0]:.2f} to {when[-1]:.2f} s of the "
-            f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s"
-        )
+    usable, dropped = _usable_frames(when, track, joint_time, max_gap)
 
+    # frames of each row
+    speed = joint_speed(when, joint_time, joint_values)
     slow = usable & (speed < (still or TAG_REST.rest))
-    groups, why = _frames_of_rows(when, track, slow, still)
+    if still is None:
+        groups = _rests(when, track, slow)
+        why = "the arm moves"
+    else:
+        groups = list(np.flatnonzero(slow)[:, None])
+        why = f"a joint moves faster than {still:g}"
     if not groups:
         raise LogError(
             f"the arm never rests for {TAG_REST.least} frames of {video.name}, or moves as slowly "
@@ -169,7 +166,7 @@ def log_video(
 
     # tag, joints and time of each row
     tags = [_median_tag([sightings.tags[k] for k in group]) for group in groups]
-    about: dict[str, object] = {
+    about = {
         "source": "video",
         "time_offset": clocks.offset,
         "rate": clocks.rate,
@@ -183,14 +180,25 @@ def log_video(
     return replace(log, time=row_time, notes=(*notes, *log.notes))
 
 
-def _frames_of_rows(
-    when: Array, track: Array, slow: Mask, still: float | None
-) -> tuple[list[Index], str]:
-    """The frames of each row of a log, see `_rests`, and why others belong to none."""
-    if still is None:
-        return _rests(when, track, slow), "the arm moves"
-    groups = list(np.flatnonzero(slow)[:, None])
-    return groups, f"a joint moves faster than {still:g}"
+def _usable_frames(
+    when: Array, track: Array, joint_time: Array, max_gap: float
+) -> tuple[Mask, dict[str, int]]:
+    """Frames (n,) with a tag and joints, and how many others there are, by the reason.
+
+    when : (n,) [s], of the joints' clock;  track : (n, 2) [px];  joint_time : (m,) [s]
+    Raises LogError if there are none.
+    """
+    doubts = {
+        "a jump of the track": jumps(track),
+        **unknown_times(when, joint_time, max_gap),
+    }
+    usable, dropped = usable_rows(np.isfinite(track[:, 0]), doubts)
+    if not usable.any():
+        raise LogError(
+            f"the clocks are apart: the video runs from {when[0]:.2f} to {when[-1]:.2f} s of the "
+            f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s"
+        )
+    return usable, dropped
 
 
 def _rests(when: Array, track: Array, slow: Mask) -> list[Index]:
@@ -276,7 +284,7 @@ def _log_of(
     tags: Sequence[Tag],
     joint_names: tuple[str, ...],
     q: Array,
-    about: dict[str, object],
+    about: Document,
     dropped: Mapping[str, int],
 ) -> Samples:
     """The log of tags at joints (n, dof), with notes of why pictures have none.
