@@ -24,8 +24,8 @@ import calib
 from calib.recording.board import parse_board
 from calib.recording.lens import load_lens
 from calib.recording.motion_tables import read_joints
-from calib.recording.setting import Setting
 from calib.recording.tag_logs import log_pictures, log_video
+from calib.recording.tag_scene import TagScene
 
 BOARD = parse_board("7x5:24mm:18mm:5x5_100")
 LYING = board(7, 5, 0.024, 0.018, (0.36, -0.06, 0.0, 0.1))
@@ -127,11 +127,11 @@ def judge(model: calib.Model, desk: Desk) -> str:
 
 def logged(folder: Path, metres: bool, name: str = "log.csv") -> tuple[calib.Samples, str]:
     """Make the log of a folder, and read it as `train` does."""
-    setting = Setting(7)
+    scene = TagScene(7)
     if metres:
         lens, _ = load_lens(folder / "shots", BOARD)
-        setting = Setting(7, board=BOARD, lens=lens)
-    made = log_pictures(folder / "pictures", read_joints(folder / "joints.csv"), setting)
+        scene = TagScene(7, board=BOARD, lens=lens)
+    made = log_pictures(folder / "pictures", read_joints(folder / "joints.csv"), scene)
     calib.write_log(made, folder / name)
     return calib.read_log(folder / name, joints=NAMES), f"{made.source['noise']:.2g} {made.unit}"
 
@@ -174,9 +174,9 @@ def run(folder: Path, count: int, seconds: float) -> None:
         film(folder / "film", DESK, seconds, 3)
         lens, _ = load_lens(folder / "still" / "shots", BOARD)
         table = read_joints(folder / "film" / "joints.csv")
-        settings = {"pixels": Setting(7), "metres": Setting(7, board=BOARD, lens=lens)}
-        for what, setting in settings.items():
-            shot = log_video(folder / "film" / "run.mp4", table, setting)
+        scenes = {"pixels": TagScene(7), "metres": TagScene(7, board=BOARD, lens=lens)}
+        for what, scene in scenes.items():
+            shot = log_video(folder / "film" / "run.mp4", table, scene)
             off = 1e3 * abs(shot.source["time_offset"] - 1004.0)
             calib.write_log(shot, folder / "film" / f"{what}.csv")
             log = calib.read_log(folder / "film" / f"{what}.csv", joints=NAMES)

@@ -24,8 +24,8 @@ from rendering import Camera, Desk, Sticker, board, write_video
 
 from calib.errors import CalibError
 from calib.recording.motion_tables import JointTable
-from calib.recording.setting import Setting
 from calib.recording.tag_logs import log_pictures, log_video
+from calib.recording.tag_scene import TagScene
 from calib.samples.lens import Lens
 from calib.samples.samples import Samples
 
@@ -36,8 +36,8 @@ def lens_of(camera: Camera, stretch: float = 1.0) -> Lens:
     return Lens(camera.size, np.full(2, stretch * camera.focal), camera.centre, bent)
 
 
-METRES = Setting(7, board=BOARD, lens=lens_of(DESK.camera))
-PIXELS = Setting(7)
+METRES = TagScene(7, board=BOARD, lens=lens_of(DESK.camera))
+PIXELS = TagScene(7)
 
 
 def shots(
@@ -53,13 +53,13 @@ def shots(
     return q, pictures
 
 
-def logged(q: np.ndarray, pictures: list[np.ndarray], setting: Setting) -> Samples:
+def logged(q: np.ndarray, pictures: list[np.ndarray], scene: TagScene) -> Samples:
     """Make the log of pictures."""
     with tempfile.TemporaryDirectory() as folder:
         for k, picture in enumerate(pictures):
             cv2.imwrite(f"{folder}/img_{k}.png", picture)
         names = tuple(f"img_{k}.png" for k in range(len(pictures)))
-        return log_pictures(folder, JointTable("joints", tuple(NAMES), q, None, names), setting)
+        return log_pictures(folder, JointTable("joints", tuple(NAMES), q, None, names), scene)
 
 
 def told(name: str, desk: Desk, make: Callable[[], Samples], lying: Sticker = LYING) -> None:
@@ -115,11 +115,11 @@ def focus(count: int) -> None:
 
     for name, cameras in (("random", camera), ("once, halfway", stepped)):
         q, pictures = shots(DESK, count, cameras=cameras)
-        for what, setting in (("metres", METRES), ("pixels", PIXELS)):
+        for what, scene in (("metres", METRES), ("pixels", PIXELS)):
             told(
                 f"focal length +-1 %, {name}, {what}",
                 DESK,
-                lambda q=q, p=pictures, s=setting: logged(q, p, s),
+                lambda q=q, p=pictures, s=scene: logged(q, p, s),
             )
     q, pictures = shots(DESK, count)
     other = replace(METRES, lens=lens_of(DESK.camera, 1.01))

@@ -98,7 +98,7 @@ def opencv(rig: Rig, true: object) -> dict[str, tuple[float, float]]:
     base, neutral = rig.structure.with_sensor(view="base"), rig.structure.neutral()
     p, turn = base.pose(rig.q, neutral)
     seen = rig.shots().poses(rig.glass)
-    there = hand_poses(seen, in_hand=False)
+    there = hand_poses(seen, "base")
     boards, shifts = there[:, :3, :3], there[:, :3, 3]
     out = {}
     kinds = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")
@@ -163,7 +163,7 @@ def guard(worlds: int) -> None:
             for first in (24, 24 + SERIES):
                 series_rows = np.arange(first, first + SERIES)
                 shots = some(rig.shots(rig.seen + bumped * moved), series_rows)
-                log = shots.log(glass, rig.in_hand)
+                log = shots.log(glass, rig.eye)
                 log = replace(log, arm=own.poses.arm, source=own.poses.source)
                 drifted = bool(calib.check(model, log).drifted)
                 alarms += drifted and not bumped

@@ -91,7 +91,7 @@ def load(folder: Path, name: str) -> tuple[calib.PlanarArm, Samples, list[np.nda
     header = path.read_text().split("\n", 1)[0].split(",")
     arm = calib.load_arm(folder / f"{ARMS[name]}.urdf", columns=header, tip="ball_link")
     log = calib.read_log(path, arm)
-    log = replace(log, touch=log.touch.stated(["0,1=50mm+-0.2mm"]))
+    log = replace(log, touch=log.touch.with_stated_facts(["0,1=50mm+-0.2mm"]))
     setups = np.array([log.touch.sockets[k][0] for k in log.touch.number])
     return arm, log, [setups == each for each in sorted(set(setups))]
 

@@ -150,7 +150,7 @@ def _arm_of_log(
     robot: str, selection: Selection, source: Source, columns: Mapping[str, str]
 ) -> Arm:
     """Load the arm with its other joints at their values in the log."""
-    from calib.samples.header import find_column
+    from calib.samples.column_units import find_column
     from calib.samples.locked_joints import locked_joint_values
 
     revolute = revolute_joints(robot)
@@ -184,7 +184,9 @@ def with_facts(
         why = "is of touched points: expected a log with a column `point`"
         refuse({"distance": distance, "plane": plane}, why)
         return log
-    return replace(log, touch=log.touch.stated(distance or (), plane or ()))
+    return replace(
+        log, touch=log.touch.with_stated_facts(distance or (), plane or ())
+    )
 
 
 def log_for(

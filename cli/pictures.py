@@ -16,7 +16,7 @@ from .parsing import BadOption
 
 if TYPE_CHECKING:
     from calib.recording.motion_tables import JointTable
-    from calib.recording.setting import Setting
+    from calib.recording.tag_scene import TagScene
 
 
 def is_of_camera(name: str) -> bool:
@@ -31,7 +31,7 @@ def is_film(names: Sequence[str]) -> bool:
     return first.is_file() and first.suffix.lower() not in PICTURES
 
 
-def read_setting(
+def read_tag_scene(
     output: str,
     *,
     tag: int | None,
@@ -41,12 +41,12 @@ def read_setting(
     lens: str | None,
     tag_size: str | None,
     tag_height: str | None,
-) -> Setting:
+) -> TagScene:
     """What is in pictures of a tag; a lens that is calibrated is written next to the log."""
     from calib.recording.board import CharucoPattern, parse_board, parse_length
     from calib.recording.lens import load_lens
     from calib.recording.reference import MarkLayout
-    from calib.recording.setting import Setting
+    from calib.recording.tag_scene import TagScene
 
     if tag is None:
         raise BadOption(
@@ -66,7 +66,7 @@ def read_setting(
             f"--board {board}: on the desk expected a ChArUco board such as 7x5:24mm:18mm:5x5_100, "
             "of which each corner is known from the others"
         )
-    return Setting(
+    return TagScene(
         tag,
         dictionary,
         pattern,
@@ -81,19 +81,19 @@ def with_seen_picture(
     log: calib.Samples,
     sources: Sequence[str],
     output: str,
-    setting: Setting,
+    scene: TagScene,
     picture: str | None,
 ) -> calib.Samples:
     """Draw what was seen in pictures or a video; a log in pixels names the photo next to it."""
     from calib.recording.pictures import list_pictures, read_photo
-    from calib.recording.setting import write_overlay
+    from calib.recording.tag_scene import write_overlay
 
     path = Path(sources[0])
     if log.pictures is not None:
         paths = {path.name: path for path in list_pictures(sources)}
         path = paths[log.pictures[len(log) // 2]]
     if picture is not None and log.pixels is not None:
-        write_overlay(picture, read_photo(path), setting, log.pixels)
+        write_overlay(picture, read_photo(path), scene, log.pixels)
     folder = Path(output).resolve().parent
     is_beside = output != "-" and path.resolve().is_relative_to(folder)
     if not is_beside or log.unit != "px":
@@ -140,7 +140,7 @@ def record_board(
     if lens is not None:
         known_lens, notes = load_lens(lens, shots.board)
         say(notes)
-    log = shots.log(known_lens or shots.lens(), eye == "hand")
+    log = shots.log(known_lens or shots.lens(), eye)
     say(log.notes)
     return log
 
@@ -167,7 +167,7 @@ def log_of_pictures(
     shots = find_board(
         source, joints_file, board["board"], about, camera, degrees=in_degrees
     )
-    log = shots.log(lens_of_model(model), board["eye"] == "hand")
+    log = shots.log(lens_of_model(model), board["eye"])
     say(log.notes)
     return log
 

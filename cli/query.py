@@ -17,7 +17,7 @@ from calib.common.arrays import Array, Index, Mask
 from calib.common.rows import finite_rows
 from calib.common.scale import METRES
 from calib.common.wording import error_size, for_people, listing
-from calib.use import standing
+from calib.use import assessment
 
 from .output import EXIT_ACT, Outcome, TextTable, note, say, with_decimals
 from .parsing import TABLES, BadOption, bad_value, check_file, refuse
@@ -46,7 +46,7 @@ def model_in(path: str, frame: str, *, base: bool = False) -> calib.Model:
         if base:
             choices.append("base")
         raise BadOption(f"--in {frame!r}: expected {', '.join(choices)}")
-    say(standing.bound_warnings(model.about))
+    say(assessment.bound_warnings(model.about))
     return model
 
 

@@ -24,8 +24,8 @@ import calib  # noqa: E402
 from calib.recording.board import parse_board  # noqa: E402
 from calib.recording.motion_tables import read_joints  # noqa: E402
 from calib.recording.pictures import list_pictures, read_picture, take_photo  # noqa: E402
-from calib.recording.setting import Setting, write_overlay  # noqa: E402
 from calib.recording.tag_logs import log_pictures  # noqa: E402
+from calib.recording.tag_scene import TagScene, write_overlay  # noqa: E402
 from calib.samples.lens import Lens  # noqa: E402
 
 
@@ -55,9 +55,9 @@ def main(target: Path) -> None:
         distortion = np.array([camera.k1, camera.k2, 0.0, 0.0, 0.0])
         lens = Lens(camera.size, np.full(2, camera.focal), camera.centre, distortion)
         table = read_joints(folder / "joints.csv")
-        board_given = Setting(7, board=parse_board("7x5:24mm:18mm:5x5_100"), lens=lens)
-        made = log_pictures(folder / "pictures", table, Setting(7))
-        photo = read_picture(list_pictures(folder / "pictures")[7], colour=True)
+        board_given = TagScene(7, board=parse_board("7x5:24mm:18mm:5x5_100"), lens=lens)
+        made = log_pictures(folder / "pictures", table, TagScene(7))
+        photo = read_picture(list_pictures(folder / "pictures")[7], "RGB")[0]
         write_overlay(folder / "seen.png", photo, board_given, made.pixels)
         save(Image.open(folder / "seen.png"), target / "webcam-seen.jpg")
         calib.write_log(made, folder / "log.csv")

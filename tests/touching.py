@@ -5,7 +5,7 @@ from models import log_of
 
 import calib
 from calib.body.spatial import structure_of
-from calib.samples.sockets import Known, Touches
+from calib.samples.sockets import SocketFact, Touches
 
 MM = 1e-3
 
@@ -51,7 +51,7 @@ class World:
 
     def known(self, *pairs):
         apart = (np.linalg.norm(np.subtract(*self.points[list(pair)])) for pair in pairs)
-        return [Known(pair, float(m), 0.1 * MM) for pair, m in zip(pairs, apart, strict=True)]
+        return [SocketFact(pair, float(m), 0.1 * MM) for pair, m in zip(pairs, apart, strict=True)]
 
     def log(self, q=None, number=None, known=()):
         """Touches as a log holds them: the world's own, or others."""

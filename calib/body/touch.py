@@ -15,7 +15,7 @@ import numpy as np
 from ..arm.rotations import similarity
 from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
-from ..samples.sockets import Known
+from ..samples.sockets import SocketFact
 from .belief import Body
 from .body_fit import BodyFit, fit
 from .parameters import Block, Gaussian, Hyper, Indices
@@ -66,7 +66,7 @@ class Facts(Measurement):
     The joints have no part in it.
     """
 
-    facts: tuple[Known, ...]
+    facts: tuple[SocketFact, ...]
 
     outputs = 1
     noise = 1.0
@@ -88,7 +88,7 @@ class Facts(Measurement):
 
 
 def rows_of_touches(
-    q: Array, point: Indices, known: Sequence[Known], x: Array
+    q: Array, point: Indices, known: Sequence[SocketFact], x: Array
 ) -> list[Rows]:
     """Touches, positions, and what is known of sockets, each a measurement.
 
@@ -113,7 +113,7 @@ def rows_of_touches(
     return rows
 
 
-def _rows_of_facts(known: Sequence[Known], dof: int) -> Rows:
+def _rows_of_facts(known: Sequence[SocketFact], dof: int) -> Rows:
     """One row of each distance, and of each point of a plane; its joints do not matter."""
     count = 0
     for fact in known:
@@ -128,7 +128,7 @@ def fit_touches(
     structure: SpatialStructure,
     q: Array,
     point: Indices,
-    known: Sequence[Known],
+    known: Sequence[SocketFact],
     *,
     lower: Array,
     upper: Array,

@@ -20,8 +20,7 @@ from ..errors import LogError, ModelError
 from ..model.model import Model
 from ..model.prediction import Prediction
 from ..samples.diagnosis import diagnose
-from ..samples.findings import refuse_mistakes
-from ..samples.interpretations import interpretations
+from ..samples.findings import interpretations, refuse_mistakes
 from ..samples.motion import RowArrays
 from ..samples.samples import Samples
 from ..training.preparation import sound_log

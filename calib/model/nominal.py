@@ -18,8 +18,10 @@ from ..body.spatial import SpatialStructure, structure_of
 from ..body.structure import Structure
 from ..common.arrays import Array
 from ..common.rows import spread_rows
+from ..common.scale import METRES
 from ..errors import CalibError, OptionError
 from ..kernel.arm import KernelArm
+from .alignment import Alignment
 from .parts import ModelParts
 
 
@@ -138,3 +140,49 @@ def nominal_for_kernel(
         return None
     there = structure_of(drawn, "base")
     return KernelArm.of(there, there.neutral()), goal
+
+
+_FRAME_IS_FITTED = (
+    "the sensor's frame is fitted to the log, so the first joint's offset is "
+    "taken as zero"
+)
+_SAY_BASE = (
+    "; if the log is in the robot's root frame, train with `view='base'`"
+)
+_TOUCHED = "no touch tells the first joint's offset nor where the base stands: both are as drawn"
+
+
+def has_free_frame(model: ModelParts) -> bool:
+    """Whether it is unknown how the sensor's frame lies to the robot's root link.
+
+    Positions of a simulation are in the root link's plane; those of a log are in the sensor's
+    own frame, unless the model was trained with the view "base".
+    """
+    based = model.about.options.get("view") == "base"
+    return not is_simulated(model) and not based
+
+
+def assumption(model: ModelParts) -> str:
+    """The assumption of a model about an unknown frame of its sensor."""
+    # in the base's frame without the option: the arm touched points, there is no sensor
+    if model.body is not None and model.body.structure.view == "base":
+        return _TOUCHED
+    if model.about.unit not in METRES:  # a camera's pixels
+        return _FRAME_IS_FITTED
+    return _FRAME_IS_FITTED + _SAY_BASE
+
+
+def is_simulated(model: ModelParts) -> bool:
+    """Whether a model was first learned in simulation."""
+    source = model.about.source
+    if model.history:
+        source = model.history[0].get("from", {}).get("source", source)
+    return bool(source != "log")
+
+
+def frame_moves(model: ModelParts) -> list[Alignment]:
+    """Return how adaptations found the sensor's frame moved, one after the other."""
+    entries = [state.get("frame") for state in model.history]
+    return [
+        Alignment.from_json(entry) for entry in entries if entry is not None
+    ]

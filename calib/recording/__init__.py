@@ -6,9 +6,8 @@ Hand-eye (camera and board from pictures and motions), in the order of the flow:
     documents         JSON and YAML
     pose_files        flange poses from tables, matrices, lists, JSON, NumPy
     board             patterns, and their corners in a picture
-    board_pictures    the pictures that show a board
+    board_pictures    the pictures that show a board, and the view of one camera
     lens              a camera's lens
-    view              the pictures of one camera, its lens, its board
     start             camera and board in closed form
     readings          what the numbers of poses mean
     refusals          joints and poses that are not of the pictures
@@ -25,7 +24,7 @@ Tags and films (logs of a tag on the tip):
     pictures          pictures of a folder, frames of a video, a model's photo
     tags              tags and corners to .01 px
     reference         metres in a frame on the desk
-    setting           tag, reference and lens of a recording, and what pictures show
+    tag_scene         tag, reference and lens of a recording, and what pictures show
     track             how joints predict the tag: smooth functions, or a planar chain
     clocks            the sensor's clock against the joints'
     tag_logs          the log

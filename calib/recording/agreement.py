@@ -1,4 +1,4 @@
-"""Agreement: the fit of the pictures that agree; the others are left out by name."""
+"""Agreement: the fit of the pictures that agree; the names of the others are reported."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from ..common.arrays import Array, Mask
 from ..common.rows import rms
 from ..errors import LogError
-from .board_pictures import LEAST
+from .board import LEAST_PICTURES
 from .fit import CornerFit
 from .problem import Problem
 from .start import agreeing_pictures
@@ -20,26 +20,28 @@ from .start import agreeing_pictures
 class AgreementSettings:
     """When pictures agree."""
 
-    # times the median miss of a picture, or the noise of corners: a picture of another motion
+    # error of a picture, over the median one or the noise of corners, beyond which it is of another
+    # motion
     far: float = 6.0
     rounds: int = 5
     half: int = 8  # motions that one half of the pictures has at least
-    # [rad, m], noise of motions from which some pictures are tried alone
+    # noise of motions' turns [rad] and shifts [m] beyond which parts of the pictures are fitted
     doubtful: tuple[float, float] = (radians(0.2), 1e-3)
-    # share of the misses that some alone have at most
+    # score of a part, over that of all pictures, below which the part is taken
     better: float = 0.3
     share: float = 0.4  # of the pictures that must agree
     folds: int = 5
-    # motions below which left-out pictures do not choose between fits
+    # motions below which held-out pictures do not choose between fits
     few: int = 8
-    # [rad], noise of turns that a second fit begins with: noise has several optima, and on a real
-    # KUKA the one of largest evidence missed pictures left out by 1.24 px, another by .96
+    # [rad], initial noise of turns in a second fit.  Noise has several optima: on a real KUKA the
+    # one of largest evidence missed held-out pictures by 1.24 px, another one by .96.
     small_turn: float = 3e-4
-    # share of the held-out misses that it has at most; at 1 the camera's turns were 2 % worse
+    # held-out error of the second fit over that of the first, below which it is taken; at 1 the
+    # camera's turns were 2 % worse
     clearly: float = 0.9
-    # log of a ratio of turns' noise, below which both fits are one
+    # log of the ratio of both fits' noise of turns, below which they are the same
     same: float = 0.1
-    # noise that no picture and no arm has [px, rad, m]
+    # largest plausible noise of corners [px], turns [rad] and shifts [m]
     corner: float = 5.0
     turn: float = radians(3.0)
     shift: float = 0.03
@@ -54,20 +56,17 @@ class Agreement:
 
     fit: CornerFit
     agreeing: Mask  # (n,)
-    score: float  # rms miss of these [px] over their share of all
+    score: float  # rms error of these [px] over their share of all
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether motions are as noisy as where some pictures contradict the others."""
+        """Whether motions are so noisy that some pictures may contradict the others."""
         turn, shift = AGREEMENT.doubtful
         return self.fit.noise.turn > turn or self.fit.noise.shift > shift
 
 
 def consensus(problem: Problem) -> tuple[CornerFit, Mask]:
-    """The fit of the pictures that agree, and which these are (n,).
-
-    Raises LogError if too few do.
-    """
+    """The fit of the pictures that agree, and their mask (n,); LogError if too few agree."""
     number = np.arange(problem.count)
     agreements = _agreements(problem, [number >= 0])
     if not agreements or agreements[0].is_doubtful:
@@ -83,7 +82,7 @@ def consensus(problem: Problem) -> tuple[CornerFit, Mask]:
             "picture, that it is this robot and its tip carries what is in the hand, and that "
             "camera and board were not moved"
         )
-    # some pictures alone have to fit far better, since few always fit well
+    # a part of the pictures has to fit far better, since few always fit well
     first = agreements[0]
     best = min(agreements, key=lambda agreement: agreement.score)
     if best.score >= AGREEMENT.better * first.score:
@@ -123,7 +122,7 @@ def _agreeing_start(problem: Problem) -> Mask:
 
 
 def _agreements(problem: Problem, some: list[Mask]) -> list[Agreement]:
-    """The fits that there are of motions that agree with some (n,)."""
+    """The fits that succeed of motions that agree with some (n,)."""
     attempts = [_agreement(problem, mask) for mask in some]
     return [attempt for attempt in attempts if attempt is not None]
 
@@ -131,7 +130,7 @@ def _agreements(problem: Problem, some: list[Mask]) -> list[Agreement]:
 def _agreement(problem: Problem, agreeing: Mask) -> Agreement | None:
     """The fit of all motions that agree with some (n,); None where it fails."""
     for _ in range(AGREEMENT.rounds):
-        if agreeing.sum() < LEAST:
+        if agreeing.sum() < LEAST_PICTURES:
             return None
         try:
             fit = problem.solve(np.flatnonzero(agreeing), problem.start)

@@ -50,14 +50,14 @@ def solve_rig(problem: Problem) -> HandEye:
 
 @dataclass(frozen=True, eq=False)
 class RigFit:
-    """A fit of pictures as places, lenses and a board, with intervals."""
+    """A fit of pictures, from which the rig is computed: places, lenses and a board."""
 
     problem: Problem
     fit: CornerFit
     agreeing: Mask  # (n,), motions that the fit rests on
 
     def rig(self) -> HandEye:
-        """The rig, but for notes and log."""
+        """The rig without notes and log."""
         problem = self.problem
         bundle = problem.bundle
         first = problem.views[0]
@@ -106,9 +106,9 @@ class RigFit:
         """Values (s,) of the unknowns."""
         return self.fit.unknowns.values
 
-    def covariance(self, places: Index) -> Array:
+    def covariance(self, indices: Index) -> Array:
         """Covariance (k, k) of some unknowns."""
-        return self.fit.covariance[np.ix_(places, places)]
+        return self.fit.covariance[np.ix_(indices, indices)]
 
     def frame_covariance(self, numbers: list[int]) -> Array:
         """Covariance (6 k, 6 k) of steps of some frames (k,)."""
@@ -150,7 +150,7 @@ class RigFit:
         return numbers if bundle.in_hand[camera] else numbers[::-1]
 
     def body(self, camera: int) -> ArmBelief | None:
-        """The arm with one camera as a belief; None of flange poses."""
+        """The belief on the arm with one camera; None of flange poses."""
         motions = self.problem.bundle.motions
         if not isinstance(motions, JointMotions):
             return None
@@ -166,7 +166,7 @@ class RigFit:
         return self._sensor_place(hand_pose(body)), self._sensor_place(base)
 
     def camera(self, number: int) -> CameraPlace:
-        """One camera, and its place in the frame of the first with its parent."""
+        """One camera, with its place in the frame of the first camera of its eye."""
         views = self.problem.views
         view = views[number]
         hand, base = self.places(number)
@@ -179,7 +179,7 @@ class RigFit:
         return camera
 
     def frame_place(self, number: int, parent: int | None = None) -> Place:
-        """A frame with its intervals, in its parent or in another frame, along the axes there."""
+        """A frame with its intervals, along the axes of its parent or of another frame."""
         pose = self.fit.unknowns.frames[number]
         steps = np.eye(6)
         numbers = [number]
@@ -194,7 +194,7 @@ class RigFit:
         return self._place(pose, sd, sd)
 
     def _sensor_place(self, place: SensorPose) -> Place:
-        """A place by joints, whose intervals count turns about the first and last axis apart."""
+        """A place by joints; `up_to_gauge` leaves out turns about the first and the last axis."""
         pose = rigid(place.rotation, place.position)
         return self._place(pose, place.sd, place.sd_up_to_gauge)
 
@@ -212,11 +212,11 @@ class RigFit:
 
     def lens(self, number: int) -> Lens:
         """The lens of a camera."""
-        places = self.layout.lenses[number]
+        indices = self.layout.lenses[number]
         size = self.problem.views[number].size
         distance = float(np.sqrt(2.0) * self.fit.noise.corner[number])
-        lens = Lens.of(size, self.values[places], distance)
-        return replace(lens, covariance=self.covariance(places))
+        lens = Lens.of(size, self.values[indices], distance)
+        return replace(lens, covariance=self.covariance(indices))
 
     def lens_facts(self, number: int) -> LensFacts:
         """The lens as JSON, with half-widths of 95 % intervals."""
@@ -245,7 +245,7 @@ class RigFit:
         if arm is None:
             return None
         view = self.problem.views[0]
-        log = view.log(self.lens(0), view.in_hand)
+        log = view.log(self.lens(0), view.eye)
         log = log.take(self.agreeing[view.rows])
         return replace(
             log,

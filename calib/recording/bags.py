@@ -16,10 +16,10 @@ from ..errors import LogError
 from ..samples.motion import (
     MAX_GAP,
     check_limits,
-    gaps_between,
     joint_speed,
     joints_at,
     rows_of_motion,
+    unknown_times,
 )
 from ..samples.samples import Samples
 from .clocks import SURE, ClockError, align_clocks
@@ -34,7 +34,7 @@ _TF = "tf2_msgs/msg/TFMessage"
 _SAME = 1e-9  # turns [rad] and lengths [m] below which a transform is the same
 UNSURE = "stamps are taken as they are: the motion does not show whether the clocks agree"
 
-# [s], offsets below which stamps are left: training estimates the rest
+# [s], offsets below which stamps stay as they are, since training estimates the rest
 _IN_TIME = 0.005
 
 
@@ -74,7 +74,7 @@ def read_bag(
     if time_offset is None:
         time_offset, notes = _offset(stamps, x, times, values)
     stamps = stamps + time_offset
-    doubts = gaps_between(stamps, times, max_gap)
+    doubts = unknown_times(stamps, times, max_gap)
     doubts["not finite"] = ~finite_rows(x)
     if still is not None:
         fast = joint_speed(stamps, times, values) > still
@@ -85,13 +85,14 @@ def read_bag(
         hint = "change `max_gap`, `still` or `time_offset`"
         raise LogError(f"no position is left ({'; '.join(notes)})", hint=hint)
     stamps = stamps[usable]
-    turned = _turns(poses[:, 4:])  # drivers may leave orientations unset
+    # drivers may leave orientations unset
+    orientation = poses[usable, 4:] if _turns(poses[:, 4:]) else None
     return Samples(
         joints_at(stamps, times, values),
         x[usable],
         names,
         source={"source": "bag", "frame": frame or None},
-        orientation=poses[usable, 4:] if turned else None,
+        orientation=orientation,
         time=stamps - stamps[0],
         notes=tuple(notes),
     )
@@ -102,7 +103,7 @@ def _tip_topics(
     tip_topic: str | None,
     frames: Sequence[str] | None,
 ) -> list[str]:
-    """Topics with the tip's place: those of tf, where there is no other or it is chosen."""
+    """Topics with the tip's place: those of tf if there is no other or if they are chosen."""
     tips = sorted(topic for topic, kind in topics.items() if kind == _TF)
     is_other = tip_topic is not None or {*_POSITIONS} & {*topics.values()}
     if not tips or (frames is None and tip_topic not in tips and is_other):
@@ -145,7 +146,7 @@ def _topic(
     types: Sequence[str],
     parameter: str,
 ) -> str:
-    """The topic that was chosen, or the only one of some types."""
+    """The chosen topic, or the only one of some types."""
     fitting = [
         name
         for name, kind in topics.items()
@@ -194,7 +195,7 @@ def _joint_states(
         recorded |= {*state}
         names = names or tuple(message.name)
         row = [float(state.get(name, np.nan)) for name in names]
-        # others are messages of another controller on the same topic
+        # incomplete messages are of another controller on the same topic
         if np.isfinite(row).all():
             rows.setdefault(time, row)
     if len(rows) < 2:
@@ -211,7 +212,7 @@ def _joint_states(
 def _offset(
     stamps: Array, x: Array, times: Array, values: Array
 ) -> tuple[float, list[str]]:
-    """What has to be added to the stamps of positions [s], and notes for the user."""
+    """The correction of the positions' stamps [s], and notes for the user."""
     gap = float(times[0] - stamps[0])
     is_common = min(times[-1], stamps[-1]) > max(times[0], stamps[0])
     track = np.where(finite_rows(x)[:, None], 1e3 * x, np.nan)
@@ -228,9 +229,9 @@ def _offset(
             parameter="time_offset",
         ) from None
     offset = clocks.offset + gap
-    if is_common and abs(offset) < max(_IN_TIME, 3.0 * clocks.doubt):
+    if is_common and abs(offset) < max(_IN_TIME, 3.0 * clocks.sd):
         return 0.0, []
-    interval = f"{offset:+.4f} +- {2.0 * max(clocks.doubt, SURE):.2g} s"
+    interval = f"{offset:+.4f} +- {2.0 * max(clocks.sd, SURE):.2g} s"
     return offset, [
         f"the positions' clock is corrected by {interval}, as the motion shows"
     ]
@@ -239,10 +240,10 @@ def _offset(
 def _poses(
     reader: Any, topics: Sequence[str], frames: Sequence[str] | None
 ) -> tuple[str, Array]:
-    """The frame, and times, places and quaternions (n, 8) in it, of the one thing that moves.
+    """The only moving transform or topic: frame, and times, places and quaternions (n, 8) in it.
 
     Rows are in the order of time.
-    frames : of a transform of tf, its parent and its child
+    frames : parent and child of a transform of tf
     """
     moves: dict[tuple[str, str], list[list[float]]] = {}
     for topic, received, message in _messages(reader, topics):

@@ -1,4 +1,4 @@
-"""Boards: patterns with corners at known places, and where these are in a picture."""
+"""Boards: patterns with corners at known places, and their corners in a picture."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .tags import (
     Tag,
     TagFinder,
     find_dictionary,
-    lay_corners,
+    refine_corners,
     single_tags,
     tag_cells,
 )
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 LEAST_CORNERS = 8
 """Corners of a board that a picture must show."""
 
+LEAST_PICTURES = 4
+"""Pictures of a board that a calibration needs."""
+
 EXAMPLES = (
     "a chessboard's squares COLSxROWS:SQUARE such as 10x7:22mm, COLSxROWS:SQUARE:MARKER:DICT such "
     "as 7x5:24mm:18mm:5x5_100, or grid:COLSxROWS:TAG:GAP:FAMILY such as grid:6x6:88mm:26.4mm:t36h11"
@@ -38,7 +41,7 @@ EXAMPLES = (
 
 @dataclass(frozen=True, eq=False)
 class BlackSquare:
-    """A square of the print: black, and if it is a tag with white cells upon it."""
+    """A black square of the print; if it is a tag, with white cells."""
 
     x: float  # left edge, from the print's corner [m]
     y: float  # upper edge [m]
@@ -73,7 +76,7 @@ class Pattern(ABC):
         """Return the corners that a picture shows: number to place (2,) [px]."""
 
     def black_squares(self) -> Iterator[BlackSquare]:
-        """All black squares of the print, tags among them: every other square, from the first."""
+        """All black squares of the print with its tags; here every other square, from the first."""
         side = self.side
         no_cells = np.zeros((1, 1), bool)
         for x, y in np.ndindex(self.columns, self.rows):
@@ -124,7 +127,7 @@ class Chessboard(Pattern):
         )
         if is_there:
             corners = self._refine(grey, np.reshape(corners, (-1, 2)))
-        else:  # slower, and sees boards in the dark
+        else:  # slower, and finds boards in dark pictures
             is_there, corners = cv2.findChessboardCornersSB(
                 grey, inner, flags=0
             )
@@ -174,7 +177,7 @@ class CharucoPattern(Pattern):
 
     @property
     def tags(self) -> int:
-        """How many tags it has: 0 to one less."""
+        """Number of tags; their ids count from 0."""
         return self.columns * self.rows // 2
 
     @cached_property
@@ -204,7 +207,7 @@ class CharucoPattern(Pattern):
             return {}
         places = np.asarray(corners, float).reshape(-1, 2)
         by_number = sorted(zip(np.ravel(numbers).tolist(), places, strict=True))
-        return lay_corners(grey, dict(by_number), self.charuco)
+        return refine_corners(grey, dict(by_number), self.charuco)
 
     def black_squares(self) -> Iterator[BlackSquare]:
         """Black squares, and tags where OpenCV's detector expects them."""
@@ -314,11 +317,10 @@ def parse_board(board: Pattern | str) -> Pattern:
     return CharucoPattern(*size, side, other, *families)
 
 
-def parse_length(
-    text: str, what: str = "length", *, signed: bool = False
-) -> float:
-    """Return a length [m] above zero, or where `signed` of either sign, such as of "24mm".
+def parse_length(text: str, what: str, *, signed: bool = False) -> float:
+    """Read a length [m] such as "24mm", above zero, or where `signed` of either sign.
 
+    what : name of the length in messages
     Raises OptionError if the text has no number, or no unit.
     """
     match = re.fullmatch(r"\s*(-?\d*\.?\d+)\s*(mm|cm|m|in)\s*", text)

@@ -1,4 +1,4 @@
-"""Pictures of a board that an arm took, or held: corners, poses, and the log that they make."""
+"""Pictures of a board that an arm took or held: corners, poses, logs, and the view of a camera."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 from ..arm.arm import SpatialArm
 from ..arm.rigid import inverse, place_points, rigid, shift_of, turn_of
 from ..arm.rotations import cross_matrix, matrix_of, quaternion_of
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Index, Mask
 from ..common.atomic import FilePath
+from ..common.choices import Eye
 from ..common.wording import listing
 from ..errors import LogError, OptionError
 from ..model.about import About
@@ -21,25 +22,30 @@ from ..model.model import Model
 from ..samples.lens import Lens
 from ..samples.samples import Samples
 from ..samples.tables import Source
-from .board import LEAST_CORNERS, Chessboard, Pattern, parse_board
-from .lens import calibrate_lens, lens_of_model
+from .board import (
+    LEAST_CORNERS,
+    LEAST_PICTURES,
+    Chessboard,
+    Pattern,
+    parse_board,
+)
+from .lens import calibrate_lens, lens_of_model, refuse_size
 from .lerobot import is_dataset, read_dataset
 from .motion_tables import JointTable, read_joints, read_shots
 from .pictures import Picture, Shot
 from .reference import Pose, find_pose, frames_of
 
-LEAST = 4
-"""Pictures of the board that show where it is, and in which another one is looked for."""
+POINT_DISTANCE = 2.0
+"""Distance, in diagonals of the board, of the logged point ahead of the camera.
 
-AHEAD = 2.0
-"""Diagonals of the board to the point that a log tells; a picture tells where the camera looks ten
-times better than where it is: of 24 rendered pictures .2 mm instead of .5, of which tilt and place
-are one."""
+A picture determines that point ten times better than the camera's own position, whose error trades
+off against that of the tilt (.2 mm for .5 over 24 rendered pictures).
+"""
 
 # share by which the focal length of a camera that was not touched may differ
 _REFOCUSED = 0.02
 
-Shots = FilePath | Sequence[Picture]
+PictureSource = FilePath | Sequence[Picture]
 """A folder or pattern of pictures, a LeRobotDataset, or grey pictures (height, width)."""
 
 
@@ -72,24 +78,24 @@ class BoardPictures:
         """The camera's lens, calibrated by the same pictures."""
         return calibrate_lens(self.corners, self.board, self.size)
 
-    def log(self, lens: Lens, in_hand: bool) -> Samples:
-        """The pictures as a log of poses of what is in the hand, in the frame of the other.
+    def log(self, lens: Lens, eye: str) -> Samples:
+        """The pictures as a log of poses of what is in the hand, in the frame of what is at rest.
 
-        Its point is ahead of the camera, or in the middle of the board.
+        The logged point is ahead of the camera, or in the middle of the board.
         """
         poses = self.poses(lens)
-        hand = hand_poses(poses, in_hand)
+        hand = hand_poses(poses, eye)
         turns = turn_of(hand)
         point = self.board.points().mean(axis=0)
-        if in_hand:
+        if eye == "hand":
             diagonal = float(np.hypot(*self.board.size))
-            point = np.array([0.0, 0.0, AHEAD * diagonal])
-        covariance = _log_covariance(poses, point, in_hand)
+            point = np.array([0.0, 0.0, POINT_DISTANCE * diagonal])
+        covariance = _log_covariance(poses, point, eye)
         variances = np.einsum("njj->n", covariance[:, :3, :3])
         noise = np.sqrt(variances.mean() / 3)
         source = {
             "source": "board",
-            "eye": "hand" if in_hand else "base",
+            "eye": eye,
             "board": self.board.text,
             "point": point.tolist(),
             "size": list(self.size),
@@ -111,15 +117,13 @@ class BoardPictures:
         )
 
 
-def _log_covariance(
-    poses: Sequence[Pose], point: Array, in_hand: bool
-) -> Array:
+def _log_covariance(poses: Sequence[Pose], point: Array, eye: str) -> Array:
     """Covariance (p, 6, 6) of the place of a point (3,) of what is in the hand, and of its turn.
 
     Both are along the axes of what is at rest; a board's turn and shift are along the camera's.
     """
     boards = frames_of(poses)
-    if in_hand:
+    if eye == "hand":
         axes = -turn_of(boards).mT
         lever = point - shift_of(boards)
     else:
@@ -134,14 +138,66 @@ def _log_covariance(
     return covariance
 
 
-def hand_poses(poses: Sequence[Pose], in_hand: bool) -> Array:
-    """What is in the hand (p, 4, 4) [m], seen from what is at rest."""
+def hand_poses(poses: Sequence[Pose], eye: str) -> Array:
+    """What is in the hand, in the frame of what is at rest (p, 4, 4) [m]."""
     boards = frames_of(poses)
-    return inverse(boards) if in_hand else boards
+    return inverse(boards) if eye == "hand" else boards
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class View(BoardPictures):
+    """The pictures of one camera, with its lens and the boards before it."""
+
+    name: str
+    eye: Eye  # where the camera is
+    stated_lens: Lens | None  # by the user
+    first_lens: Lens  # where the fit begins
+    boards: Array  # (p, 4, 4), the board before the camera, by each picture alone [m]
+
+    @property
+    def in_hand(self) -> bool:
+        """Whether the camera is in the hand."""
+        return self.eye == "hand"
+
+    @property
+    def other_eye(self) -> Eye:
+        """Where the camera is not."""
+        return "base" if self.in_hand else "hand"
+
+    def turned(self, others: Mask) -> View:
+        """The view with the board of some pictures (p,) numbered from its other end."""
+        last = len(self.board.points()) - 1
+        corners = list(self.corners)
+        for k in np.flatnonzero(others):
+            corners[k] = {
+                last - number: place for number, place in corners[k].items()
+            }
+        boards = self.boards.copy()
+        if self.board.half_turn is not None:
+            boards[others] @= self.board.half_turn
+        return replace(self, corners=tuple(corners), boards=boards)
+
+
+def view_of(
+    name: str, pictures: BoardPictures, eye: Eye, stated: Lens | None
+) -> View:
+    """The view, its lens calibrated by its own pictures where none is stated."""
+    refuse_size(stated, pictures.size, f"a picture of {name}")
+    if stated is not None:
+        stated = replace(stated, size=pictures.size)
+    lens = stated or pictures.lens()
+    return View(
+        **vars(pictures),
+        name=name,
+        eye=eye,
+        stated_lens=stated,
+        first_lens=lens,
+        boards=frames_of(pictures.poses(lens)),
+    )
 
 
 def find_board(
-    pictures: Shots,
+    pictures: PictureSource,
     table: FilePath | Source | JointTable | None,
     board: Pattern | str | None,
     arm: SpatialArm | About | None = None,
@@ -153,7 +209,7 @@ def find_board(
     """Find a board in pictures.
 
     table : of joints, or its file, one row for each picture; a dataset brings it
-    arm : or what a model is of, whose joints are read; else those of `names`, which turn
+    arm : arm, or the `About` of a model, whose joints are read; else those of `names`, which turn
     camera : of a dataset with several
     Raises LogError if too few pictures show the board; the message names what they show instead.
     """
@@ -192,7 +248,10 @@ def _corners_in(
     board: Pattern,
     notes: list[str],
 ) -> BoardPictures:
-    """The corners of a board in shots, whose rows of joints are given; notes grow as shots come."""
+    """The corners of a board in shots, of each of which `rows` has the row of joints.
+
+    Reading the shots adds notes.
+    """
     corners: dict[int, dict[int, Array]] = {}  # by row
     names: list[str] = []
     few: dict[str, int] = {}  # corners of pictures that do not show the board
@@ -207,12 +266,12 @@ def _corners_in(
             corners[rows[number]] = marks
             names.append(name)
     count = len(names) + len(few)
-    if len(names) < LEAST:
+    if len(names) < LEAST_PICTURES:
         counts = [*few.values(), *map(len, corners.values())]
         raise LogError(
-            f"the board is in {len(names)} of {count} pictures, expected {LEAST} with "
+            f"the board is in {len(names)} of {count} pictures, expected {LEAST_PICTURES} with "
             f"{LEAST_CORNERS} corners or more (at most {max(counts, default=0)} found): "
-            f"{_instead(without[:LEAST], board)}"
+            f"{_instead(without[:LEAST_PICTURES], board)}"
         )
     if few:
         notes.append(
@@ -249,7 +308,7 @@ def _shots_of(
 
 
 def _instead(looked: Sequence[Picture], board: Pattern) -> str:
-    """What pictures without the board show."""
+    """What pictures without the board show instead, or what to check."""
     columns = board.columns
     rows = board.rows
     turned = replace(board, columns=rows, rows=columns)
@@ -281,15 +340,19 @@ def _instead(looked: Sequence[Picture], board: Pattern) -> str:
 
 
 def with_lens_of(model: Model, log: Samples) -> Samples:
-    """Return a log of the model's board as its camera's lens would have given it.
+    """Return a log of the model's board with the poses that the model's lens gives.
 
-    A pose is as good as the lens that it was found with: pictures whose lens was calibrated anew
-    are elsewhere by millimetres, although nothing has moved.
+    A pose depends on the lens: with a lens that was calibrated anew, poses differ by millimetres,
+    although nothing has moved.
     Other logs stay as they are, and so do those of a camera that was refocused.
     """
-    made = model.about.board
+    board = model.about.board
     source = log.source
-    if not made or "lens" not in source or source.get("board") != made["board"]:
+    if (
+        not board
+        or "lens" not in source
+        or source.get("board") != board["board"]
+    ):
         return log
     lens = lens_of_model(model)
     log_lens = Lens.from_json(source["lens"])
@@ -306,13 +369,13 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
     point = np.array(source["point"])
     turns = matrix_of(log.orientation)
     hand = rigid(turns, log.x - turns @ point)
-    in_hand = source["eye"] == "hand"
+    eye = source["eye"]
     points = parse_board(source["board"]).points()
-    # what the log's lens saw, as the model's takes it
-    places = place_points(inverse(hand) if in_hand else hand, points)
+    # poses by the model's lens from the pixels that the log's lens saw
+    places = place_points(inverse(hand) if eye == "hand" else hand, points)
     pixels = log_lens.distort(places[:, :, :2] / places[:, :, 2:])
     poses = [find_pose(lens, points, corners) for corners in pixels]
-    hand = hand_poses(poses, in_hand)
+    hand = hand_poses(poses, eye)
     turns = turn_of(hand)
     note = (
         f"poses are computed with the model's lens: of these pictures alone the focal length was "

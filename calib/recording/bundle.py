@@ -1,4 +1,4 @@
-"""Bundle: what cameras see of boards at the motions of an arm, and how that follows the unknowns.
+"""Bundle: pixels of boards' corners at the motions of an arm, and their derivatives.
 
 A point p of a board appears at ``lens(X^-1 M Y p)``, and the board before the camera is the scene
 B = X^-1 M Y.  A camera in the hand has M = (G E)^-1, X the camera in the flange and Y the board in
@@ -22,27 +22,27 @@ from ..samples.lens import Lens
 from ..samples.motion import RowArrays
 from .pictures import opencv
 
-LENS = 9
-"""Numbers of a lens: focal lengths, centre, k1, k2, p1, p2, k3."""
+LENS_SIZE = 9
+"""Parameters of a lens: focal lengths, centre, k1, k2, p1, p2, k3."""
 
 BENDS = [(i, k - i) for k in (2, 3, 4) for i in range(k + 1)]
 """Powers of a board's x and y in the terms of its height."""
 
-SHAPE = len(BENDS) + 3
-"""Numbers of a board: heights, stretch and shear [half diagonals], log of its size as printed."""
+SHAPE_SIZE = len(BENDS) + 3
+"""Parameters of a board: heights, stretch and shear [half diagonals], log of its printed size."""
 
 BY_POINT = slice(3, 6)
 BY_LENS = slice(6, 15)
 CENTRE = slice(8, 10)
 """Columns of OpenCV's slopes of pixels."""
 
-POSE = 6
-"""Numbers of a small motion: turn [rad] and shift [m]."""
+POSE_SIZE = 6
+"""Parameters of a small motion: turn [rad] and shift [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Motions:
-    """Where the flange was, as a controller reports; of joints see :mod:`.joint_motions`."""
+    """Poses of the flange as a controller reports them; those by joints: :mod:`.joint_motions`."""
 
     values: Array  # (n, 4, 4), the flange in the base [m]; of joints (n, dof)
 
@@ -62,7 +62,7 @@ class Motions:
 
     def slopes(self, arm: Array) -> Array:  # noqa: ARG002
         """Steps of the flange, (n, 6, k), by the parameters."""
-        return np.zeros((self.count, POSE, 0))
+        return np.zeros((self.count, POSE_SIZE, 0))
 
     def take(self, rows: Index) -> Motions:
         """Some of the motions."""
@@ -72,20 +72,21 @@ class Motions:
 class CornerLayout:
     """Indices of the unknowns: frames, lenses, shapes of boards, the arm; then a motion's errors.
 
-    frames : (cameras + boards, 6);  lenses : (cameras, 9);  shapes : (boards, SHAPE);  arm : (k,)
+    frames : (cameras + boards, 6);  lenses : (cameras, 9)
+    shapes : (boards, SHAPE_SIZE);  arm : (k,)
     size : number s of unknowns;  errors : number e of errors of each motion, its turn, its shift
         and the focal length of each camera
     """
 
     def __init__(self, cameras: int, boards: int, arm: int) -> None:
         self.size = 0
-        self.errors = POSE + cameras
-        self.frames = self._places(cameras + boards, POSE)
-        self.lenses = self._places(cameras, LENS)
-        self.shapes = self._places(boards, SHAPE)
-        self.arm = self._places(1, arm)[0]
+        self.errors = POSE_SIZE + cameras
+        self.frames = self._indices(cameras + boards, POSE_SIZE)
+        self.lenses = self._indices(cameras, LENS_SIZE)
+        self.shapes = self._indices(boards, SHAPE_SIZE)
+        self.arm = self._indices(1, arm)[0]
 
-    def _places(self, count: int, width: int) -> Index:
+    def _indices(self, count: int, width: int) -> Index:
         first = self.size
         self.size += count * width
         return np.arange(first, self.size).reshape(count, width)
@@ -102,21 +103,22 @@ class Unknowns:
 
     def retract(self, step: Array, errors: Array) -> Unknowns:
         """The unknowns after a step (s,), and one of the errors (n, e)."""
-        steps = step[: POSE * len(self.frames)].reshape(-1, POSE)
+        steps = step[: POSE_SIZE * len(self.frames)].reshape(-1, POSE_SIZE)
         frames = step_from(self.frames, steps)
         return Unknowns(frames, self.values + step, self.errors + errors)
 
-    def exact(self, count: int) -> Unknowns:
-        """The unknowns with a number of motions that have no errors."""
+    def with_zero_errors(self, count: int) -> Unknowns:
+        """The unknowns at a number of motions without errors."""
         return replace(self, errors=np.zeros((count, self.errors.shape[1])))
 
 
 @dataclass(frozen=True, eq=False)
 class PredictedCorners:
-    """What cameras see of all corners, and how that follows the unknowns."""
+    """Pixels of all corners, and their derivatives."""
 
     pixels: Array  # (N, 2)
-    slopes: Array  # (N, 2, s + e), by the unknowns and the errors of the corner's motion
+    # (N, 2, s + e), by the unknowns and by the errors of the corner's motion
+    slopes: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,14 +128,15 @@ class Bundle(RowArrays):
     motions: Motions
     in_hand: Sequence[bool]  # (c,), which cameras are in the hand
     points: Array  # (N, 3), in the board's frame, as printed [m]
-    bends: Array  # (N, 3, SHAPE - 1), how they follow the board's shape
+    # (N, 3, SHAPE_SIZE - 1), derivatives of the points by the board's shape
+    bends: Array
     pixels: Array  # (N, 2)
     camera: Index  # (N,), that sees the corner
     motion: Index  # (N,), at which it is seen
 
     @cached_property
     def boards(self) -> list[int]:
-        """The board that each camera sees: one is seen by cameras in the hand, one by others."""
+        """Number of the board that each camera sees: those in the hand see one, others another."""
         first = self.in_hand[0]
         return [int(in_hand != first) for in_hand in self.in_hand]
 
@@ -169,7 +172,7 @@ class Bundle(RowArrays):
         return np.sqrt(group_means(self.motion, squares))
 
     def usual_misses(self, pixels: Array) -> Array:
-        """Median distance (n,) [px] of the corners at each motion, which one wrong hardly moves."""
+        """Median distance (n,) [px] of the corners at each motion: one outlier hardly moves it."""
         from scipy.ndimage import median
 
         distances = row_lengths(self.pixels - pixels)
@@ -180,7 +183,7 @@ class Bundle(RowArrays):
         """Pixels of all corners and their slopes at some values of the unknowns."""
         arm = unknowns.values[self.layout.arm]
         poses = self.motions.poses(arm)
-        flange = step_from(poses, unknowns.errors[:, :POSE])
+        flange = step_from(poses, unknowns.errors[:, :POSE_SIZE])
         by_arm = self.motions.slopes(arm)
         cameras = range(len(self.in_hand))
         by_camera = [
@@ -200,7 +203,7 @@ class Bundle(RowArrays):
         layout = self.layout
         camera_frame, board_frame = self.frame_numbers(camera)
         *bend_columns, size_column = layout.shapes[self.boards[camera]]
-        focus_column = layout.size + POSE + camera
+        focus_column = layout.size + POSE_SIZE + camera
         corners = self.camera == camera
         motion = self.motion[corners]
         bends = self.bends[corners]
@@ -211,7 +214,7 @@ class Bundle(RowArrays):
         bent = self.points[corners] + bends @ unknowns.values[bend_columns]
         points = size * bent
 
-        # the board before the camera, and its steps before by those of X, Y and G E
+        # the board before the camera, and its steps by those of X, Y and G E
         to_camera = inverse(unknowns.frames[camera_frame])
         if self.in_hand[camera]:
             before_board = to_camera @ inverse(flange)
@@ -226,7 +229,7 @@ class Bundle(RowArrays):
         places += shift_of(scenes)[motion]
 
         # in the picture, and slopes by the scene and by the flange
-        focus = np.exp(unknowns.errors[motion, POSE + camera])
+        focus = np.exp(unknowns.errors[motion, POSE_SIZE + camera])
         pixels, by_place, by_lens = project(lens, focus, places)
         by_turn = np.cross(places[:, None], by_place)
         by_scene = np.concatenate([by_turn, by_place], axis=2)
@@ -241,13 +244,13 @@ class Bundle(RowArrays):
         slopes[..., bend_columns] = size * by_point @ bends
         slopes[..., [size_column]] = by_point @ points[:, :, None]
         slopes[..., layout.arm] = by_flange @ by_arm[motion]
-        slopes[..., layout.size : layout.size + POSE] = by_flange
+        slopes[..., layout.size : layout.size + POSE_SIZE] = by_flange
         slopes[..., focus_column] = by_lens[..., :2] @ lens[:2]
         return pixels, slopes
 
 
 def shape_slopes(points: Array) -> Array:
-    """Slopes (N, 3, SHAPE - 1) of a board's points (N, 3) [m] by heights, stretch and shear."""
+    """Slopes (N, 3, SHAPE_SIZE - 1) of a board's points (N, 3) [m]: heights, stretch and shear."""
     low = points.min(axis=0)
     high = points.max(axis=0)
     half = float(np.linalg.norm(high - low)) / 2
@@ -257,7 +260,7 @@ def shape_slopes(points: Array) -> Array:
     # over the plane that fits them, which the board's frame follows
     plane[:, 2] = 1.0
     level = np.linalg.lstsq(plane, heights, rcond=None)[0]
-    slopes = np.zeros((len(points), 3, SHAPE - 1))
+    slopes = np.zeros((len(points), 3, SHAPE_SIZE - 1))
     slopes[:, 2, :-2] = half * (heights - plane @ level)
     slopes[:, :2, -2] = half * np.column_stack([x, -y])
     slopes[:, :2, -1] = half * np.column_stack([y, x])

@@ -1,8 +1,8 @@
 """A sensor's clock against the joints': offset and rate, or a refusal.
 
-A correlation of speeds names candidates, for an arm may repeat itself; from each, steps of Gauss
-and Newton move the clocks to where joints predict the track best; the best fit is taken, if its
-rival is clearly worse.  See :mod:`calib.recording.track`.
+A correlation of speeds finds candidates, since an arm may repeat its motion.  From each,
+Gauss-Newton steps move the clocks to where joints predict the track best.  The best fit is taken if
+its rival is clearly worse.  See :mod:`calib.recording.track`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,14 @@ from ..common.parallel import one_blas_thread
 from ..common.rows import median_length, row_lengths, spread_rows
 from ..errors import CalibError, LogError
 from ..samples.motion import joints_at
-from .track import CLOCK, Chain, TrackRows, Waves, jumps
+from .track import (
+    CLOCK,
+    ChainPredictor,
+    SmoothPredictor,
+    TrackPredictor,
+    TrackRows,
+    jumps,
+)
 
 SURE = 1.5e-3
 """Largest standard deviation of the offset that is accepted [s]."""
@@ -36,32 +43,52 @@ class Clocks:
     offset: float
     rate: float = 0.0  # how much faster it runs
     middle: float = 0.0  # that middle, by the sensor's clock [s]
-    # median distance that rows are predicted to [px or mm]
+    # median distance of rows from their prediction [px or mm]
     error: float = np.inf
     # standard deviation of the joints' time, at the recording's ends [s]
-    doubt: float = np.inf
+    sd: float = np.inf
 
     def joints_time(self, time: Array) -> Array:
         """Return the joints' times of the sensor's times [s]."""
         return time + self.offset + self.rate * (time - self.middle)
 
     def is_peak_of(self, other: Clocks) -> bool:
-        """Whether two offsets are those of one peak."""
+        """Whether two offsets belong to one peak."""
         return abs(self.offset - other.offset) <= CLOCK.apart
+
+    def refuse_unsure(self, rival: float, spread: float, unit: str) -> None:
+        """Raise ClockError where these clocks do not fit clearly best.
+
+        rival : error of the best fit at another peak;  spread : of the track [unit]
+        """
+        is_close = self.error < CLOCK.fits * spread
+        is_clear = self.error < CLOCK.clearly * rival
+        is_slow = abs(self.rate) <= CLOCK.fastest
+        if is_close and is_clear and is_slow and self.sd < SURE:
+            return
+        raise ClockError(
+            f"no offset between the clocks is sure: the best, {self.offset:.3f} s to "
+            f"{1e3 * self.sd:.2g} ms with rates that differ by {100 * self.rate:.2g} %, "
+            f"leaves {self.error:.3g} of {spread:.3g} {unit}, another leaves {rival:.3g}; "
+            f"expected {1e3 * SURE:.2g} ms, {100 * CLOCK.fastest:.1f} %, a quarter, and "
+            f"{CLOCK.clearly:g} of the other's: are these the joints of this recording, is the "
+            "frame rate the true one, does the motion repeat itself? record half a minute of "
+            "varied motion, or give `time_offset`"
+        )
 
     def words(self) -> str:
         """One line for the user."""
-        # encoders of coarse steps, .5 deg, leave 1.3 to 4.1 ms where the sd is .6
-        doubt = 1e3 * max(self.doubt, SURE)
+        # encoders with coarse steps of .5 deg leave 1.3 to 4.1 ms where the sd is .6
+        sd = 1e3 * max(self.sd, SURE)
         return (
-            f"clocks: joints are {self.offset:+.4f} s from the camera, sure to {doubt:.2g} ms, "
+            f"clocks: joints are {self.offset:+.4f} s from the camera, sure to {sd:.2g} ms, "
             f"rates differ by {100 * self.rate:+.3f} %; they predict the tag to {self.error:.2g} px"
         )
 
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """The track of a sensor, and the joints by another clock."""
+    """The track of a sensor, and joints with times by another clock."""
 
     t: Array  # (n,), the sensor's times [s]
     x: Array  # (n, m), the track at them [px or mm]
@@ -97,8 +124,9 @@ class _Pair:
         correlation = products[is_long] / np.sqrt(overlap[is_long])
         lags = correlation_lags(len(joints_speed), len(track_speed))[is_long]
 
-        # peaks within 0.2 s of a higher one are its shoulders
-        highest = maximum_filter1d(correlation, 21, mode="nearest")
+        # peaks near a higher one are its shoulders
+        width = 2 * CLOCK.shoulder + 1
+        highest = maximum_filter1d(correlation, width, mode="nearest")
         peaks = np.flatnonzero(correlation >= highest)
         order = np.argsort(-correlation[peaks], kind="stable")
         best = peaks[order][: CLOCK.candidates]
@@ -126,9 +154,9 @@ class _Pair:
         """Fit the offset, and the rate where rows show one; without `revolute` no planar chain."""
         rows = self.sample(start, CLOCK.long[0])
         try:
-            model: Waves | Chain = Waves()
+            model: TrackPredictor = SmoothPredictor()
             if revolute:
-                model = Chain(rows.q, rows.track, revolute)
+                model = ChainPredictor(rows.q, rows.track, revolute)
             in_step = self.fit(model, start, CLOCK.long)
             free = self.fit(model, in_step, CLOCK.long, rate=True)
         except (CalibError, np.linalg.LinAlgError):
@@ -138,7 +166,7 @@ class _Pair:
 
     def fit(
         self,
-        model: Waves | Chain,
+        model: TrackPredictor,
         start: Clocks,
         most: tuple[int, int],
         *,
@@ -155,7 +183,7 @@ class _Pair:
         for _ in range(steps):
             # how late the track is, and how rate and chain change
             sample = self.sample(clocks, count)
-            if len(sample.q) < 16:
+            if len(sample.q) < CLOCK.least_rows:
                 break
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 linear = model.linearise(sample)
@@ -167,12 +195,14 @@ class _Pair:
             # the best clocks, until they settle
             error_before = clocks.error
             # three neighbouring rows count as one; at the ends of a line twice the sd
-            doubt = np.sqrt(3.0) * late.sd * (2.0 if rate else 1.0)
+            sd = np.sqrt(3.0) * late.sd * (2.0 if rate else 1.0)
             error = median_length(linear.residual)
-            clocks = replace(clocks, error=error, doubt=doubt)
+            clocks = replace(clocks, error=error, sd=sd)
             best = min(best, clocks, key=attrgetter("error"))
             moved = max(abs(late.value), abs(change[-1]) * np.ptp(self.t))
-            if moved < 4e-5 and abs(error - error_before) < 1e-3 * error:
+            change_of_error = abs(error - error_before)
+            is_steady = change_of_error < CLOCK.settled_error * error
+            if moved < CLOCK.settled and is_steady:
                 break
 
             # a step, shortened where the velocity is a poor guide, not far from the start
@@ -194,7 +224,7 @@ def _speed(values: Array) -> Array:
     """Smooth speed (n,) of values (n, d) on the grid of time."""
     velocity = np.gradient(values, 1.0 / CLOCK.grid, axis=0)
     speed = row_lengths(velocity)
-    window = np.hanning(15)[1:-1]
+    window = np.hanning(CLOCK.smooth)[1:-1]
     return np.convolve(speed, window / window.sum(), "same")
 
 
@@ -218,8 +248,12 @@ def align_clocks(
     usable = np.isfinite(track[:, 0]) & ~jumps(track)
     pair = _Pair(time[usable], track[usable], joint_time, q)
     spread = float(np.sqrt(pair.x.var(axis=0).sum())) if usable.any() else 0.0
-    moves = spread >= 5.0 and np.ptp(q, axis=0).max() >= 0.02
-    peaks = pair.peaks() if moves and len(pair.t) >= 20 else []
+    is_moving = (
+        spread >= CLOCK.least_spread
+        and np.ptp(q, axis=0).max() >= CLOCK.least_motion
+        and len(pair.t) >= CLOCK.least_frames
+    )
+    peaks = pair.peaks() if is_moving else []
     if not peaks:
         raise ClockError(
             f"the clocks cannot be matched: the tip is in {len(pair.t)} frames, its places spread "
@@ -230,7 +264,7 @@ def align_clocks(
     middle = float(pair.t[[0, -1]].mean())
     starts = [Clocks(peak, middle=middle) for peak in peaks]
     short_fits = _by_error(
-        pair.fit(Waves(), start, CLOCK.short) for start in starts
+        pair.fit(SmoothPredictor(), start, CLOCK.short) for start in starts
     )
     # the best fit of each peak
     candidates = [
@@ -243,20 +277,7 @@ def align_clocks(
     best, *others = _long_fits(pair, some, revolute, most) or short_fits
 
     rivals = [fit.error for fit in others if not fit.is_peak_of(best)]
-    rival = min(rivals, default=np.inf)
-    is_close = best.error < CLOCK.fits * spread
-    is_clear = best.error < CLOCK.clearly * rival
-    is_slow = abs(best.rate) <= CLOCK.fastest
-    if not (is_close and is_clear and is_slow and best.doubt < SURE):
-        raise ClockError(
-            f"no offset between the clocks is sure: the best, {best.offset:.3f} s to "
-            f"{1e3 * best.doubt:.2g} ms with rates that differ by {100 * best.rate:.2g} %, "
-            f"leaves {best.error:.3g} of {spread:.3g} {unit}, another leaves {rival:.3g}; "
-            f"expected {1e3 * SURE:.2g} ms, {100 * CLOCK.fastest:.1f} %, a quarter, and "
-            f"{CLOCK.clearly:g} of the other's: are these the joints of this recording, is the "
-            "frame rate the true one, does the motion repeat itself? record half a minute of "
-            "varied motion, or give `time_offset`"
-        )
+    best.refuse_unsure(min(rivals, default=np.inf), spread, unit)
     return best
 
 
@@ -268,8 +289,8 @@ def _long_fits(
 ) -> list[Clocks]:
     """Fits from candidates, the best first.
 
-    A planar chain needs fewer rows, so it goes first; an arm in space has none that leaves less
-    than `most` [px].
+    A planar chain needs fewer rows, so it is tried first; of an arm in space no planar chain has a
+    smaller error than `most` [px].
     """
     if pair.x.shape[1] == 2:
         kinds = tuple(revolute or [True] * pair.q.shape[1])
@@ -280,6 +301,6 @@ def _long_fits(
 
 
 def _by_error(fits: Iterable[Clocks | None]) -> list[Clocks]:
-    """The fits that there are, the best first."""
+    """The fits that succeeded, the best first."""
     clocks = [fit for fit in fits if fit is not None]
     return sorted(clocks, key=attrgetter("error"))

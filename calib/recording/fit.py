@@ -1,7 +1,7 @@
-"""Fit: unknowns and all sizes of noise from corners, by Gauss and Newton's steps and the evidence.
+"""Fit: unknowns and all sizes of noise from corners, by Gauss-Newton steps and the evidence.
 
 The errors of each motion are eliminated motion by motion; sizes of noise follow MacKay (1992).
-Steps need no damping: the closed form begins near enough (of 200 worlds none differed).
+Steps need no damping, since the closed form starts near enough (of 200 worlds none differed).
 """
 
 from __future__ import annotations
@@ -14,38 +14,46 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Index
 from ..common.rows import row_lengths
-from .bundle import POSE, Bundle, PredictedCorners, Unknowns
+from .bundle import POSE_SIZE, Bundle, PredictedCorners, Unknowns
 
 
 @dataclass(frozen=True)
 class CornerFitSettings:
-    """What a fit is tuned by."""
+    """Settings of the fit of corners."""
 
     steps: int = 40  # at most
-    fewest: int = 6  # which noise as it is needs
-    # [rad, m, 1], steps as large are of corners that the motions do not explain
+    fewest: int = 6  # at least
+    # [rad, m, 1]; larger steps mean that the motions do not explain the corners: the fit fails
     farthest: float = 1.0
-    huber: float = 4.0  # noise sd, beyond which a corner counts less
-    # [px], noise that corners are credited with at least
-    least_corner: float = 0.01
-    least_error: float = 1e-6  # [rad, m, 1], the same of the motions' errors
+    huber: float = 4.0  # [sd of the noise], beyond which a corner counts less
+    least_corner: float = 0.01  # least noise of corners [px]
+    least_error: float = 1e-6  # least sd of the motions' errors [rad, m, 1]
     # [m]; joints that shift the flange turn it as well, which few pictures do not show: with five,
-    # the fit saw turns in one of 40 worlds, and intervals covered 88 % of the camera's
+    # the fit found turns in one of 40 worlds, and intervals covered 88 % of the cameras' places
     reach: float = 1.0
-    # [m]; and joints that turn it shift it by a hand's length: with five and six poses, intervals
-    # covered 92 % without, 94 % with it
+    # [m]; joints that turn the flange shift it by a hand's length: with five and six poses,
+    # intervals covered 92 % without this, 94 % with it
     lever: float = 0.2
-    # sd of the log of a focal length: less is below the noise of corners, and cost .003 mm of .032
+    # sd of the log of a focal length; less is below the noise of corners, and cost .003 mm of .032
     least_focus: float = 1e-4
     most_focus: float = 0.01  # beyond, a lens was zoomed
     settled: float = 0.01  # change of the log of each size
+    # over-relaxation of the updates of noise and of prior sd, whose own steps converge slowly
+    error_rate: float = 1.7
+    prior_rate: float = 2.0
+    # least degrees of freedom of a kind of error, and of a prior's parameters
+    least_error_freedom: float = 0.5
+    least_prior_freedom: float = 0.05
+    # least degrees of freedom of corners, over their number, and of boards, over their 6 directions
+    least_corner_freedom: float = 0.4
+    least_board_freedom: float = 0.1
 
 
 CORNER_FIT = CornerFitSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class Scale:
+class PriorScale:
     """Unknowns that share a prior sd, which the evidence finds between two limits."""
 
     indices: Index
@@ -56,10 +64,10 @@ class Scale:
 
 @dataclass(frozen=True, eq=False)
 class CornerPrior:
-    """What is known before any picture; an unknown of no scale is free."""
+    """Prior of the unknowns; one that is in no scale is free."""
 
     mean: Array  # (s,)
-    scales: Sequence[Scale]
+    scales: Sequence[PriorScale]
 
     @property
     def sizes(self) -> Array:
@@ -93,8 +101,8 @@ class Noise:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
-    """A step of a fit, and how far it is certain."""
+class FitStep:
+    """A step of a fit, and its uncertainty."""
 
     unknowns: Array  # (s,)
     errors: Array  # (n, e), of each motion
@@ -104,22 +112,22 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class CornerFit:
-    """Unknowns and noise: where a fit begins, or ends."""
+    """Unknowns and noise, at the start of a fit or at its end."""
 
     unknowns: Unknowns
     noise: Noise
     covariance: Array  # (s, s)
-    # degrees of freedom that the noise of turns, or of shifts, is known with: the larger
+    # degrees of freedom of the noise of turns or of shifts, the larger one
     freedom: float = np.inf
 
     def with_turn(self, turn: float) -> CornerFit:
-        """Where a fit begins, with another noise of the motions' turns [rad]."""
+        """The start of a fit with another noise of the motions' turns [rad]."""
         error = self.noise.error.copy()
         error[:3] = turn
         return replace(self, noise=replace(self.noise, error=error))
 
 
-def solve(
+def fit_corners(
     bundle: Bundle, prior: CornerPrior, start: CornerFit, *, learn: bool = True
 ) -> CornerFit:
     """Fit the unknowns, and where `learn` the noise at each step.
@@ -145,10 +153,10 @@ def solve(
             fit = replace(fit, noise=noise, freedom=float(freedoms.max()))
         if count >= CORNER_FIT.fewest and _is_settled(before, fit.noise):
             break
-    # by the noise before the last step: priors that still shrink claim too much
+    # by the noise before the last step: prior sds that still shrink make intervals too small
     error = before.error.copy()
     error[:3] = max(before.turn, before.shift / CORNER_FIT.reach)
-    error[3:POSE] = max(before.shift, before.turn * CORNER_FIT.lever)
+    error[3:POSE_SIZE] = max(before.shift, before.turn * CORNER_FIT.lever)
     careful = replace(fit, noise=replace(before, error=error))
     step = _step(bundle, prior, careful, predicted)
     return replace(fit, covariance=step.covariance)
@@ -157,9 +165,9 @@ def solve(
 def information(
     bundle: Bundle, noise: Noise, predicted: PredictedCorners
 ) -> tuple[Array, Array]:
-    """Normal equations of unknowns and errors at each motion, by its corners alone.
+    """Normal equations of the unknowns and errors at each motion, by its corners alone.
 
-    Returns weighed products of slopes (n, s + e, s + e), and of slopes and residuals (n, s + e).
+    Returns weighted products of slopes (n, s + e, s + e), and of slopes and residuals (n, s + e).
     """
     residuals, weights = _residuals(bundle, noise, predicted)
     root = np.sqrt(weights) / noise.corner[bundle.camera]
@@ -186,14 +194,14 @@ def _residuals(
     return residuals, np.minimum(1.0, far / lengths)
 
 
-def without_errors(
+def schur_complement(
     products: Array, noise: Noise, size: int
 ) -> tuple[Array, Array, Array]:
-    """Products of the s unknowns at each motion, less what its errors explain (Schur complement).
+    """Products of the s unknowns at each motion, from which its errors are eliminated.
 
     products : (n, s + e, s + e), see :func:`information`
     size : number s of unknowns
-    Returns them (n, s, s), the gain (n, s, e) and the covariance (n, e, e) of the errors.
+    Returns these (n, s, s), the gain (n, s, e) and the covariance (n, e, e) of the errors.
     """
     across = products[:, :size, size:]
     precision = np.diag(noise.error**-2.0)
@@ -208,12 +216,12 @@ def _step(
     prior: CornerPrior,
     fit: CornerFit,
     predicted: PredictedCorners,
-) -> Step:
+) -> FitStep:
     """A step in which the motions' errors are eliminated."""
     noise = fit.noise
     size = bundle.layout.size
     products, pulls = information(bundle, noise, predicted)
-    of_unknowns, gain, spread = without_errors(products, noise, size)
+    of_unknowns, gain, spread = schur_complement(products, noise, size)
     error_pulls = pulls[:, size:] - noise.error**-2.0 * fit.unknowns.errors
 
     # normal equations (s, s) of the unknowns
@@ -229,7 +237,7 @@ def _step(
     errors = np.einsum("nij,nj->ni", spread, error_pulls) - step @ gain
     by_unknowns = gain * (covariance @ gain)
     variances = np.einsum("nii->ni", spread) + by_unknowns.sum(axis=1)
-    return Step(step, errors, covariance, variances)
+    return FitStep(step, errors, covariance, variances)
 
 
 def _inverse(normal: Array) -> Array:
@@ -247,13 +255,18 @@ def _error_noise(fit: CornerFit, variances: Array) -> tuple[Array, Array]:
     """
     noise = fit.noise
     columns = len(noise.error)
-    starts = [0, 3, *range(POSE, columns)]  # of turn, shift, each focal length
-    # an error counts by the share of its prior variance that corners took away
+    starts = [
+        0,
+        3,
+        *range(POSE_SIZE, columns),
+    ]  # of turn, shift, each focal length
+    # an error counts by the share of its prior variance that corners remove
     shares = 1.0 - variances / noise.error**2
-    counts = np.maximum(np.add.reduceat(shares.sum(axis=0), starts), 0.5)
+    counts = np.add.reduceat(shares.sum(axis=0), starts)
+    counts = np.maximum(counts, CORNER_FIT.least_error_freedom)
     squares = (fit.unknowns.errors**2).sum(axis=0)
     square = np.add.reduceat(squares, starts) / counts
-    sizes = _next_size(noise.error[starts], square, 1.7)
+    sizes = _next_size(noise.error[starts], square, CORNER_FIT.error_rate)
     focus = sizes[2:]
     focus[focus < CORNER_FIT.least_focus] = 0.0
     np.minimum(focus, CORNER_FIT.most_focus, out=focus)
@@ -271,8 +284,9 @@ def _prior_noise(prior: CornerPrior, fit: CornerFit) -> Array:
         indices = scale.indices
         sd = sizes[indices]
         shares = 1.0 - variances[indices] / sd**2
-        square = squares[indices].sum() / max(shares.sum(), 0.05)
-        size = _next_size(sd, square, 2.0)
+        freedom = max(shares.sum(), CORNER_FIT.least_prior_freedom)
+        square = squares[indices].sum() / freedom
+        size = _next_size(sd, square, CORNER_FIT.prior_rate)
         sizes[indices] = np.clip(size, scale.lowest, scale.highest)
     return sizes
 
@@ -282,17 +296,19 @@ def _corner_noise(
 ) -> Array:
     """Sd (c,) [px] of corners, the larger of two estimates.
 
-    One takes the errors of corners as independent; the other takes the part of each picture's that
-    moves its board as a whole, since errors of neighbouring corners are correlated.
+    One takes the errors of corners as independent.  The other takes the part of each picture's
+    errors that moves its board as a whole, since errors of neighbouring corners are correlated.
     freedom : degrees of freedom of the motions
     """
     noise = fit.noise
     residuals, weights = _residuals(bundle, noise, predicted)
     root = np.sqrt(weights)[:, None]
     residuals = residuals * root
-    # by turn and shift of the flange, which move a board as its own would
+    # by turn and shift of the flange, which move the board as a whole
     size = bundle.layout.size
-    by_flange = predicted.slopes[:, :, size : size + POSE] * root[:, :, None]
+    by_flange = (
+        predicted.slopes[:, :, size : size + POSE_SIZE] * root[:, :, None]
+    )
     cameras = len(noise.corner)
 
     # variance along the turns and shifts of each picture's board
@@ -300,29 +316,33 @@ def _corner_noise(
     directions = np.zeros(cameras)
     for rows in bundle.pictures:
         camera = bundle.camera[rows[0]]
-        slope = by_flange[rows].reshape(-1, POSE)
+        slope = by_flange[rows].reshape(-1, POSE_SIZE)
         residual = residuals[rows].ravel()
         move = np.linalg.lstsq(slope, residual, rcond=1e-9)[0]
         pose_squares[camera] += float(residual @ slope @ move)
-        directions[camera] += POSE
+        directions[camera] += POSE_SIZE
     # each camera determines the motions by as much as its corners weigh
     counts = np.bincount(bundle.camera)
     shares = counts / noise.corner**2
     freedoms = freedom * shares / shares.sum()
-    numbers = np.maximum(directions - freedoms - 12, 0.1 * directions)
+    # two poses, of camera and board, follow the pictures
+    numbers = np.maximum(
+        directions - freedoms - 2 * POSE_SIZE,
+        CORNER_FIT.least_board_freedom * directions,
+    )
 
     # variance where corners err independently
     squares = np.bincount(bundle.camera, (residuals**2).sum(axis=1))
     parameters = freedoms + len(noise.prior) / cameras
-    least = 0.4 * counts
+    least = CORNER_FIT.least_corner_freedom * counts
     independent = squares / np.maximum(2 * counts - parameters, least)
     square = np.maximum(independent, pose_squares / numbers)
-    sizes = _next_size(noise.corner, square, 1.0)
+    sizes = _next_size(noise.corner, square)
     return np.maximum(sizes, CORNER_FIT.least_corner)
 
 
-def _next_size(sd: Array, squares: ArrayLike, rate: float) -> Array:
-    """Sd (k,) that go to the roots of squares, at a rate and by a factor of at most e^rate."""
+def _next_size(sd: Array, squares: ArrayLike, rate: float = 1.0) -> Array:
+    """Sd (k,) after a step, of at most a factor of e^rate, to the roots of squares."""
     change = 0.5 * np.log(np.maximum(squares, 1e-300) / sd**2)
     return sd * np.exp(rate * np.clip(change, -1.0, 1.0))
 

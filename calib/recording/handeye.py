@@ -1,9 +1,9 @@
 """Hand-eye calibration: where cameras and a board are, from pictures and the motions of the arm.
 
 Pictures become corners (:mod:`.board_pictures`), corners a lens and the board before each camera
-(:mod:`.view`); with motions, joints of a drawn arm or flange poses of a controller, a closed form
-starts (:mod:`.start`, :mod:`.problem`) one fit of all (:mod:`.bundle`, :mod:`.fit`), and the places
-with their intervals are the answer (:mod:`.answer`).
+(:mod:`.board_pictures`, :mod:`.lens`); motions are joints of a drawn arm or flange poses of a
+controller.  A closed form (:mod:`.start`, :mod:`.problem`) starts one fit of all (:mod:`.bundle`,
+:mod:`.fit`), and the places with their intervals are the answer (:mod:`.answer`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -21,30 +21,34 @@ from ..arm.loading import load_arm
 from ..arm.rigid import place_points, shift_of, turn_of
 from ..common.arrays import Array
 from ..common.atomic import FilePath
-from ..common.choices import EYES, PICTURES, check_choice
+from ..common.choices import EYES, PICTURES, Eye, check_choice
 from ..common.parallel import one_blas_thread
 from ..errors import CalibError, OptionError
 from ..samples.lens import Lens
 from ..samples.tables import Source, open_source
 from .answer import solve_rig
 from .board import Pattern, TagGrid
-from .board_pictures import BoardPictures, Shots, find_board
+from .board_pictures import (
+    BoardPictures,
+    PictureSource,
+    find_board,
+    view_of,
+)
 from .lerobot import is_dataset
 from .motion_tables import JointTable
 from .pictures import Picture
 from .pose_files import FlangeTable, read_flange_poses
 from .problem import problem_of_joints, problem_of_poses
 from .rig import HandEye as HandEye
-from .view import view_of
 
-Pictures = Shots | BoardPictures
+BoardSource = PictureSource | BoardPictures
 Eyes = str | Mapping[str, str]
 _T = TypeVar("_T")
 
 
 def handeye(
     arm: Arm | FilePath | None = None,
-    pictures: Pictures | Mapping[str, Pictures] | None = None,
+    pictures: BoardSource | Mapping[str, BoardSource] | None = None,
     joints: FilePath | Source | JointTable | None = None,
     board: Pattern | str | None = None,
     eye: Eyes = "hand",
@@ -89,33 +93,37 @@ def handeye(
         cameras = {"camera": corners}
     else:
         raise OptionError("expected either pictures or the board's poses")
-    drawn = None
-    motions: SpatialArm | FlangeTable
-    if arm is not None and poses is None:
-        motions = drawn = _spatial_arm(arm)
-        if isinstance(joints, (str, os.PathLike)):
-            joints = open_source(joints)  # once: it may be a pipe
-    elif poses is not None and arm is None:
+    motions = _motions(arm, poses)
+    spatial_arm = None
+    if isinstance(motions, FlangeTable):
         motions = replace(
-            _flange_table(poses), unit=unit, rotation=rotation, degrees=degrees
+            motions, unit=unit, rotation=rotation, degrees=degrees
         )
         joints = motions.joints
     else:
-        raise OptionError("expected either an arm with joints or flange poses")
+        spatial_arm = motions
+        if isinstance(joints, (str, os.PathLike)):
+            joints = open_source(joints)  # once: it may be a pipe
 
     with one_blas_thread():
         # pictures -> corners -> lens and board before each camera
         views = []
         for name, source in cameras.items():
-            eye_of_camera = _of_camera(eye, name)
-            check_choice(f"eye of {name}", eye_of_camera, EYES)
-            shots = source
-            if not isinstance(shots, BoardPictures):
-                shots = find_board(
-                    shots, joints, board, drawn, camera, degrees=bool(degrees)
+            camera_eye = cast("Eye", _of_camera(eye, name))
+            check_choice(f"eye of {name}", camera_eye, EYES)
+            shown = source
+            if not isinstance(shown, BoardPictures):
+                shown = find_board(
+                    shown,
+                    joints,
+                    board,
+                    spatial_arm,
+                    camera,
+                    degrees=bool(degrees),
                 )
-            in_hand = eye_of_camera == "hand"
-            views.append(view_of(name, shots, in_hand, _of_camera(lens, name)))
+            views.append(
+                view_of(name, shown, camera_eye, _of_camera(lens, name))
+            )
 
         # corners and motions -> start -> bundle -> answer
         if isinstance(motions, FlangeTable):
@@ -130,10 +138,10 @@ def best_rig(
     board: Pattern | str,
     eye: str,
 ) -> tuple[str, HandEye]:
-    """The unit of the joints under which pictures are predicted best, and the rig of it.
+    """The unit of the joints under which pictures are predicted best, and its rig.
 
-    tables : the joints by the units that they may have
-    Raises the CalibError of the first where none explains the pictures.
+    tables : joints by the unit that they may be in
+    Raises the CalibError of the first unit where none explains the pictures.
     """
     spatial = _spatial_arm(arm)
     first = next(iter(tables.values()))
@@ -141,15 +149,26 @@ def best_rig(
     rigs: dict[str, HandEye] = {}
     refusals: list[CalibError] = []
     for unit, table in tables.items():
-        shots = replace(shown, q=table.q[shown.rows])
+        board_pictures = replace(shown, q=table.q[shown.rows])
         try:
-            rigs[unit] = handeye(spatial, shots, eye=eye)
+            rigs[unit] = handeye(spatial, board_pictures, eye=eye)
         except CalibError as error:
             refusals.append(error)
     if not rigs:
         raise refusals[0]
     best = min(rigs, key=lambda unit: rigs[unit].held_out["rms"])
     return best, rigs[best]
+
+
+def _motions(
+    arm: Arm | FilePath | None, poses: FilePath | FlangeTable | Array | None
+) -> SpatialArm | FlangeTable:
+    """An arm in space, or flange poses; OptionError where none or both are given."""
+    if arm is not None and poses is None:
+        return _spatial_arm(arm)
+    if poses is not None and arm is None:
+        return _flange_table(poses)
+    raise OptionError("expected either an arm with joints or flange poses")
 
 
 def _spatial_arm(arm: Arm | FilePath) -> SpatialArm:
@@ -164,13 +183,13 @@ def _spatial_arm(arm: Arm | FilePath) -> SpatialArm:
 
 
 def _of_camera(values: _T | Mapping[str, _T], name: str) -> _T | None:
-    """The value of one camera, of one for all or of one for each."""
+    """The value of a camera, where one value holds for all or each camera has its own."""
     return values.get(name) if isinstance(values, Mapping) else values
 
 
 def _cameras(
-    pictures: Pictures | Mapping[str, Pictures],
-) -> Mapping[str, Pictures]:
+    pictures: BoardSource | Mapping[str, BoardSource],
+) -> Mapping[str, BoardSource]:
     """The pictures of each camera, by its name."""
     if isinstance(pictures, Mapping):
         return pictures
@@ -184,7 +203,7 @@ def _cameras(
 
 
 def _flange_table(poses: FilePath | FlangeTable | Array) -> FlangeTable:
-    """The table of flange poses that a file, or matrices (n, 4, 4) [m], are."""
+    """The table of flange poses in a file, or of matrices (n, 4, 4) [m]."""
     if isinstance(poses, (str, os.PathLike)):
         return read_flange_poses(poses)
     if isinstance(poses, FlangeTable):
@@ -206,9 +225,9 @@ def _matrices(name: str, values: Array) -> Array:
 
 
 def pictures_of_boards(boards: Array) -> tuple[BoardPictures, Lens]:
-    """Corners that a camera without errors sees of boards (n, 4, 4) [m], and its lens.
+    """Corners that an ideal camera sees of boards (n, 4, 4) [m] before it, and its lens.
 
-    The board is a square of four tags, as large as a usual one in a picture.
+    The board is a square of four tags, which is as large in a picture as boards usually are.
     """
     boards = _matrices("boards", boards)
     if not (boards[:, 2, 3] > 0.0).all():
@@ -220,12 +239,16 @@ def pictures_of_boards(boards: Array) -> tuple[BoardPictures, Lens]:
     places = place_points(boards, pattern.points())
     pixels = lens.distort(places[:, :, :2] / places[:, :, 2:])
     count = len(boards)
-    names = tuple(f"pose {k + 1}" for k in range(count))
-    corners = tuple(dict(enumerate(picture)) for picture in pixels)
-    q = np.zeros((count, 0))
-    size = lens.size
-    rows = np.arange(count)
     pictures = BoardPictures(
-        pattern, (), names, q, corners, size, count, (), rows, is_of_poses=True
+        pattern,
+        (),
+        tuple(f"pose {k + 1}" for k in range(count)),
+        np.zeros((count, 0)),
+        tuple(dict(enumerate(picture)) for picture in pixels),
+        lens.size,
+        count,
+        (),
+        np.arange(count),
+        is_of_poses=True,
     )
     return pictures, lens

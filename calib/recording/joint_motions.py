@@ -1,4 +1,4 @@
-"""The flange by its joints: a drawn arm, whose zeros, origins and size the pictures correct."""
+"""Joint motions: the flange by joints and a drawn arm, corrected in zeros, origins and size."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from ..body.structure import OfStructure
 from ..common.arrays import Array, Index
 from ..common.rows import row_lengths
 from .bundle import CornerLayout, Motions
-from .fit import CornerFit, Scale
+from .fit import CornerFit, PriorScale
 
-FREE = ("placement", "offset")
+CORRECTED_GROUPS = ("placement", "offset")
 """Groups of the arm's parameters that the pictures correct."""
 
 SIZE_SD = 2e-3
-"""Drawn arms have the right size to .2 %."""
+"""Prior sd of the log of an arm's size over the drawn one."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmBelief(OfStructure):
-    """A drawn arm, with what is in its hand and what is at rest, as pictures determine them."""
+    """The arm, and the places of what is in its hand and what is at rest, by the pictures."""
 
     structure: SpatialStructure
     beta: Array  # (d,)
@@ -45,14 +45,14 @@ class ArmBelief(OfStructure):
 
 @dataclass(frozen=True, eq=False)
 class JointMotions(Motions):
-    """Motions of an arm at joint values (n, dof); parameters are those of `FREE`, and its size."""
+    """Motions of an arm at joint values (n, dof), by `CORRECTED_GROUPS` and the arm's size."""
 
     structure: SpatialStructure  # with view "pose"
 
     @cached_property
     def active(self) -> Index:
         """The structure's parameters that are fitted."""
-        return self.structure.prior(FREE).active
+        return self.structure.prior(CORRECTED_GROUPS).active
 
     @property
     def size(self) -> int:
@@ -85,7 +85,7 @@ class JointMotions(Motions):
         return self.structure.after_step(drawn, self.active, arm[:-1])
 
     def largest_move(self, arm: Array) -> tuple[str, float, float]:
-        """The joint whose origin differs most from the drawing's, by how much [m, rad]."""
+        """The joint whose origin differs most from the drawing's, and by how much [m, rad]."""
         structure = self.structure
         beta = self.beta(arm)
         shifts = row_lengths(beta[structure.shifts])
@@ -95,19 +95,21 @@ class JointMotions(Motions):
         name = structure.chain_names[worst]
         return name, float(shifts[worst]), float(turns[worst])
 
-    def scales(self, places: Index) -> list[Scale]:
-        """Prior scales of the parameters, at their places (k,) among the unknowns.
+    def scales(self, indices: Index) -> list[PriorScale]:
+        """Prior scales of the parameters, which have indices (k,) among the unknowns.
 
-        The evidence finds all but that of the size.
+        The evidence finds all scales but that of the size.
         """
-        prior = self.structure.prior(FREE)
-        scales = [Scale(places[-1:], SIZE_SD, SIZE_SD, SIZE_SD)]
+        prior = self.structure.prior(CORRECTED_GROUPS)
+        scales = [PriorScale(indices[-1:], SIZE_SD, SIZE_SD, SIZE_SD)]
         for hyper in prior.hypers:
             numbers = np.searchsorted(self.active, hyper.indices)
             is_placement = hyper.name.startswith("placement")
             within = FINER if is_placement else hyper.within
             lowest, highest = hyper.scale * np.array(within)
-            scales.append(Scale(places[numbers], hyper.scale, lowest, highest))
+            scales.append(
+                PriorScale(indices[numbers], hyper.scale, lowest, highest)
+            )
         return scales
 
     def body(
@@ -117,9 +119,9 @@ class JointMotions(Motions):
         hand_number: int,
         base_number: int,
     ) -> ArmBelief:
-        """The fit as a belief whose readings are poses of what is in the hand.
+        """The belief of a fit, whose readings are poses of what is in the hand.
 
-        hand_number, base_number : frames of what is in the hand and of what is at rest
+        hand_number, base_number : of the frames of what is in the hand and of what is at rest
         """
         groups = self.structure.groups
         tool = [*groups["tool.rotation"], *groups["tool"]]

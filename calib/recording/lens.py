@@ -16,7 +16,7 @@ from ..common.arrays import Array
 from ..common.atomic import FilePath
 from ..errors import LogError, OptionError
 from ..samples.lens import Lens
-from .board import LEAST_CORNERS, Pattern
+from .board import LEAST_CORNERS, LEAST_PICTURES, Pattern
 from .documents import Json, parse_document, values_of
 from .pictures import list_pictures, one_thread, opencv, read_series
 
@@ -37,9 +37,8 @@ _TERMS = 5  # k1, k2, p1, p2, k3
 UNSTATED = (0, 0)
 """Size of pictures where a file has none."""
 
-_LEAST_PICTURES = 4  # of a board that a calibration needs
-_DOUBT = 0.03  # share of the focal length that its sd may be
-_TANGENTIAL = 10  # pictures from which a lens that sits askew can be found
+_DOUBT = 0.03  # largest sd of the focal length, over it
+_TANGENTIAL = 10  # pictures that can determine tangential distortion
 
 
 def calibrate_lens(
@@ -49,20 +48,20 @@ def calibrate_lens(
 ) -> Lens:
     """Fit a lens to pictures of a board held at different angles.
 
-    Of lenses of one, two and four terms the one by Schwarz's criterion: what the pictures do not
-    need is free near the border, where no board was.
+    Schwarz's criterion selects one, two or four terms of distortion: terms that the pictures do not
+    determine would be arbitrary near the border, where no board was.
 
-    corners : places (2,) [px] by number that each picture shows, as of `Pattern.find`
+    corners : places (2,) [px] by number that each picture shows, see `Pattern.find`
     size : width and height of the pictures [px]
     Raises LogError if too few pictures show the board, or it was never tilted.
     """
     cv2 = opencv()
     usable = [shown for shown in corners if len(shown) >= LEAST_CORNERS]
-    if len(usable) < _LEAST_PICTURES:
+    if len(usable) < LEAST_PICTURES:
         raise LogError(
             f"the board is in {len(usable)} of {len(corners)} pictures of the lens (at most "
             f"{max(map(len, corners), default=0)} corners found, {LEAST_CORNERS} expected in "
-            f"each): take {_LEAST_PICTURES} or more, 10 are better, near and tilted, and check the "
+            f"each): take {LEAST_PICTURES} or more, 10 are better, near and tilted, and check the "
             "board's numbers"
         )
     world = board.corners().astype(np.float32)
@@ -114,7 +113,7 @@ def _covariance(
     turns: Sequence[Array],
     shifts: Sequence[Array],
 ) -> Array:
-    """Covariance (9, 9) of a lens, from what each picture's pose leaves of its derivatives."""
+    """Covariance (9, 9) of a lens, by its derivatives without what each picture's pose explains."""
     free = 4 + terms
     count = 2 * sum(map(len, objects))
     precision = np.zeros((free, free))
@@ -174,7 +173,7 @@ def _lens_of_file(path: Path) -> Lens:
 
 
 def lens_of_model(model: Model) -> Lens:
-    """The lens that a model of pictures of a board was made with; LogError if it is none."""
+    """The lens behind a model of pictures of a board; LogError of other models."""
     board: Any = model.about.board
     try:
         return Lens.from_json(board["lens"])
@@ -205,8 +204,8 @@ def load_lens(
 
     path : a file, or a folder or pattern of pictures
     board : that the pictures show
-    output : where a lens that was calibrated is written
-    Returns notes too. Raises LogError if the file is no lens.
+    output : file to which a calibrated lens is written
+    Returns the lens and notes. Raises LogError if the file is no lens.
     """
     if not Path(path).is_dir() and not any(mark in str(path) for mark in "*?["):
         return _lens_of_file(Path(path)), ()

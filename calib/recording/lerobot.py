@@ -1,11 +1,11 @@
 """LeRobot data sets: still frames of a camera, and the joints of those moments.
 
 Their layout is that of huggingface/lerobot, src/lerobot/datasets: `meta/info.json` names the
-features and where their files are.  Version 2.1 has a table and a video for each episode, version 3
-several episodes in one file.  Frames are taken where the arm rests: a blurred or late one tells
-less.  `calibration.json` has for each motor the ends of its range in ticks and its homing offset
-(src/lerobot/motors/motors_bus.py): ticks become degrees from the middle of that range, or shares of
-it from -100 to 100.
+features and their files.  Version 2.1 has a table and a video for each episode, version 3 several
+episodes in one file.  Frames are taken where the arm rests, since blurred or late ones are less
+accurate.  `calibration.json` has for each motor the ends of its range in ticks and its homing
+offset (src/lerobot/motors/motors_bus.py): ticks become degrees from the middle of that range, or
+shares of it from -100 to 100.
 """
 
 from __future__ import annotations
@@ -31,26 +31,25 @@ from .pictures import Picture, Video
 TICKS = 4096
 """Ticks of a Feetech motor in a turn."""
 
-WHOLE_SHARE = 100.0  # what LeRobot calls either end of a motor's range
+WHOLE_SHARE = 100.0  # LeRobot's number for either end of a motor's range
 
 _STATE = "observation.state"
 _GRIPPER = "gripper"  # always a share of its range, and no joint of the arm
-_MOST_RADIANS = 2 * np.pi + 0.1  # values beyond it are no radians
+_MOST_RADIANS = 2 * np.pi + 0.1  # larger values are no radians
 
 
 @dataclass(frozen=True)
-class Rests:
-    """When an arm counts as resting.  Slower than 0.05 rad/s blur stays below a pixel."""
+class LeRobotRestSettings:
+    """When an arm rests."""
 
-    window: float = 0.2  # of which the slowest frame is taken [s]
-    speed: float = 0.05  # [rad/s]
-    # [rad]; two rests at one place count as one
-    distance: float = math.radians(1.0)
+    window: float = 0.2  # [s], of each window the slowest frame is taken
+    speed: float = 0.05  # [rad/s], below which blur is less than a pixel
+    distance: float = math.radians(1.0)  # least one between two rests [rad]
     most: int = 80  # frames that are taken
-    least: int = 12  # frames, below which it hardly rests
+    least: int = 12  # frames, below which the arm hardly rests
 
 
-RESTS = Rests()
+LEROBOT_REST = LeRobotRestSettings()
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ class Dataset:
 
     @classmethod
     def read(cls, source: FilePath) -> Dataset:
-        """Read it.  Raises LogError in one line if it is none that is known."""
+        """Read a data set.  Raises LogError in one line if it is none of a known version."""
         root = Path(source)
         path = root / "meta" / "info.json"
         with _one_line(path):
@@ -165,7 +164,7 @@ class Dataset:
 
 @contextmanager
 def _one_line(path: Path) -> Iterator[None]:
-    """Refuse in one line what is not as LeRobot lays it out."""
+    """Turn errors of files that LeRobot did not write into a LogError of one line."""
     import polars as pl
 
     try:
@@ -197,9 +196,9 @@ def read_dataset(
     camera: str | None = None,
     motors: Motors | None = None,
 ) -> tuple[dict[str, JointTable], list[Picture], list[str]]:
-    """Read still frames of a data set, and their joints; notes name what was taken.
+    """Read still frames of a data set, and their joints, with notes.
 
-    A data set does not state its units: joints are returned by all units that they may have.
+    A data set does not state its units: joints are returned by each unit that they may be in.
 
     joints : their names; all but the gripper where not given
     camera : the feature or the end of its name, such as ``"wrist"``; by default the only one
@@ -229,7 +228,7 @@ def read_dataset(
     notes = [
         f"{len(frames)} of {len(state)} frames of {chosen}, where the arm is slowest"
     ]
-    if len(frames) < RESTS.least:
+    if len(frames) < LEROBOT_REST.least:
         notes.append("the arm hardly stands still: let it rest at each picture")
     rows = [row for row, _ in frames]
     labels = [f"episode {episode[k]} at {time[k]:.3f} s" for k in rows]
@@ -248,7 +247,7 @@ def read_dataset(
 def _angles(
     state: Array, names: tuple[str, ...], motors: Motors | None
 ) -> dict[str, Array]:
-    """Return joint values (n, k) [rad] by what the numbers (n, k) may be."""
+    """Return joint values (n, k) [rad] by each unit that numbers (n, k) may be in."""
     most = float(np.abs(state).max(initial=0.0))
     if most <= _MOST_RADIANS:
         return {"radians": state}
@@ -273,18 +272,18 @@ def _resting(q: Array, time: Array, episode: Index) -> Index:
     """Return frames (k,) in which the arm rests."""
     speed = _speed(q, time)
     # the slowest frame of each window
-    window = np.floor(time / RESTS.window) + 1e6 * episode
+    window = np.floor(time / LEROBOT_REST.window) + 1e6 * episode
     order = np.lexsort((speed, window))
     _, first = np.unique(window[order], return_index=True)
     slowest = order[first]
     resting: list[int] = []
-    for frame in slowest[speed[slowest] < RESTS.speed].tolist():
+    for frame in slowest[speed[slowest] < LEROBOT_REST.speed].tolist():
         if (
             not resting
-            or np.abs(q[frame] - q[resting[-1]]).max() > RESTS.distance
+            or np.abs(q[frame] - q[resting[-1]]).max() > LEROBOT_REST.distance
         ):
             resting.append(frame)
-    some = spread_rows(len(resting), RESTS.most)
+    some = spread_rows(len(resting), LEROBOT_REST.most)
     return np.array(resting, np.intp)[some]
 
 

@@ -14,7 +14,7 @@ from ..common.choices import PICTURES
 from ..common.rows import finite_rows
 from ..common.wording import by_name, listing
 from ..errors import LogError
-from ..samples.header import name_and_unit
+from ..samples.column_units import name_and_unit
 from ..samples.tables import UNNAMED, Source, open_source
 from .pictures import Shot, list_pictures, read_series
 
@@ -74,7 +74,7 @@ def read_joints(
         source = replace(source, table=table)
     names = tuple(joint_columns(source.header) if joints is None else joints)
     if joints is None:
-        is_number = np.isfinite(source.numbers(names)[0]).any(axis=0)
+        is_number = np.isfinite(source.numbers(names)).any(axis=0)
         names = tuple(np.array(names, object)[is_number])
     beside = [name for name in ("time", "episode") if name in source.header]
     rows = number_rows_of(source, [*names, *beside])
@@ -106,7 +106,7 @@ def read_joints(
 
 def number_rows_of(source: Source, columns: Sequence[str]) -> JointTable:
     """Read columns of numbers as `q`; rows in which one is missing are left out, and counted."""
-    numbers = source.numbers(columns)[0]
+    numbers = source.numbers(columns)
     good = np.flatnonzero(finite_rows(numbers))
     pictures = None
     column = picture_column(source)

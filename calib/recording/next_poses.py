@@ -1,8 +1,8 @@
 """Next poses: those with the whole board in view that best place camera and board.
 
-Boards before the camera are drawn as pictures show them, turned, nearer or farther (`draw`).  Each
-motion is credited with the information that the board's corners would bring there; of them the best
-is taken, again and again (`best`).
+Random boards before the camera are those of pictures, turned, nearer or farther (`draw`).  Each
+motion brings the information of the board's corners there; the best ones are taken one by one
+(`most_informative`).
 """
 
 from __future__ import annotations
@@ -24,8 +24,16 @@ from ..body.information import after_reading
 from ..common.arrays import Array, Index, Mask
 from ..errors import OptionError
 from ..samples.lens import Lens
-from .bundle import LENS, POSE, SHAPE, Bundle, CornerLayout, Motions, Unknowns
-from .fit import Noise, information, without_errors
+from .bundle import (
+    LENS_SIZE,
+    POSE_SIZE,
+    SHAPE_SIZE,
+    Bundle,
+    CornerLayout,
+    Motions,
+    Unknowns,
+)
+from .fit import Noise, information, schur_complement
 from .joint_motions import JointMotions
 from .lens import lens_parameters
 from .rig import HandEye, frame_of
@@ -33,16 +41,16 @@ from .rig import HandEye, frame_of
 
 @dataclass(frozen=True)
 class DrawSettings:
-    """How poses are drawn, and which are credited with what."""
+    """How poses are drawn, and how informative they are."""
 
     draws: int = 2000
     # least cosine between the line of sight and the board's normal
     upright: float = 0.5
     lever: float = 0.1  # from what is in the hand to where it is used [m]
-    # of information, over that before any picture, below which a direction is undetermined
+    # information on a direction, over that before any picture, below which it counts as none
     least: float = 1e-2
-    # times the corners' misses, that new ones are credited with: lens and board stay as unsure as
-    # they are (in twelve worlds the intervals that came out were .8 to 1.15 of the promised)
+    # noise of new corners over the errors of those seen, since lens and board stay uncertain (in
+    # twelve worlds the intervals were .8 to 1.15 of the predicted ones)
     careful: float = 4.0
 
 
@@ -51,17 +59,17 @@ DRAW = DrawSettings()
 
 @dataclass(frozen=True)
 class Around:
-    """How boards are drawn about those of pictures."""
+    """How random boards differ from those of pictures."""
 
     # most that the board turns about each of its axes [rad]
     tilt: tuple[float, float, float] = (0.5, 0.5, 0.5)
-    nearer: tuple[float, float] = (0.8, 1.25)  # times the distance
+    nearer: tuple[float, float] = (0.8, 1.25)  # factors on the distance
     edge: float = 0.05  # share of the picture that stays free
 
 
 @dataclass(frozen=True, eq=False)
 class ExpectedRig:
-    """Where camera X and board Y are as far as is known, in the symbols of :mod:`.bundle`."""
+    """The expected camera X and board Y, with their uncertainty; symbols as in :mod:`.bundle`."""
 
     in_hand: bool  # whether the camera is in the hand
     frames: Array  # (2, 4, 4), X and Y [m]
@@ -69,17 +77,17 @@ class ExpectedRig:
     points: Array  # (k, 3), the board's corners in its frame [m]
     boards: Array  # (p, 4, 4), the board before the camera, about which others are drawn [m]
     around: Around
-    noise: Noise  # of pictures to come, whose lens and board stay as they are
+    noise: Noise  # of pictures to come
     precision: Array  # (12, 12), of steps of X and Y
-    # (LENS + SHAPE,), sd of the numbers of lens and board, none of what is known
+    # (LENS_SIZE + SHAPE_SIZE,), sd of the parameters of lens and board, 0 of known ones
     sizes: Array
 
     @staticmethod
     def of(rig: HandEye) -> ExpectedRig:
-        """The rig of pictures, whose lens and board stay as they are."""
+        """The rig of pictures, whose lens and board count as known."""
         in_hand = rig.eye == "hand"
         frames = np.stack([frame_of(rig.hand), frame_of(rig.base)])
-        covariance = rig.covariance + 1e-14 * np.eye(2 * POSE)
+        covariance = rig.covariance + 1e-14 * np.eye(2 * POSE_SIZE)
         slope = shifts_along_parents(frames)
         precision = slope.T @ np.linalg.inv(covariance) @ slope
         scenes = inverse(frames[1]) @ rig.flange @ frames[0]
@@ -87,7 +95,7 @@ class ExpectedRig:
             scenes = inverse(scenes)
         else:  # the camera is at rest
             frames = frames[::-1]
-            precision = np.roll(precision, POSE, axis=(0, 1))
+            precision = np.roll(precision, POSE_SIZE, axis=(0, 1))
         turn = max(rig.repeatability["rotation"], 1e-5)
         shift = max(rig.repeatability["position"], 1e-5)
         corner = DRAW.careful * max(rig.reprojection["mean"], 0.1)
@@ -102,9 +110,9 @@ class ExpectedRig:
             points=np.array(rig.board["points"]),
             boards=scenes,
             around=Around(),
-            noise=noise_of(corner, turn, shift),
+            noise=rig_noise(corner, turn, shift),
             precision=precision,
-            sizes=np.zeros(LENS + SHAPE),
+            sizes=np.zeros(LENS_SIZE + SHAPE_SIZE),
         )
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
@@ -137,7 +145,9 @@ class ExpectedRig:
         upright = turn_of(boards)[:, 2, 2] > DRAW.upright
         return ahead & upright & inside.all(axis=(1, 2))
 
-    def best(self, motions: Motions, count: int) -> tuple[Index, Array]:
+    def most_informative(
+        self, motions: Motions, count: int
+    ) -> tuple[Index, Array]:
         """The most informative motions (count,) of some, one after the other.
 
         Returns the covariance (count, 6, 6) of steps of what is in the hand after each, too.
@@ -151,9 +161,9 @@ class ExpectedRig:
         predicted = bundle.predict(Unknowns(self.frames, values, exact))
         bundle = replace(bundle, pixels=predicted.pixels)
         products, _ = information(bundle, self.noise, predicted)
-        gains = without_errors(products, self.noise, layout.size)[0]
+        gains = schur_complement(products, self.noise, layout.size)[0]
 
-        # in units of what is known before
+        # in units of the sd before any picture
         root = self._root(motions, layout)
         squares, axes = np.linalg.eigh(root.T @ gains @ root)
         telling = squares.max(axis=0) > DRAW.least
@@ -165,7 +175,7 @@ class ExpectedRig:
     def _root(self, motions: Motions, layout: CornerLayout) -> Array:
         """Root (s, s) of the covariance of all unknowns before any picture."""
         sizes = np.zeros(layout.size)
-        sizes[2 * POSE : 2 * POSE + len(self.sizes)] = self.sizes
+        sizes[2 * POSE_SIZE : 2 * POSE_SIZE + len(self.sizes)] = self.sizes
         if isinstance(motions, JointMotions):
             for scale in motions.scales(layout.arm):
                 sizes[scale.indices] = scale.start
@@ -183,14 +193,14 @@ class ExpectedRig:
             motions,
             in_hand=[self.in_hand],
             points=corners,
-            bends=np.zeros((len(corners), 3, SHAPE - 1)),
+            bends=np.zeros((len(corners), 3, SHAPE_SIZE - 1)),
             pixels=corners[:, :2],
             camera=np.zeros(len(corners), int),
             motion=np.repeat(np.arange(count), len(self.points)),
         )
 
 
-def noise_of(corner: float, turn: float, shift: float) -> Noise:
+def rig_noise(corner: float, turn: float, shift: float) -> Noise:
     """Noise of one camera's corners [px] and of motions [rad, m], whose focal length stays."""
     return Noise(
         corner=np.array([corner]),
@@ -243,7 +253,7 @@ def next_poses(
             f"{len(in_view)} of {len(flange)} poses near those of the pictures keep the board in "
             f"view: expected {count}"
         )
-    chosen, covariances = expected.best(Motions(in_view), count)
+    chosen, covariances = expected.most_informative(Motions(in_view), count)
     along_parent = turn_of(frame_of(rig.hand))
     shifts = along_parent @ covariances[:, 3:, 3:] @ along_parent.T
     sd = np.sqrt(shifts.diagonal(axis1=1, axis2=2))

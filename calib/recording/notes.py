@@ -12,7 +12,7 @@ from ..arm.arm import SpatialArm
 from ..body.covariance import Z95
 from ..common.arrays import Array, Mask
 from ..common.wording import listing, two_digits
-from .bundle import POSE
+from .bundle import POSE_SIZE
 from .fit import CornerFit
 from .joint_motions import JointMotions
 from .problem import Problem
@@ -22,25 +22,37 @@ from .rig import HandEye
 
 @dataclass(frozen=True)
 class NoteLimits:
-    """Limits from which something is reported."""
+    """Limits beyond which a note is written."""
 
     # least spread of the hand's turns [rad]
     turn: float = radians(7.5)
-    open: float = 0.01  # of an interval [m], beyond which it is unknown
+    open: float = (
+        0.01  # half of an interval beyond which a direction is unknown [m]
+    )
     size: float = 4e-3  # of a board's size
     focal: float = 2e-3  # of the focal length of a lens that was given
     doubtful: float = 0.01  # of the focal length, half of its interval
     focus: float = 1e-3  # sd of the focal length from picture to picture
     # [px], sd of a corner beyond what lens and board explain
     corner: float = 0.5
-    posed: float = 0.2  # the same of boards that were given as poses [deg]
-    repeats: tuple[float, float] = (1e-4, 3.5e-4)  # of joints [m, rad]
-    # the same of flange poses, which no controller's arm repeats to
-    poses: tuple[float, float] = (1e-3, radians(0.2))
-    # of joint origins, that no drawing is off by [m, rad]
+    posed: float = (
+        0.2  # sd of a corner of boards that were given as poses [deg]
+    )
+    repeats: tuple[float, float] = (
+        1e-4,
+        3.5e-4,
+    )  # repeatability by joints [m, rad]
+    poses: tuple[float, float] = (
+        1e-3,
+        radians(0.2),
+    )  # by flange poses [m, rad]
+    # largest errors of a drawing's joint origins [m, rad]
     drawing: tuple[float, float] = (5e-3, radians(1.0))
-    near: float = 0.3  # from the flange, where something may be in the hand [m]
-    # poses up to which noise hides a picture after a move: of 5 in 6 of 10 worlds, of 6 seldom
+    near: float = (
+        0.3  # plausible distance of what is in the hand from the flange [m]
+    )
+    # poses up to which noise hides that camera or board was moved: with 5 in 6 of 10 worlds, with 6
+    # seldom
     few: int = 6
 
 
@@ -72,7 +84,7 @@ def limit_of(problem: Problem, rig: HandEye, agreeing: Mask) -> str:
 def notes_of(
     problem: Problem, fit: CornerFit, rig: HandEye, agreeing: Mask
 ) -> tuple[str, ...]:
-    """All that has to be known."""
+    """All notes on a calibration."""
     notes: list[str] = []
     for view in problem.views:
         notes += view.notes
@@ -179,7 +191,7 @@ def _posed_boards(fit: CornerFit, rig: HandEye) -> Iterator[str]:
 def _lenses(problem: Problem, fit: CornerFit) -> Iterator[str]:
     lenses = problem.bundle.layout.lenses
     for number, view in enumerate(problem.views):
-        focus = float(fit.noise.error[POSE + number])
+        focus = float(fit.noise.error[POSE_SIZE + number])
         corner = float(fit.noise.corner[number])
         if corner > NOTE_LIMITS.corner:
             yield (
@@ -207,18 +219,23 @@ def _lenses(problem: Problem, fit: CornerFit) -> Iterator[str]:
 
 
 def _moved(rig: HandEye) -> str:
-    """That something was moved, and whether the pictures would tell."""
+    """The words that something was moved, and whether the pictures would show it."""
     words = "camera or board was moved"
     if len(rig.names) <= NOTE_LIMITS.few:
         words += f" (which {len(rig.names)} poses may not show: add pictures)"
     return words
 
 
+def _is_loose(rig: HandEye, most: tuple[float, float]) -> bool:
+    """Whether the arm repeats worse than to a shift [m] and a turn [rad]."""
+    shift, turn = most
+    repeatability = rig.repeatability
+    return repeatability["rotation"] > turn or repeatability["position"] > shift
+
+
 def _poses(rig: HandEye) -> Iterator[str]:
     """How well flange poses agree with the pictures, and whether the eye is the other one."""
-    most_shift, most_turn = NOTE_LIMITS.poses
-    is_loose = rig.repeatability["rotation"] > most_turn
-    if is_loose or rig.repeatability["position"] > most_shift:
+    if _is_loose(rig, NOTE_LIMITS.poses):
         yield (
             f"poses and pictures agree to {rig.repeats} only: {_moved(rig)}, a few "
             "rows are of other pictures, or the arm moved while they were taken"
@@ -233,9 +250,7 @@ def _arm(
 ) -> Iterator[str]:
     """How good the arm is, whether it is this one, and what no picture shows of joints."""
     bundle = problem.bundle
-    most_shift, most_turn = NOTE_LIMITS.repeats
-    is_loose = rig.repeatability["rotation"] > most_turn
-    if is_loose or rig.repeatability["position"] > most_shift:
+    if _is_loose(rig, NOTE_LIMITS.repeats):
         yield (
             f"the arm repeats to {rig.repeats} (sd of a pose beyond what zeros and geometry "
             f"explain): play, {_moved(rig)}, or joints were read while it moved"

@@ -28,9 +28,8 @@ Picture = NDArray[np.uint8]
 Shot = tuple[int, str, Picture]
 """A grey picture of a recording: its number, its name, and the picture."""
 
-
 WIDEST = 1000
-"""Pixels along a kept photo's longer side, at most."""
+"""Most pixels along the longer side of a photo that a model keeps."""
 
 
 def opencv() -> ModuleType:
@@ -54,7 +53,7 @@ def package(name: str) -> ModuleType:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Run OpenCV in one thread: several add up pictures in any order, to other last digits."""
+    """Run OpenCV in one thread: several sum in any order, which changes the last digits."""
     cv2 = opencv()
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
@@ -94,17 +93,13 @@ def list_pictures(source: FilePath | Sequence[str]) -> list[Path]:
     return sorted(paths, key=natural_key)
 
 
-def read_picture(path: FilePath, *, colour: bool = False) -> Picture:
-    """Read a picture whole: grey (height, width), or red, green, blue (height, width, 3).
+def read_picture(path: Path, mode: str) -> tuple[Picture, int]:
+    """Read a picture, and how EXIF turns it: 1 not, 3 is upside down, 6 and 8 are on a side.
 
-    By Pillow: OpenCV returns half of a cut JPEG without a word.
+    mode : "RGB" for red, green, blue (height, width, 3), "L" for grey (height, width)
+    Pillow reads it: OpenCV returns half of a cut JPEG without an error.
     Raises LogError if it is cut off, damaged, too large or no picture.
     """
-    return _read(Path(path), "RGB" if colour else "L")[0]
-
-
-def _read(path: Path, mode: str) -> tuple[Picture, int]:
-    """A picture, and how EXIF turns it: 1 not, 3 is upside down, 6 and 8 are on a side."""
     from PIL import ExifTags, Image, ImageOps
 
     try:
@@ -127,14 +122,14 @@ def _read(path: Path, mode: str) -> tuple[Picture, int]:
 
 
 def read_series(paths: Sequence[Path], notes: list[str]) -> Iterator[Shot]:
-    """Yield the grey pictures of one camera; notes say why others are left out, and what turns all.
+    """Yield the grey pictures of one camera; notes say why some are left out, how EXIF turns all.
 
     Raises LogError if they have several sizes, or EXIF turns some: intrinsics hold for one setting.
     """
     setting = ""
     for number, path in enumerate(paths):
         try:
-            grey, turn = _read(path, "L")
+            grey, turn = read_picture(path, "L")
         except LogError as error:
             notes.append(f"{error}; left out")
             continue
@@ -174,7 +169,7 @@ class Video:
             ) from None
 
     def frames(self) -> Iterator[tuple[float, Picture]]:
-        """Yield times [s] and grey frames, of one that is cut off or damaged to where it is."""
+        """Yield times [s] and grey frames, up to where the video is cut off or damaged."""
         cv2 = opencv()
         with self._container, suppress(self._decoder.error.FFmpegError):
             for image in self._container.decode(video=0):
@@ -230,7 +225,7 @@ def take_photo(
 def read_photo(path: Path) -> Picture:
     """Return a picture, or the first frame of a video, as red, green, blue."""
     if path.suffix.lower() in PICTURES:
-        return read_picture(path, colour=True)
+        return read_picture(path, "RGB")[0]
     if path.suffix.lower() not in VIDEOS:
         kinds = ", ".join((*PICTURES, *VIDEOS))
         raise LogError(
@@ -243,7 +238,7 @@ def read_photo(path: Path) -> Picture:
 
 
 def _jpeg(picture: Picture) -> bytes:
-    """Return a JPEG of at most `WIDEST` pixels a side."""
+    """A JPEG of at most `WIDEST` pixels a side."""
     from PIL import Image
 
     image = Image.fromarray(picture)

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from ..common.choices import DICTIONARY
 from ..common.wording import fill_template
 from .board import BlackSquare, Pattern
 from .tags import tag_cells
@@ -20,7 +19,7 @@ _RECTANGLE = (
 )
 
 
-def print_tag(number: int, size: float, dictionary: str = DICTIONARY) -> str:
+def print_tag(number: int, size: float, dictionary: str) -> str:
     """Return a tag as SVG whose black square has the side `size` [m]."""
     cells = tag_cells(number, dictionary)
     # a tag needs a cell of white around it

@@ -16,36 +16,40 @@ from ..common.scale import METRES
 from ..common.wording import listing
 from ..errors import LogError
 from ..samples.motion import label_numbers, pose_index
-from .board_pictures import LEAST
+from .board import LEAST_PICTURES
+from .board_pictures import View
 from .bundle import Bundle, CornerLayout, Motions, Unknowns, shape_slopes
-from .fit import CornerFit, CornerPrior, Noise, Scale, solve
+from .fit import CornerFit, CornerPrior, Noise, PriorScale, fit_corners
 from .joint_motions import JointMotions
 from .pose_files import FlangeTable
 from .readings import Choice, choose
 from .refusals import refuse_mirrored, refuse_poses, refuse_readings
-from .start import RigStart, find_start, gaps_between
-from .view import View
+from .start import RigStart, board_misfits, find_start
 
 
 @dataclass(frozen=True)
 class Priors:
-    """Where sizes begin, and between which limits the evidence finds them."""
+    """Initial sds of a fit, and the limits between which the evidence finds them."""
 
     corner: float = 1.0  # [px]
-    # half diagonals of a board: paper bends by 1 to 2 mm
+    # bends [half diagonals of a board]: start, lowest, highest; paper bends by 1 to 2 mm
     bent: tuple[float, float, float] = (5e-3, 1e-5, 5e-2)
+    # stretch and shear [half diagonals]: start, lowest, highest
     stretched: tuple[float, float, float] = (5e-4, 1e-6, 5e-3)
-    # of its size that a print is off by; beyond, by the evidence
+    # log of the board's size over the stated one: lowest, highest
     printed: tuple[float, float] = (3e-3, 0.5)
-    # turn and shift [rad, m]; a turn that begins too small stays so, and shifts and corners grow in
-    # its place (with five poses from 3e-4 in 26 of 30 worlds, from 3e-3 in 3); shifts that begin at
-    # 1e-2 hid 6 of 20 lenses that were 2 % off, at 1e-3 two
+    # turn [rad] and shift [m] of a motion.  A turn's sd that begins too small stays small, and
+    # shifts and corners explain the errors instead: with five poses this happened in 26 of 30
+    # worlds from 3e-4, in 3 from 3e-3.  Shifts that begin at 1e-2 hid 6 of 20 lenses that were 2 %
+    # off, those at 1e-3 hid two.
     motion: tuple[float, float] = (3e-3, 1e-3)
-    focus: float = 2e-3  # of the focal length, from picture to picture
-    # of a stated lens, times the largest: from .03 and .01 noise of corners grew in the place of
-    # lenses that are 2 % off (55 and 27 of 64 seen, 60 from .1), from .3 one that zoomed was missed
+    focus: float = 2e-3  # log of the focal length, from picture to picture
+    # parameters of a stated lens, over their highest sd.  From .03 and .01 the noise of corners
+    # explained lenses that were 2 % off (55 and 27 of 64 were detected, 60 from .1); from .3 a lens
+    # that zoomed was missed.
     stated: float = 0.1
-    # how far pictures at one pose are apart, as the camera sees it [rad]: one has another's row
+    # angle [rad] at which a camera sees the boards of two pictures at one pose apart, beyond which
+    # one of them has another's row
     apart: float = radians(1.0)
 
 
@@ -54,15 +58,15 @@ PRIORS = Priors()
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """All pictures, what is known before them, and where their fit begins."""
+    """All pictures, the prior, and where the fit begins."""
 
-    # with the boards numbered alike; rows are the motions of their pictures
+    # with boards numbered from the same end; their rows are indices of motions
     views: Sequence[View]
     bundle: Bundle
     prior: CornerPrior
     start: CornerFit
     arm: SpatialArm | None = None
-    choice: Choice | None = None  # what poses mean
+    choice: Choice | None = None  # the convention of flange poses
 
     @property
     def count(self) -> int:
@@ -71,14 +75,14 @@ class Problem:
 
     @property
     def frames(self) -> tuple[str, str]:
-        """Names of the arm's base and of what carries."""
+        """Names of the arm's base and of its tip or flange."""
         if self.arm is None:
             return "base", "flange"
         return parse_robot(self.arm.urdf).root, self.arm.tip
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the motions' pictures are called."""
+        """Name of a picture at each motion."""
         names: dict[int, str] = {}
         for view in reversed(self.views):
             names |= zip(view.rows.tolist(), view.names, strict=True)
@@ -96,14 +100,18 @@ class Problem:
         self, motions: Index, start: CornerFit, *, learn: bool = True
     ) -> CornerFit:
         """The fit to the pictures of some motions."""
-        start = replace(start, unknowns=start.unknowns.exact(len(motions)))
-        return solve(
+        start = replace(
+            start, unknowns=start.unknowns.with_zero_errors(len(motions))
+        )
+        return fit_corners(
             self.bundle.at_motions(motions), self.prior, start, learn=learn
         )
 
     def predict(self, fit: CornerFit) -> Array:
-        """Pixels (N, 2) of all corners where the motions alone put them."""
-        return self.bundle.predict(fit.unknowns.exact(self.count)).pixels
+        """Pixels (N, 2) of all corners at motions without errors."""
+        return self.bundle.predict(
+            fit.unknowns.with_zero_errors(self.count)
+        ).pixels
 
 
 def problem_of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
@@ -111,7 +119,7 @@ def problem_of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
 
     Raises LogError where the pictures are of other joints, or show that the joints are not these.
     """
-    views, rows = _places(views)
+    views, rows = _with_row_indices(views)
     q = np.zeros((len(rows), arm.dof))
     for view in views:
         names = view.joint_names
@@ -141,15 +149,15 @@ def problem_of_poses(table: FlangeTable, views: Sequence[View]) -> Problem:
 
     # poses in metres, at each row that has a picture
     flange[:, :3, 3] /= METRES[choice.convention["unit"]]
-    views, rows = _places(views)
+    views, rows = _with_row_indices(views)
     flange = flange[rows]
     views, first = _by_pose(views, flange[:, :3].reshape(-1, 12))
     problem = _problem(views, Motions(flange[first]))
     return replace(problem, choice=choice)
 
 
-def _places(views: Sequence[View]) -> tuple[list[View], Index]:
-    """The views with their rows as places among those (n,) that some camera has a picture of."""
+def _with_row_indices(views: Sequence[View]) -> tuple[list[View], Index]:
+    """The views, whose rows become indices of the rows (n,) of which some camera has a picture."""
     rows = np.unique(np.concatenate([view.rows for view in views]))
     placed = [
         replace(view, rows=np.searchsorted(rows, view.rows)) for view in views
@@ -158,9 +166,9 @@ def _places(views: Sequence[View]) -> tuple[list[View], Index]:
 
 
 def _by_pose(views: Sequence[View], poses: Array) -> tuple[list[View], Index]:
-    """The views with one row for all pictures at one pose: the arm's error there is the same.
+    """The views with one row for all pictures at one pose, where the arm's error is the same.
 
-    Of pictures that show the board elsewhere, one has the row of another: those keep their own.
+    A picture that shows the board elsewhere than others at its pose keeps a row of its own.
 
     poses : (n, k), joints or flange at the views' rows [rad or m]
     Returns the first row (m,) of each pose too.  Raises LogError where too few poses are left.
@@ -173,16 +181,16 @@ def _by_pose(views: Sequence[View], poses: Array) -> tuple[list[View], Index]:
     pose[elsewhere] = len(pose) + np.flatnonzero(elsewhere)
     pose = label_numbers(pose)
     first = np.unique(pose, return_index=True)[1]
-    if len(first) < LEAST:
+    if len(first) < LEAST_PICTURES:
         raise LogError(
-            f"the pictures are of {len(first)} poses of the arm: expected {LEAST} or more",
+            f"the pictures are of {len(first)} poses of the arm: expected {LEAST_PICTURES} or more",
             hint="add pictures with the hand turned by 30 deg about each of two other axes",
         )
     return [replace(view, rows=pose[view.rows]) for view in views], first
 
 
 def _are_elsewhere(view: View, first: Index) -> Mask:
-    """Which pictures (p,) show the board elsewhere than the first at their pose.
+    """Which pictures (p,) show the board elsewhere than the first picture at their pose.
 
     first : (n,), the first row at the pose of each row
     """
@@ -191,10 +199,10 @@ def _are_elsewhere(view: View, first: Index) -> Mask:
     boards[view.rows] = view.boards
     expected = boards[first[view.rows]]
     points = view.board.points()
-    gaps = gaps_between(expected, view.boards, points)
+    gaps = board_misfits(expected, view.boards, points)
     half_turn = view.board.half_turn
     if half_turn is not None:
-        other_end = gaps_between(expected @ half_turn, view.boards, points)
+        other_end = board_misfits(expected @ half_turn, view.boards, points)
         gaps = np.minimum(gaps, other_end)
     return gaps > PRIORS.apart
 
@@ -239,7 +247,7 @@ def _prior(
 ) -> CornerPrior:
     """What is known of lenses, boards and the arm before the pictures."""
     mean = np.zeros(layout.size)
-    scales: list[Scale] = []
+    scales: list[PriorScale] = []
     for view, lens in zip(views, layout.lenses, strict=True):
         mean[lens] = view.first_lens.parameters
         if view.stated_lens is None:
@@ -249,9 +257,11 @@ def _prior(
     for start, shape in zip(boards, layout.shapes, strict=True):
         size = abs(start.size)  # that may be another than stated
         scales += [
-            Scale(shape[:-3], *PRIORS.bent),
-            Scale(shape[-3:-1], *PRIORS.stretched),
-            Scale(shape[-1:], max(size, lowest), lowest, max(size, highest)),
+            PriorScale(shape[:-3], *PRIORS.bent),
+            PriorScale(shape[-3:-1], *PRIORS.stretched),
+            PriorScale(
+                shape[-1:], max(size, lowest), lowest, max(size, highest)
+            ),
         ]
     if isinstance(motions, JointMotions):
         scales += motions.scales(layout.arm)
@@ -259,12 +269,12 @@ def _prior(
 
 
 def _starts(views: Sequence[View], motions: Motions) -> list[RigStart]:
-    """Where each camera and its board begin; cameras at one place number a board from one end."""
+    """The start of each camera and its board, which cameras of one eye number from one end."""
     flange = motions.poses(np.zeros(motions.size))
     starts: list[RigStart] = []
     firsts: dict[bool, RigStart] = {}
     for view in views:
-        start = find_start(flange[view.rows], view, "m")
+        start = find_start(flange[view.rows], view)
         refuse_mirrored(view, start)
         first = firsts.setdefault(view.in_hand, start)
         starts.append(_from_same_end(start, first, view.board.half_turn))
@@ -274,7 +284,7 @@ def _starts(views: Sequence[View], motions: Motions) -> list[RigStart]:
 def _from_same_end(
     start: RigStart, other: RigStart, half_turn: Array | None
 ) -> RigStart:
-    """A start with its board numbered from the end that another camera's is."""
+    """A start with its board numbered from the same end as another camera's."""
     if half_turn is None:
         return start
     board = start.board @ half_turn
@@ -312,8 +322,8 @@ def _bundle(views: Sequence[View], motions: Motions) -> Bundle:
     )
 
 
-def _lens_scales(view: View, places: Index) -> Iterator[Scale]:
-    """Priors of a lens; the pictures alone give focal length and centre of one that is fitted."""
+def _lens_scales(view: View, indices: Index) -> Iterator[PriorScale]:
+    """Priors of a lens; focal length and centre of one that is fitted follow from the pictures."""
     focal = float(view.first_lens.focal.mean())
     # tangent of the angle at which the corners of the picture appear
     edge = float(np.hypot(*view.size)) / 2 / focal
@@ -335,4 +345,4 @@ def _lens_scales(view: View, places: Index) -> Iterator[Scale]:
         elif numbers.stop <= 4:
             start = highest
             lowest = highest
-        yield Scale(places[numbers], start, lowest, highest)
+        yield PriorScale(indices[numbers], start, lowest, highest)

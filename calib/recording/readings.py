@@ -15,9 +15,9 @@ from ..common.choices import ROTATIONS, check_choice
 from ..common.rows import row_lengths
 from ..common.scale import METRES
 from ..errors import OptionError
+from .board_pictures import View
 from .pose_files import FlangeTable
 from .start import UNITS, RigStart, find_starts
-from .view import View
 
 AXES = ["".join(axes) for axes in permutations("xyz")]
 ORDERS = (*AXES, *map(str.upper, AXES), "ZYZ", "zyz", "ZXZ", "zxz")
@@ -27,7 +27,7 @@ NAMES = {"xyz": "rpy", "ZYX": "kuka"}
 """Orders that have their own names."""
 
 ALIKE = {"fanuc": "rpy"}
-"""Other words for a rotation."""
+"""Synonyms of a rotation."""
 
 MAKERS = {
     "rpy": "fixed axes x, y, z: ROS, Fanuc, Yaskawa",
@@ -42,12 +42,11 @@ MAKERS = {
 }
 
 TIED = 2.5
-"""Readings with less than this times the least misfit are not distinguished.
+"""Factor on the least misfit below which other readings count as equally good.
 
-Of flanges that turn on the spot, readings that exchange axes of base and flange alike fit as well:
-of 12 rendered sets the next one 1.0 to 1.9 times worse, others 18 times or more.
+Where a flange turns on the spot, readings that exchange axes of both base and flange fit equally
+well: in 12 rendered sets the next one fitted 1.0 to 1.9 times worse, others 18 times or more.
 """
-
 
 _REACH = (0.005, 20.0)  # of the flange of any arm [m]
 
@@ -122,10 +121,7 @@ def _turns(numbers: Array) -> list[tuple[str, str, Array]]:
 
 
 def _readings_as_stated(table: FlangeTable) -> list[Reading]:
-    """Readings of a table that agree with what is stated of its rotations.
-
-    Raises OptionError where there is none.
-    """
+    """Readings of a table that agree with the user's options; OptionError where none does."""
     rotation = table.rotation
     alike = ALIKE.get(rotation or "", rotation)
     angles = None
@@ -146,10 +142,7 @@ def _readings_as_stated(table: FlangeTable) -> list[Reading]:
 
 
 def choose(table: FlangeTable, view: View) -> Choice:
-    """The reading of a table that fits best.
-
-    Raises OptionError where no reading is left.
-    """
+    """The reading of a table that fits best; OptionError where no reading is possible."""
     _refuse_unit(table)
     readings = _readings_as_stated(table)
     flanges = np.stack([reading.flange[view.rows] for reading in readings])
@@ -188,6 +181,6 @@ def _refuse_unit(table: FlangeTable) -> None:
 
 
 def _oddity(reading: Reading, named: str) -> tuple[bool, bool, bool]:
-    """What is odd of a reading: base in flange, not as the header's names, of no maker."""
+    """Whether a reading is inverse, is not what the header names, and is no maker's convention."""
     is_named = reading.rotation == named
     return reading.inverse, not is_named, reading.rotation not in MAKERS

@@ -1,7 +1,7 @@
-"""Reference: marks at known places of a desk, and the frame in metres that they make of pixels.
+"""Reference: marks at known places of a desk, and the frame of positions in metres.
 
-Each recording determines where the frame is before the camera (`find_reference`); rays of pixels
-are then cut with a plane of it (`PlaneReference`).
+Each recording determines the frame before the camera (`find_reference`); then rays of pixels are
+intersected with a plane of it (`PlaneReference`).
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from .pictures import opencv
 
 @dataclass(frozen=True)
 class ReferenceSettings:
-    """When a reference is where it was."""
+    """When a reference has not moved."""
 
-    noise: float = 0.01  # [px]; corners are credited with no less
-    moved: float = 0.7  # [px]; marks further off than this are elsewhere
+    noise: float = 0.01  # least one of a corner [px]
+    moved: float = 0.7  # distance beyond which marks are elsewhere [px]
     stretch: float = 1.5e-3  # growth of the marks that shows a new focus
     # share of the pictures in which the marks may be elsewhere
     elsewhere: float = 0.3
@@ -45,8 +45,8 @@ class Pose:
     """Where a frame is before a camera."""
 
     frame: Array  # (4, 4), in the camera's (x right, y down, z ahead) [m]
-    # of a small turn [rad] in the camera's axes, of the shift [m], and of the lens's parameters,
-    # which the pose was found with (15, 15)
+    # (15, 15), of a small turn [rad] about the camera's axes, of the shift [m], and of the lens's
+    # parameters
     covariance: Array
 
 
@@ -77,7 +77,7 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     by = slopes[:, 3:6].reshape(-1, 2, 3)
     by_turn = -by @ cross_matrix(points @ rotation.T)
     by_pose = np.concatenate([by_turn, by], axis=2).reshape(-1, 6)
-    # where the lens is not as it was taken to be, the pose follows it
+    # an error of the lens changes the pose
     by_lens = slopes[:, 6:15]
     pose_by_lens = -np.linalg.lstsq(by_pose, by_lens, rcond=None)[0]
     follows = np.vstack([pose_by_lens, np.eye(9)])
@@ -91,7 +91,7 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
 
 @dataclass(frozen=True, eq=False)
 class PlaneReference:
-    """A flat frame before a calibrated camera: rays are cut with the plane of the tip's tag."""
+    """A flat frame before a calibrated camera, whose rays meet the plane of the tip's tag."""
 
     lens: Lens
     pose: Pose
@@ -167,7 +167,7 @@ class MarkLayout:
         Raises LogError if there are fewer than four, or a tag has two places.
         """
         source = open_source(path)
-        rows = source.numbers(["tag", "x", "y"])[0]
+        rows = source.numbers(["tag", "x", "y"])
         is_number = rows[:, 0] % 1 == 0
         is_near = (np.abs(rows[:, 1:]) < 20.0).all(axis=1)
         good = rows[is_number & is_near]

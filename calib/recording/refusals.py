@@ -21,37 +21,38 @@ from ..common.arrays import Array
 from ..common.rows import spread_rows
 from ..common.wording import two_digits
 from ..errors import LogError
-from ..samples.findings import Finding
-from ..samples.interpretations import ONLY_IF, interpretations
+from ..samples.findings import ONLY_IF, Finding, interpretations
 from ..samples.settings import DIAGNOSIS
+from .board_pictures import View
 from .pose_files import FlangeTable
 from .readings import Choice, choose
 from .start import RigStart, find_start, find_starts
-from .view import View
 
 
 @dataclass(frozen=True)
 class RefusalLimits:
-    """Limits of what pictures contradict."""
+    """Limits beyond which joints or poses are refused."""
 
-    # times the misfit: other rows, or another reading of joints, explain the pictures better
+    # misfit of other rows, or of another reading of joints, over the stated ones', below which they
+    # are the right ones
     clear: float = 0.4
     # rms turn about a second axis that flange poses need [deg]
     turn: float = 1.0
     # misfit of the median picture, beyond which poses are not of the pictures [rad]
     misfit: float = radians(5.0)
-    few: int = 10  # pictures of which each two are tried exchanged
-    # times the misfit of the poses as they are: of many pairs one always fits somewhat better (2.6
-    # to 3.9 times where the hand turned about one axis alone), the right one 30 to 500 times
+    few: int = 10  # most pictures of which each two poses are tried exchanged
+    # misfit of two exchanged poses, over the stated ones', below which they are refused: of many
+    # pairs one always fits somewhat better (2.6 to 3.9 times where the hand turned about one axis
+    # alone), the right one 30 to 500 times
     exchanged: float = 0.1
     # misfit beyond which other readings of joints are tried [rad], and on how many pictures
     far: float = radians(1.5)
     tried: int = 10
-    # misfit that a reading of joints leaves at most: the right one up to 5.3 deg, of joints
-    # that are wrong in two ways at once the best 11 deg and more
+    # largest misfit of a reading of joints that explains the pictures: the right one left up to
+    # 5.3 deg, the best one of joints that are wrong in two ways 11 deg and more
     unexplained: float = radians(8.0)
-    most: float = 4 * np.pi  # no joint turns so far [rad]
-    size: float = 0.05  # of a board's size, that no print is off by
+    most: float = 4 * np.pi  # angle that no joint reaches [rad]
+    size: float = 0.05  # largest relative error of a print's size
 
 
 REFUSAL = RefusalLimits()
@@ -70,7 +71,7 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
         places, turns = base.pose(values, neutral)
         return rigid(turns, places)
 
-    usual = find_start(flanges(q), view, "m")
+    usual = find_start(flanges(q), view)
     is_board = abs(np.expm1(usual.size)) < REFUSAL.size
     if usual.misfit < REFUSAL.far and is_board:
         return
@@ -78,7 +79,7 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     # the reading that explains some of the pictures far better
     rows = spread_rows(len(q), REFUSAL.tried)
     thinned = replace(view, boards=view.boards[rows])
-    other_eye = replace(thinned, in_hand=not view.in_hand)
+    other_eye = replace(thinned, eye=view.other_eye)
     others = list(_others(structure, view))
     values = np.concatenate([joints[rows] for joints, _ in others])
     poses = flanges(values).reshape(len(others), len(rows), 4, 4)
@@ -116,15 +117,12 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
 def _others(
     structure: SpatialStructure, view: View
 ) -> Iterator[tuple[Array, Finding]]:
-    """Other readings of the joints, the simplest first."""
+    """Other readings of the joints, the simplest first: joints (p, dof) and what they mean."""
     q = view.q
     names = structure.joint_names
-    eye = "hand"
-    where = "is in the hand"
-    if view.in_hand:
-        eye = "base"
-        where = "stands still"
-    yield q, Finding("eye", f"the camera {where}", f"give `eye={eye!r}`")
+    where = "stands still" if view.in_hand else "is in the hand"
+    hint = f"give `eye={view.other_eye!r}`"
+    yield q, Finding("eye", f"the camera {where}", hint)
     late = Finding(
         "late",
         "they are a row late or early",

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..arm.rigid import rigid
 from ..arm.rotations import logarithm, matrix_of
+from ..body.sensor_pose import SensorPose, hand_pose
 from ..body.structure import OfStructure
 from ..common.arrays import Array
 from ..common.atomic import FilePath, atomic_write
@@ -49,7 +50,7 @@ class LensFacts(TypedDict):
 class Square(TypedDict):
     """The side of a square, or a tag, as stated and as measured [m]."""
 
-    said: float
+    said: float  # stated by the user
     measured: float
     interval: list[float]
 
@@ -67,7 +68,7 @@ class CameraPlace(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """Poses of cameras and a board.
+    """A rig: the poses of cameras and a board.
 
     Places are of the camera's optical frame (x right, y down, z ahead) or the board's: position
     [m], quaternion (qx, qy, qz, qw) and half-widths of their 95 % intervals, (3,) [m] and
@@ -280,6 +281,25 @@ def rig_of_model(model: Model) -> HandEye | None:
         return rig_of(board[KIND])
     except (LookupError, TypeError, ValueError):
         return None
+
+
+def frames_of_model(model: Model) -> Array | None:
+    """Frames (2, 4, 4) [m] of a model of pictures of a board; None of others.
+
+    The first is what is in the hand, in the tip's frame; the second what is at rest, in the base's.
+    """
+    body = model.body
+    board: Any = model.about.board
+    sensor = SensorPose.of(body)
+    if not board or body is None or sensor is None:
+        return None
+    # the body's tool is the point of the hand that logs measure
+    mount = hand_pose(body)
+    shift = mount.position - mount.rotation @ board["point"]
+    return rigid(
+        np.stack([mount.rotation, sensor.rotation]),
+        np.stack([shift, sensor.position]),
+    )
 
 
 def transform_files(rig: HandEye, path: FilePath) -> dict[Path, str]:

@@ -16,22 +16,24 @@ from ..arm.rigid import inverse, place_points, rigid, shift_of, turn_of
 from ..arm.rotations import nearest_rotation
 from ..common.arrays import Array, Mask
 from ..common.scale import METRES
-from .view import View
+from .board_pictures import View
 
-MISSAID = 0.3
-"""Log of a board's size over the stated one, that is none."""
+LARGEST_SIZE_ERROR = 0.3
+"""|log(true / stated size)| of a board beyond which the motions do not explain the pictures."""
 
 ROUNDS = 4
-"""Rounds in which pictures that contradict are weighed down."""
+"""Rounds in which pictures that contradict the others lose weight."""
 
 
 @dataclass(frozen=True)
 class Trials:
-    """Closed forms of few pictures, of which the best tells pictures that agree."""
+    """Closed forms of few random pictures, the best of which shows the pictures that agree."""
 
     count: int = 100  # where a third of the pictures is wrong, one in five trials has none
-    pictures: int = 4  # of each
-    agree: float = 3.0  # times a usual misfit, below which a picture agrees
+    pictures: int = 4  # of each trial
+    agree: float = (
+        3.0  # factor on the median misfit, below which a picture agrees
+    )
 
 
 TRIALS = Trials()
@@ -39,46 +41,45 @@ TRIALS = Trials()
 UNITS = ("m", "cm", "mm", "in")
 
 USUAL = 0.6
-"""How far a flange is from its base, about [m]."""
+"""Typical distance of a flange from its base [m]."""
 
 NEAREST = 0.06
-"""How far it is at least [m]; nearer, it is in another unit."""
+"""Least distance of a flange from its base [m]; a smaller number is in another unit."""
 
 
 @dataclass(frozen=True, eq=False)
 class RigStart:
-    """Camera and board where motions and boards are as they are read."""
+    """A closed form of camera and board."""
 
     camera: Array  # (4, 4), X [m]
     board: Array  # (4, 4), Y [m]
     unit: str
     # log of the board's size over the stated one; minus infinity of one behind the camera
     size: float
-    misfit: float  # of a usual picture, as the camera sees it [rad]
+    misfit: float  # of a typical picture, as the camera sees it [rad]
     turned: Mask  # (n,), pictures numbered from the board's other end
 
     @property
     def is_sized(self) -> bool:
-        """Whether the board is of a size that may be meant."""
-        return abs(self.size) < MISSAID
+        """Whether the board's size may be the stated one."""
+        return abs(self.size) < LARGEST_SIZE_ERROR
 
     @property
     def rank(self) -> float:
-        """The misfit, ten times where the board is of no size that may be meant."""
+        """The misfit, ten times as large where the board's size cannot be the stated one."""
         return self.misfit if self.is_sized else 10.0 * self.misfit
 
 
-def find_start(flange: Array, view: View, unit: str | None = None) -> RigStart:
-    """Camera and board of flanges (n, 4, 4) in the base, see :func:`find_starts`."""
-    return find_starts(flange[None], view, unit)[0]
+def find_start(flange: Array, view: View) -> RigStart:
+    """Camera and board of flanges (n, 4, 4) [m] in the base, see :func:`find_starts`."""
+    return find_starts(flange[None], view, "m")[0]
 
 
-def find_starts(
-    flanges: Array, view: View, unit: str | None = None
-) -> list[RigStart]:
+def find_starts(flanges: Array, view: View, unit: str | None) -> list[RigStart]:
     """Solve for camera and board; where the motions have no lengths, with the board as stated.
 
-    A flange that turns on the spot fits in any unit: then it is as far from its base as usual.
+    A flange that turns on the spot fits in any unit: the one in which it is as far from its base as
+    usual is taken.
 
     flanges : (m, n, 4, 4), in the base, by each of m readings
     unit : of the flange's lengths; by default, of those in which it is no nearer to its base than
@@ -163,9 +164,9 @@ def _solve(
 
 
 def agreeing_pictures(flange: Array, view: View) -> Mask:
-    """The pictures (n,) that agree with a closed form of few.
+    """The pictures (n,) that agree with a closed form of few of them.
 
-    Of many the one with the least median misfit (Rousseeuw 1984).
+    Of many closed forms the one with the least median misfit is taken (Rousseeuw 1984).
 
     flange : (n, 4, 4), in the base, at each picture [m]
     """
@@ -188,7 +189,7 @@ def agreeing_pictures(flange: Array, view: View) -> Mask:
 
 
 def _usual(misses: Array) -> Array:
-    """The misfit (m,) of a usual picture: the median of those beyond the three that fit anything.
+    """The misfit (m,) of a typical picture: the median without the least three, which always fit.
 
     misses : (m, n)
     """
@@ -201,24 +202,27 @@ def _robust_closed_form(
     boards: Array,
     points: Array,
     weights: Array,
-    known: Array | None,
+    metres: Array | None,
 ) -> tuple[Array, Array, Array, Array]:
-    """X and Y of X B = M Y, with pictures that contradict the others weighed down.
+    """X and Y of X B = M Y, where pictures that contradict the others lose weight.
 
     motions M, boards B : (m, n, 4, 4);  points : (k, 3), of the board [m]
-    weights : (m, n), where it begins
+    weights : (m, n), initial ones of the pictures
+    metres : (m,), see `_closed_form`
     Returns X and Y (m, 4, 4) [m of the boards], that metre (m,) in the motions' unit, and the
     misfit (m, n) of each picture [rad].
     """
     for _ in range(ROUNDS):
-        cameras, placed, metres = _closed_form(motions, boards, weights, known)
-        shifts = shift_of(motions) / metres[:, None, None]
+        cameras, placed, lengths = _closed_form(
+            motions, boards, weights, metres
+        )
+        shifts = shift_of(motions) / lengths[:, None, None]
         in_metres = rigid(turn_of(motions), shifts)
         predicted = inverse(cameras)[:, None] @ in_metres @ placed[:, None]
-        misses = gaps_between(predicted, boards, points)
+        misses = board_misfits(predicted, boards, points)
         far = misses / (3.0 * _usual(misses)[:, None] + 1e-9)
         weights = 1.0 / (1.0 + far**2) ** 2
-    return cameras, placed, metres, misses
+    return cameras, placed, lengths, misses
 
 
 def _closed_form(
@@ -262,7 +266,7 @@ def _closed_form(
 def _least_squares(rows: Array, targets: Array, least: float) -> Array:
     """The shortest solutions (m, k) of rows (m, r, k) and targets (m, r).
 
-    least : share of the largest singular value, below which one counts as nothing
+    least : share of the largest singular value, below which others count as zero
     """
     inverses = np.linalg.pinv(rows, least)
     return (inverses @ targets[..., None])[..., 0]
@@ -274,7 +278,8 @@ def _half_turned(motions: Array, boards: Array, half_turn: Array) -> Mask:
     motions : (m, n, 4, 4);  boards : (n, 4, 4)
 
     A board turns between two pictures by as much as the flange, wherever camera and board are.
-    The signs of the leading eigenvector of how much better pairs of pictures fit unturned.
+    The answer is the signs of the leading eigenvector of a matrix: by how much each pair of
+    pictures fits better unturned.
     """
     flange_turns = _flat_turns(motions)
     plain = _flat_turns(boards)
@@ -294,7 +299,7 @@ def _flat_turns(poses: Array) -> Array:
     return turn_of(poses).reshape(*poses.shape[:-2], 9)
 
 
-def gaps_between(predicted: Array, boards: Array, points: Array) -> Array:
+def board_misfits(predicted: Array, boards: Array, points: Array) -> Array:
     """Rms angle (m, n) [rad] between a board's points (k, 3) as predicted and as seen."""
     expected = place_points(predicted, points)
     places = place_points(boards, points)

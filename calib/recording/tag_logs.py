@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arm.rigid import inverse, shift_of, turn_of
 from ..arm.rotations import quaternion_of
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Document, Index, Mask
 from ..common.atomic import FilePath
 from ..common.parallel import one_blas_thread
 from ..common.rows import rms, row_lengths
@@ -21,44 +21,55 @@ from ..samples.motion import (
     MAX_GAP,
     SETTLE,
     check_limits,
-    gaps_between,
     joint_speed,
     joints_at,
     rows_of_motion,
+    unknown_times,
 )
 from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
 from .motion_tables import JointTable, read_shots
 from .pictures import Shot, Video
 from .reference import find_pose, frames_of
-from .setting import LOOKS, Setting, Sightings, find_sightings
+from .tag_scene import LOOKS, Sightings, TagScene, find_sightings
 from .tags import LEAST_NOISE, Tag
 from .track import jumps, left_out_notes, row_shift, usable_rows
 
 
 @dataclass(frozen=True)
-class RestSettings:
+class TagRestSettings:
     """When an arm and its tag rest."""
 
-    # a tag that moves less over a recording does not move [px]
+    # least motion of a tag over a recording [px]
     still: float = 2.0
-    # a joint that moves slower rests [rad/s or m/s]
+    # speed below which a joint rests [rad/s or m/s]
     rest: float = 0.01
     # frames that a rest has at least
     least: int = 3
     # longest time without the tag within a rest [s]
     pause: float = 0.25
-    # a tag that moves more has not come to rest [px]
+    # motion above which a tag has not come to rest [px]
     shake: float = 0.5
 
 
-REST = RestSettings()
+TAG_REST = TagRestSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class TagReadings:
+    """What the tags of a log measure."""
+
+    x: Array  # (n, m) [unit]
+    unit: str
+    pixel_size: Array  # (n,) [unit/px]
+    shared_sd: float = 0.0  # sd of an error that all rows share [unit]
+    quaternion: Array | None = None  # (n, 4), of the tag
 
 
 def log_pictures(
     source: FilePath | Sequence[str],
     joints: JointTable,
-    setting: Setting,
+    scene: TagScene,
 ) -> Samples:
     """Make a log from pictures of an arm with a printed tag on its tip.
 
@@ -67,7 +78,7 @@ def log_pictures(
     Raises LogError in one line, if no log can be made.
     """
     rows, shots, notes = read_shots(joints, source)
-    sightings = find_sightings(shots, setting, "pictures")
+    sightings = find_sightings(shots, scene, "pictures")
     q = joints.q[[rows[number] for number in sightings.tags]]
     if len(q) > 1:
         _check_motion(q, sightings, f"{len(q)} pictures")
@@ -79,19 +90,18 @@ def log_pictures(
             f"{'down' if shift > 0 else 'up'} predict the tag to {other:.2g} px, a picture's own "
             f"to {unshifted:.2g} px; is a picture missing?"
         )
-    # rows that contradict the others, as a second tag makes them, are found by who learns from them
+    # rows that contradict the others, such as those of a second tag, are left out in training
     _, elsewhere = sightings.reference
     steady = [number not in elsewhere for number in sightings.tags]
-    why = (
-        "the reference is elsewhere in them: camera bumped, shaken, refocused?"
-    )
     dropped = {
         **sightings.reasons,
         "cut off or damaged": len(rows) - sightings.count,
-        why: steady.count(False),
+        "the reference is elsewhere in them: camera bumped, shaken, refocused?": steady.count(
+            False
+        ),
     }
     tags = [*compress(sightings.tags.values(), steady)]
-    about: dict[str, object] = {"source": "pictures"}
+    about = {"source": "pictures"}
     log = _log_of(sightings, tags, joints.names, q[steady], about, dropped)
     names = np.array(sightings.names)[steady]
     return replace(log, pictures=names, notes=(*notes, *log.notes))
@@ -100,7 +110,7 @@ def log_pictures(
 def log_video(
     path: FilePath,
     joints: JointTable,
-    setting: Setting,
+    scene: TagScene,
     *,
     time_offset: float | None = None,
     still: float | None = None,
@@ -118,7 +128,7 @@ def log_video(
     check_limits(max_gap, still)
     video = Video(path)
     joint_time, joint_values = _motion_of(joints)
-    sightings, time = _video_sightings(video, setting)
+    sightings, time = _video_sightings(video, scene)
     _check_motion(joint_values, sightings, video.name)
     track = np.full((len(time), 2), np.nan)
     track[[*sightings.tags]] = sightings.pixels
@@ -133,20 +143,11 @@ def log_video(
         notes.append(clocks.words())
     when = clocks.joints_time(time)
     q = joints_at(when, joint_time, joint_values)
-    speed = joint_speed(when, joint_time, joint_values)
-    doubts = {
-        "a jump of the track": jumps(track),
-        **gaps_between(when, joint_time, max_gap),
-    }
-    usable, dropped = usable_rows(np.isfinite(track[:, 0]), doubts)
-    if not usable.any():
-        raise LogError(
-            f"the clocks are apart: the video runs from {when[0]:.2f} to {when[-1]:.2f} s of the "
-            f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s"
-        )
+    usable, dropped = _usable_frames(when, track, joint_time, max_gap)
 
     # frames of each row
-    slow = usable & (speed < (still or REST.rest))
+    speed = joint_speed(when, joint_time, joint_values)
+    slow = usable & (speed < (still or TAG_REST.rest))
     if still is None:
         groups = _rests(when, track, slow)
         why = "the arm moves"
@@ -155,8 +156,8 @@ def log_video(
         why = f"a joint moves faster than {still:g}"
     if not groups:
         raise LogError(
-            f"the arm never rests for {REST.least} frames of {video.name}, or moves as slowly as "
-            "`still`: record it with stops"
+            f"the arm never rests for {TAG_REST.least} frames of {video.name}, or moves as slowly "
+            "as `still`: record it with stops"
         )
     frames = sum(map(len, groups))
     if still is None:
@@ -165,7 +166,7 @@ def log_video(
 
     # tag, joints and time of each row
     tags = [_median_tag([sightings.tags[k] for k in group]) for group in groups]
-    about: dict[str, object] = {
+    about = {
         "source": "video",
         "time_offset": clocks.offset,
         "rate": clocks.rate,
@@ -179,6 +180,27 @@ def log_video(
     return replace(log, time=row_time, notes=(*notes, *log.notes))
 
 
+def _usable_frames(
+    when: Array, track: Array, joint_time: Array, max_gap: float
+) -> tuple[Mask, dict[str, int]]:
+    """Frames (n,) with a tag and joints, and how many others there are, by the reason.
+
+    when : (n,) [s], of the joints' clock;  track : (n, 2) [px];  joint_time : (m,) [s]
+    Raises LogError if there are none.
+    """
+    doubts = {
+        "a jump of the track": jumps(track),
+        **unknown_times(when, joint_time, max_gap),
+    }
+    usable, dropped = usable_rows(np.isfinite(track[:, 0]), doubts)
+    if not usable.any():
+        raise LogError(
+            f"the clocks are apart: the video runs from {when[0]:.2f} to {when[-1]:.2f} s of the "
+            f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s"
+        )
+    return usable, dropped
+
+
 def _rests(when: Array, track: Array, slow: Mask) -> list[Index]:
     """The frames of each rest: joints and tag do not move for a few frames.
 
@@ -186,24 +208,25 @@ def _rests(when: Array, track: Array, slow: Mask) -> list[Index]:
     """
     frames = np.flatnonzero(slow)
     steps = row_lengths(np.diff(track[frames], axis=0))
-    is_end = (steps > REST.shake) | (np.diff(when[frames]) > REST.pause)
+    pauses = np.diff(when[frames])
+    is_end = (steps > TAG_REST.shake) | (pauses > TAG_REST.pause)
     rests = []
     for run in np.split(frames, np.flatnonzero(is_end) + 1):
         first = when[run[:1]] + SETTLE
         last = when[run[-1:]] - SETTLE
         settled = run[(when[run] >= first) & (when[run] <= last)]
-        if len(settled) >= REST.least:
+        if len(settled) >= TAG_REST.least:
             # the arm may still swing while its joints rest: only frames near the median count
             places = track[settled]
             away = places - np.median(places, axis=0)
-            rests.append(settled[row_lengths(away) < REST.shake])
-    return [rest for rest in rests if len(rest) >= REST.least]
+            rests.append(settled[row_lengths(away) < TAG_REST.shake])
+    return [rest for rest in rests if len(rest) >= TAG_REST.least]
 
 
 def _motion_of(joints: JointTable) -> tuple[Array, Array]:
     """Times (m,) [s] in rising order and the joints (m, dof) at them.
 
-    A time that is there twice has no speed: its first row counts.
+    Of rows at the same time, between which there is no speed, the first one counts.
     """
     stamps = np.empty(0) if joints.time is None else joints.time
     time, first = np.unique(stamps, return_index=True)
@@ -216,7 +239,7 @@ def _motion_of(joints: JointTable) -> tuple[Array, Array]:
     return time[rows], q[rows]
 
 
-def _video_sightings(video: Video, setting: Setting) -> tuple[Sightings, Array]:
+def _video_sightings(video: Video, scene: TagScene) -> tuple[Sightings, Array]:
     """What a video's frames show, and the times (n,) [s] of all n frames."""
     times: list[float] = []
 
@@ -228,7 +251,7 @@ def _video_sightings(video: Video, setting: Setting) -> tuple[Sightings, Array]:
     every = 100
     if 0 < video.claimed < 10**7:
         every = max(1, video.claimed // LOOKS)
-    sightings = find_sightings(frames(), setting, "frames", every)
+    sightings = find_sightings(frames(), scene, "frames", every)
     return sightings, np.array(times)
 
 
@@ -247,10 +270,10 @@ def _check_motion(q: Array, sightings: Sightings, what: str) -> None:
     """Raise LogError for a recording in which the arm, or the tag alone, does not move."""
     if np.ptp(q, axis=0).max() < 2e-3:
         raise LogError(f"the arm never moves in {what}: nothing to learn from")
-    if np.linalg.norm(np.ptp(sightings.pixels, axis=0)) < REST.still:
+    if np.linalg.norm(np.ptp(sightings.pixels, axis=0)) < TAG_REST.still:
         u, v = np.median(sightings.pixels, axis=0)
         raise LogError(
-            f"tag {sightings.setting.tag} stays at ({u:.0f}, {v:.0f}) px in all of {what} while "
+            f"tag {sightings.scene.tag} stays at ({u:.0f}, {v:.0f}) px in all of {what} while "
             "the joints move: check that it is on the tip and that no second tag of this id is in "
             "view"
         )
@@ -261,54 +284,66 @@ def _log_of(
     tags: Sequence[Tag],
     joint_names: tuple[str, ...],
     q: Array,
-    about: dict[str, object],
+    about: Document,
     dropped: Mapping[str, int],
 ) -> Samples:
     """The log of tags at joints (n, dof), with notes of why pictures have none.
 
     about : how they were recorded
     """
-    setting = sightings.setting
-    reference, _ = sightings.reference
     pixels = np.array([tag.centre for tag in tags])
-    x = pixels
-    unit = "px"
-    scale = np.ones(1)  # size of a pixel [unit/px]
-    shared_sd = 0.0  # of what all rows share [unit]
-    quaternion = None
-    if reference is not None:
-        unit = "m"
-        x = reference.positions(pixels)
-        scale, sd = reference.noise(pixels)
-        shared_sd = rms(sd)
-    if setting.lens is not None and setting.tag_size is not None:
-        # by each tag alone, in the reference's frame or the camera's
-        unit = "m"
-        frames = _tag_frames(tags, setting.lens, setting.tag_size)
-        if reference is None:
-            scale = shift_of(frames)[:, 2] / setting.lens.focal.mean()
-        else:
-            frames = inverse(reference.pose.frame) @ frames
-        x = shift_of(frames)
-        quaternion = quaternion_of(turn_of(frames))
-    noise = np.array([tag.noise for tag in tags]) * scale
+    readings = _tag_readings(sightings, tags, pixels)
+    noise = np.array([tag.noise for tag in tags]) * readings.pixel_size
     dropped = {why: count for why, count in dropped.items() if count}
     source = {
         **about,
         **sightings.document(),
-        "noise": math.hypot(rms(noise), shared_sd),
-        "noise_of_reference": shared_sd,
+        "noise": math.hypot(rms(noise), readings.shared_sd),
+        "noise_of_reference": readings.shared_sd,
         "dropped": dropped,
     }
     return Samples(
         q,
-        x,
+        readings.x,
         joint_names,
-        unit=unit,
+        unit=readings.unit,
         pixels=pixels,
         source=source,
-        orientation=quaternion,
+        orientation=readings.quaternion,
         notes=left_out_notes(sightings.what, dropped),
+    )
+
+
+def _tag_readings(
+    sightings: Sightings, tags: Sequence[Tag], pixels: Array
+) -> TagReadings:
+    """What tags with their centres at pixels (n, 2) measure.
+
+    These pixels, places on the reference's plane, or where the tag's size is known, poses.
+    """
+    scene = sightings.scene
+    reference, _ = sightings.reference
+    readings = TagReadings(pixels, "px", np.ones(1))
+    if reference is not None:
+        x = reference.positions(pixels)
+        pixel_size, sd = reference.noise(pixels)
+        readings = TagReadings(x, "m", pixel_size, rms(sd))
+    if scene.lens is None or scene.tag_size is None:
+        return readings
+
+    # poses by each tag alone, in the reference's frame or the camera's
+    frames = _tag_frames(tags, scene.lens, scene.tag_size)
+    pixel_size = readings.pixel_size
+    if reference is None:
+        pixel_size = shift_of(frames)[:, 2] / scene.lens.focal.mean()
+    else:
+        frames = inverse(reference.pose.frame) @ frames
+    return TagReadings(
+        shift_of(frames),
+        "m",
+        pixel_size,
+        readings.shared_sd,
+        quaternion_of(turn_of(frames)),
     )
 
 

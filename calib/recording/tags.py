@@ -1,8 +1,7 @@
-"""Printed tags in a picture: which, and where to a few hundredths of a pixel.
+"""Tags: printed tags in a picture, to a few hundredths of a pixel.
 
-The print is moved over the picture by `findTransformECC` (Evangelidis and Psarakis, 2008): tags
-to .010 px, where OpenCV's contours leave .093; a board's corners to .011 for .06
-(benchmarks/camera.py).
+`findTransformECC` (Evangelidis and Psarakis, 2008) aligns the print with the picture: tags to .010
+px, where OpenCV's contours leave .093; a board's corners to .011 for .06 (benchmarks/camera.py).
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from ..common.choices import DICTIONARY
 from ..common.rows import row_lengths
 from ..common.wording import suggestion
 from ..errors import OptionError
@@ -27,7 +25,7 @@ if TYPE_CHECKING:
     from cv2.aruco import CharucoBoard, Dictionary
 
 LEAST_NOISE = 0.03
-"""Least standard deviation that a tag's centre is credited with, along each axis [px]."""
+"""Least standard deviation of a tag's centre along each axis [px]."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +34,8 @@ class TagSettings:
 
     # correlation with the print, below which a tag is not sharp
     sharp: float = 0.8
-    # share of a cell that is not read, and pixels that a cell is read by: of 60 tags of some
-    # 20 px 40 are found, 25 with OpenCV's 4 pixels, 32 by those and a margin of .3 together
+    # share of a cell that is not read, and pixels along a cell: of 60 tags of some 20 px 40 are
+    # found, 25 with OpenCV's 4 pixels, 32 with these and a margin of .3
     margin: float = 0.2
     read: int = 10
     # [px], Gaussian window over print and picture
@@ -48,13 +46,13 @@ class TagSettings:
     least_cell: int = 3
     # [px], least and largest side of a board's square in its picture
     squares: tuple[int, int] = (8, 96)
-    # of a board's pattern over the picture: .011 px for .016 with 1, .012 with 3
+    # resolution of a board's pattern over that of the picture: .011 px for .016 with 1, .012 with 3
     dense: float = 1.5
-    # times as fine a board is drawn, and then shrunk
+    # resolutions at which a board may be drawn before it is shrunk, over the final one
     finer: tuple[int, int] = (2, 6)
-    # squares around a corner that are laid over the picture
+    # squares to each side of a corner that are aligned with the picture
     around: float = 0.7
-    # [px]; a corner that goes further was none
+    # largest step of a true corner [px]
     farthest: float = 2.5
 
 
@@ -70,7 +68,7 @@ class Tag:
     corners: Array
     # standard deviation of the centre along each axis [px]
     noise: float = LEAST_NOISE
-    sharp: bool = True  # whether the print can be laid over it
+    sharp: bool = True  # whether the print could be aligned with it
 
     @property
     def centre(self) -> Array:
@@ -111,7 +109,7 @@ class TagFinder:
 
     def __init__(
         self,
-        dictionary: str = DICTIONARY,
+        dictionary: str,
         wanted: Collection[int] | None = None,
     ) -> None:
         aruco = opencv().aruco
@@ -145,7 +143,7 @@ class TagFinder:
         return tags
 
     def _refine_tag(self, grey: Picture, number: int, corners: Array) -> Tag:
-        """The tag whose print is laid over its picture from about the right corners (4, 2) [px]."""
+        """The tag at corners (4, 2) [px], refined by aligning its print with the picture."""
         cells = tag_cells(number, self.dictionary)
         tag = Tag(number, corners, 0.5, sharp=False)
         count = len(cells)
@@ -160,19 +158,19 @@ class TagFinder:
             square.astype(np.float32), corners.astype(np.float32)
         )
         page = (255.0 * pattern).astype(np.uint8)
-        homography, likeness = _lay(grey, page, np.asarray(start))
+        homography, likeness = _align(grey, page, np.asarray(start))
         if likeness < TAG.sharp:
             return tag
         return Tag(number, _map_places(homography, square))
 
 
 def single_tags(tags: Sequence[Tag]) -> list[Tag]:
-    """The tags of ids that are there once: of two alike neither is the board's for sure."""
+    """The tags whose ids are there once: of two alike either may be another board's."""
     counts = Counter(tag.number for tag in tags)
     return [tag for tag in tags if counts[tag.number] == 1]
 
 
-def tag_cells(number: int, dictionary: str = DICTIONARY) -> NDArray[np.bool_]:
+def tag_cells(number: int, dictionary: str) -> NDArray[np.bool_]:
     """Return which cells of a tag are white, its black border included: (cells, cells).
 
     Raises OptionError if the dictionary has no such id.
@@ -188,13 +186,13 @@ def tag_cells(number: int, dictionary: str = DICTIONARY) -> NDArray[np.bool_]:
     return np.asarray(picture) > 127
 
 
-def lay_corners(
+def refine_corners(
     grey: Picture, corners: Mapping[int, Array], board: CharucoBoard
 ) -> dict[int, Array]:
-    """Corners to .01 px, by laying the print around each over the picture.
+    """Refine corners to .01 px by aligning the print around each with the picture.
 
-    corners : places (2,) [px] by number, within a pixel or so; `board` is OpenCV's
-    Returns places (2,) [px] by number of those that are refined.
+    corners : places (2,) [px] by number, to about a pixel;  board : of OpenCV
+    Returns places (2,) [px] by number of the refined ones.
     """
     if len(corners) < 4:
         return {}
@@ -224,7 +222,7 @@ def lay_corners(
         by_lens = np.eye(3)
         by_lens[:2, 2] = shifts[row]
         start = by_lens @ board_to_picture @ to_squares
-        homography, likeness = _lay(grey, patch, start)
+        homography, likeness = _align(grey, patch, start)
         in_patch = square * k - 0.5 - low
         refined_place = _map_places(homography, in_patch[None])[0]
         distance = np.linalg.norm(refined_place - pixels[row])
@@ -242,8 +240,10 @@ def _print_density(board_to_picture: Array, squares: Array) -> int:
     return int(np.clip(pixels_of_square, *TAG.squares))
 
 
-def _lay(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
-    """The homography (3, 3) that lays a pattern on a picture best, and its correlation, or 0."""
+def _align(
+    grey: Picture, pattern: Picture, start: Array
+) -> tuple[Array, float]:
+    """The homography (3, 3) that best aligns a pattern with a picture; their correlation, or 0."""
     cv2 = opencv()
     height, width = pattern.shape
     corners = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -19,37 +19,43 @@ from ..samples.delays import Delay, estimate_delay
 
 @dataclass(frozen=True)
 class TrackSettings:
-    """How a track is judged."""
+    """How a track is predicted, and which rows and frames contradict the prediction."""
 
-    # rows that judge a shift, at most
+    # most rows that are compared at a shift
     searched: int = 120
     # largest shift that is tried [rows]
     farthest: int = 3
     # rows that a recording needs for that
     fewest: int = 18
+    # error at the best shift, over that without one, below which the rows are shifted
+    better: float = 0.4
     # frames whose median is the tip's place
     window: int = 7
+    # distance from that median beyond which a frame is a jump [sd of the distances]
+    jump: float = 6.0
     # blocks of neighbouring rows, held out in turn
     blocks: int = 8
+    # prior variance of a constant, of a first and of a second harmonic of each joint
+    harmonics: tuple[float, float, float] = (0.45, 0.45, 0.1)
+    # ridge, over the sum of these variances
+    ridge: float = 1e-4
 
 
 TRACK = TrackSettings()
-
-SOFT = 1e-4
-"""Ridge, relative to the kernel's one."""
 
 
 def _harmonics(q: Array, other: Array) -> Array:
     """Covariance (n, m) of harmonics up to the second of each joint, and of a free mean."""
     covariance = np.ones((len(q), len(other)))
+    by_constant, by_first, by_second = TRACK.harmonics
     for values, others in zip(q.T, other.T, strict=True):
         first = np.cos(values[:, None] - others)
         second = 2.0 * first**2 - 1.0
-        covariance *= 0.45 + 0.45 * first + 0.1 * second
+        covariance *= by_constant + by_first * first + by_second * second
     return covariance + 1.0
 
 
-class Judge:
+class RidgeFit:
     """A fit of values by joints, from which blocks of rows are held out.
 
     Joints `q` (n, joints) are in the order of time; neighbouring rows are held out together.
@@ -57,7 +63,7 @@ class Judge:
 
     def __init__(self, q: Array) -> None:
         self.q = q
-        covariance = _harmonics(q, q) + SOFT * np.eye(len(q))
+        covariance = _harmonics(q, q) + TRACK.ridge * np.eye(len(q))
         self._inverse = np.linalg.inv(covariance)
 
     def miss(self, x: Array) -> Array:
@@ -78,10 +84,10 @@ class Judge:
 
 
 def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
-    """Shift of the joints, in rows further down, that fits far better than none does; else 0.
+    """Shift of the joints, in rows further down, that fits far better than no shift; else 0.
 
     q : (n, joints) [rad or m];  x : (n, d)
-    Then mean held-out errors [unit of x] as the rows are, and with the best shift.
+    Returns the mean held-out errors [unit of x] without a shift and with the best one, too.
     """
 
     def error(shift: int) -> float:
@@ -89,7 +95,7 @@ def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
         end = min(len(q), len(q) - shift)
         rows = np.arange(first, end)
         rows = rows[spread_rows(len(rows), TRACK.searched)]
-        miss = Judge(q[rows + shift]).miss(x[rows])
+        miss = RidgeFit(q[rows + shift]).miss(x[rows])
         return float(row_lengths(miss).mean())
 
     if len(q) < TRACK.fewest:
@@ -97,14 +103,14 @@ def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
     shifts = range(-TRACK.farthest, TRACK.farthest + 1)
     errors = {shift: error(shift) for shift in shifts}
     best = min(errors, key=lambda shift: errors[shift])
-    is_better = errors[best] < 0.4 * errors[0]
+    is_better = errors[best] < TRACK.better * errors[0]
     return best if is_better else 0, errors[0], errors[best]
 
 
 def usable_rows(
     usable: Mask, doubts: Mapping[str, Mask]
 ) -> tuple[Mask, dict[str, int]]:
-    """Usable rows (n,) that no doubt concerns, and how many each takes away."""
+    """Usable rows (n,) without doubts, and how many rows each doubt removes."""
     dropped: dict[str, int] = {}
     for why, doubtful in doubts.items():
         dropped[why] = int(np.count_nonzero(usable & doubtful))
@@ -135,8 +141,9 @@ def jumps(x: Array) -> Mask:
     window = (TRACK.window, 1)
     away = places - median_filter(places, window, mode="nearest")
     usual = median_filter(np.abs(away), window, mode="nearest")
-    sd = 1.48 * usual.max(axis=1)
-    is_jump[is_visible] = row_lengths(away) > 6.0 * np.maximum(sd, 1.0)
+    # of normal noise the sd is 1.48 times the median of the absolute deviations
+    sd = np.maximum(1.48 * usual.max(axis=1), 1.0)
+    is_jump[is_visible] = row_lengths(away) > TRACK.jump * sd
     return is_jump
 
 
@@ -176,20 +183,33 @@ class ClockSettings:
     fastest: float = 0.012
     # candidates further apart than this are rivals [s]
     apart: float = 0.3
+    # time to either side of a peak in which lower ones are its shoulders [steps of the grid]
+    shoulder: int = 10
+    # length of the Hann window that smooths speeds [steps of the grid]
+    smooth: int = 15
+    # least spread of the track [unit], motion of a joint [rad or m] and frames
+    least_spread: float = 5.0
+    least_motion: float = 0.02
+    least_frames: int = 20
+    # rows below which a fit ends
+    least_rows: int = 16
+    # a fit has settled where clocks move less [s], and the error changes by a smaller share
+    settled: float = 4e-5
+    settled_error: float = 1e-3
 
 
 CLOCK = ClockSettings()
 
 
-class Linear(NamedTuple):
-    """Rows of a track, linear in delay, rate of the clocks and the predictor's k parameters."""
+class LinearTrack(NamedTuple):
+    """A track linearised in the delay, the rate of the clocks and the predictor's k parameters."""
 
     residual: Array  # (n, m) [px or mm]
     velocity: Array  # (n, m), of the prediction [px/s or mm/s]
     columns: Array  # (n, m, k + 1), derivatives by the parameters and the rate
     # (k,), of the parameters' prior
     precision: Array = np.empty(0)
-    # (k,), how far parameters are below their prior mean
+    # (k,), prior mean of the parameters less their values
     pull: Array = np.empty(0)
 
     def delay(self, rate: float, rate_sd: float) -> tuple[Delay, Array] | None:
@@ -224,24 +244,34 @@ class TrackRows:
         return (self.ahead - self.behind) / (2.0 * CLOCK.step)
 
 
-class Waves:
-    """Joints predict by smooth functions: each block of rows by the fit to the others."""
+class TrackPredictor(Protocol):
+    """A prediction of the track by joints."""
 
-    def linearise(self, rows: TrackRows) -> Linear:
-        """The rows as the other blocks predict them."""
-        judge = Judge(rows.q)
-        ahead = judge.predict(rows.ahead, rows.track)
-        behind = judge.predict(rows.behind, rows.track)
-        speed = (ahead - behind) / (2.0 * CLOCK.step)
-        by_rate = judge.miss(speed * rows.since)[..., None]
-        return Linear(judge.miss(rows.track), judge.miss(speed), by_rate)
+    def linearise(self, rows: TrackRows) -> LinearTrack:
+        """The rows and their predictions, at the present parameters."""
 
     def move(self, change: Array) -> None:
-        """Nothing to move: each linearisation is a fit of its own."""
+        """Change the parameters by (k,)."""
 
 
-class Chain:
-    """Joints predict as a planar chain under a tilted camera, fitted with the clocks."""
+class SmoothPredictor:
+    """Prediction by smooth functions of the joints: each block of rows by a fit to the others."""
+
+    def linearise(self, rows: TrackRows) -> LinearTrack:
+        """The rows as the other blocks predict them."""
+        fit = RidgeFit(rows.q)
+        ahead = fit.predict(rows.ahead, rows.track)
+        behind = fit.predict(rows.behind, rows.track)
+        speed = (ahead - behind) / (2.0 * CLOCK.step)
+        by_rate = fit.miss(speed * rows.since)[..., None]
+        return LinearTrack(fit.miss(rows.track), fit.miss(speed), by_rate)
+
+    def move(self, change: Array) -> None:
+        """Do nothing: each linearisation is a fit of its own, without parameters."""
+
+
+class ChainPredictor:
+    """Prediction by a planar chain under a tilted camera, which is fitted with the clocks."""
 
     def __init__(
         self, q: Array, track: Array, revolute: tuple[bool, ...]
@@ -261,7 +291,7 @@ class Chain:
         self._prior = begin.structure.prior((*chain, "lens"))
         self._active = np.flatnonzero(self._prior.sd > 0)
 
-    def linearise(self, rows: TrackRows) -> Linear:
+    def linearise(self, rows: TrackRows) -> LinearTrack:
         """The rows as the chain predicts them."""
         structure = self._structure
         beta = self._beta
@@ -272,10 +302,10 @@ class Chain:
         columns = np.dstack([by_beta, velocity * rows.since])
         precision = self._prior.sd[active] ** -2.0
         pull = (self._prior.mean - beta)[active]
-        return Linear(
+        return LinearTrack(
             rows.track - predicted, velocity, columns, precision, pull
         )
 
     def move(self, change: Array) -> None:
-        """Move the chain's parameters."""
+        """Change the chain's parameters."""
         self._beta[self._active] += change

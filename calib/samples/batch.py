@@ -68,7 +68,7 @@ def read_batch(
         if {column_of.get(name, name) for name in group} <= {*source.header}:
             wanted += group
     name_of = {column_of.get(name, name): name for name in wanted}
-    values, rows = source.numbers(list(name_of))
+    values = source.numbers(list(name_of))
     invalid = ~finite_rows(values)
     values[invalid] = np.nan
     shown = [
@@ -76,4 +76,9 @@ def read_batch(
     ]
     table = source.read(shown).rename(name_of)
     table = table.with_columns(pl.col(pl.String).fill_null(""))
-    return Batch(values, tuple(wanted), tuple(rows[invalid].tolist()), table)
+    return Batch(
+        values,
+        tuple(wanted),
+        tuple(source.row_numbers[invalid].tolist()),
+        table,
+    )

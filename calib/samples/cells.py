@@ -108,7 +108,7 @@ def read_cells(
         raise LogError(f"{source.label} has no rows below its header")
     rows = spread_rows(total, READING.most_rows)
     spread = replace(source, table=source.table[rows])
-    values, numbers = spread.numbers(roles.columns(roles.names))
+    values = spread.numbers(roles.columns(roles.names))
     counts = (len(roles.joints), len(roles.axes))
     q, x, orientation = np.split(values, np.cumsum(counts), axis=1)
     q *= [joint.factor for joint in joints]
@@ -128,7 +128,7 @@ def read_cells(
         q,
         x,
         orientation,
-        numbers,
+        spread.row_numbers,
         points,
         side,
         notes=notes,
@@ -138,8 +138,7 @@ def read_cells(
     if time in others:
         cells = replace(cells, time=spread.seconds(time))
     if episode in others:
-        numbered = spread.numbers([episode])[0]
-        cells = replace(cells, episode=numbered[:, 0])
+        cells = replace(cells, episode=spread.numbers([episode])[:, 0])
     return cells
 
 

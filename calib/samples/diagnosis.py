@@ -15,8 +15,7 @@ from ..arm.rotations import logarithm, matrix_of, nearest_rotation, similarity
 from ..common.arrays import Array, Mask
 from ..common.rows import finite_rows, median_length, spread_rows
 from ..common.scale import METRES
-from .findings import Finding
-from .interpretations import interpretations, units
+from .findings import Finding, interpretations, units
 from .misfit import align, misfit, spread
 from .samples import Samples
 from .settings import DIAGNOSIS
@@ -29,7 +28,7 @@ PosePredict = Callable[[Array], tuple[Array, Array]]
 
 
 def diagnose(
-    samples: Samples, predict: Predict, pose: PosePredict | None = None
+    samples: Samples, predict: Predict, pose: PosePredict | None
 ) -> list[Finding]:
     """Find what is wrong with a log, the gravest first; empty where it fits.
 
@@ -43,7 +42,7 @@ def diagnose(
     >>> from dataclasses import replace
     >>> arm = calib.load_arm("two_link")
     >>> log = calib.babble(arm, 100, seed=0)
-    >>> for finding in diagnose(replace(log, q=log.q[:, ::-1]), arm.forward):
+    >>> for finding in diagnose(replace(log, q=log.q[:, ::-1]), arm.forward, None):
     ...     print(finding.kind, finding.value)
     exchanged ['shoulder', 'elbow']
     """

@@ -18,7 +18,7 @@ from ..common.rows import finite_rows
 from ..common.scale import TURN
 from ..common.wording import listing, unit_of_joint
 from ..errors import CalibError, LogError, OptionError
-from .header import LENGTHS, RADIANS, joint_factor, name_and_unit
+from .column_units import LENGTHS, RADIANS, joint_factor, name_and_unit
 from .settings import READING
 
 _FULL_TURN = (-math.pi, math.pi)
@@ -95,7 +95,7 @@ class JointColumn:
                 hint += "; if it slides, name it in `prismatic`"
         raise self._outside(values, rows, limits, hint, "degrees")
 
-    def settle(
+    def into_range(
         self, values: Array, rows: Index
     ) -> tuple[Array, Range, list[str]]:
         """Return values (n,) [rad or m], wrapped where needed, the joint's range, and notes.
@@ -204,7 +204,7 @@ def columns_of_joints(
     return joints
 
 
-def settle_joints(
+def into_ranges(
     joints: Sequence[JointColumn], q: Array, numbers: Index, *, anywhere: bool
 ) -> tuple[Array, Array, Array, list[str]]:
     """Return joint values (n, dof) in their ranges, the ranges' ends (dof,), and notes.
@@ -212,7 +212,7 @@ def settle_joints(
     numbers : (n,), of the rows in the file
     anywhere : whether a hand has moved the arm, so that limits are no mistake
     """
-    settled = np.empty_like(q)
+    in_range = np.empty_like(q)
     ends = []
     notes = []
     for k, joint in enumerate(joints):
@@ -221,11 +221,11 @@ def settle_joints(
             low, high = joint.limits
             limits = (min(low, column.min()), max(high, column.max()))
             joint = replace(joint, limits=limits)
-        settled[:, k], end, words = joint.settle(column, numbers)
+        in_range[:, k], end, words = joint.into_range(column, numbers)
         ends.append(end)
         notes += words
     lower, upper = np.transpose(ends)
-    return settled, lower, upper, notes
+    return in_range, lower, upper, notes
 
 
 def beyond(values: Array, low: float, high: float) -> float:

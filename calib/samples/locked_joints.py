@@ -9,7 +9,7 @@ import numpy as np
 from ..common.arrays import Array, Index
 from ..common.wording import for_people
 from ..errors import LogError
-from .header import find_column, joint_factor
+from .column_units import find_column, joint_factor
 from .settings import SLIDING, TURNING
 from .tables import Source
 
@@ -24,7 +24,7 @@ def locked_joint_values(
 ) -> tuple[dict[str, float], list[str]]:
     """Find the values of the locked joints while a log was recorded.
 
-    columns, degrees, prismatic : as of `read_log`
+    columns, degrees, prismatic : see `read_log`
     names : joints that are not active. Those without a column are passed over.
     Returns values : [rad or m], the median of each joint's column, for `load_arm(..., lock=values)`
     Returns notes : a warning for each joint that moved more than 0.5 deg or 1 mm from it
@@ -37,15 +37,16 @@ def locked_joint_values(
         if column is None:
             continue
         revolute = name not in prismatic
-        table, rows = source.numbers([column])
-        stood = table[:, 0] * joint_factor(
+        stood = source.numbers([column])[:, 0] * joint_factor(
             column, revolute=revolute, degrees=degrees
         )
         if np.isfinite(stood).any():
             values[name] = float(np.nanmedian(stood))
             off = np.nan_to_num(np.abs(stood - values[name]))
             label = f"{source.label}: {name}"
-            notes += _notes_on_motion(label, name, off, rows, revolute=revolute)
+            notes += _notes_on_motion(
+                label, name, off, source.row_numbers, revolute=revolute
+            )
     return values, notes
 
 

@@ -16,11 +16,11 @@ from ..common.wording import by_name, listing, vector
 from ..errors import LogError, OptionError
 from .camera import Camera
 from .cells import Cells, sound_cells
+from .column_units import common_unit
 from .delays import with_offset
 from .diagnosis import diagnose
 from .findings import Finding, refuse_mistakes, still_columns
-from .header import common_unit
-from .joint_values import columns_of_joints, settle_joints
+from .joint_values import JointColumn, columns_of_joints, into_ranges
 from .roles import Roles, find_roles, log_columns, quaternions
 from .samples import Readings, Samples
 from .settings import READING
@@ -51,11 +51,10 @@ def read_log(
 
     Further columns are ignored. Rows with a value that is missing, not finite or beyond 1e15
     are left out, counted in `Samples.dropped` and described in `Samples.notes`. Positions may be
-    in the sensor's own unit and axes; of x, y, z the plane is fitted. A log may be of any length:
-    of one with more than 200,000 rows so many are read, evenly spread. Rows stay in the order of
-    the file.  A column `point`, and optionally `setup`, is the socket that the tip touched: x, y, z
-    are known coordinates of it in its fixture's frame, and in a row without a point what a sensor
-    measured.
+    in the sensor's own unit and axes; to x, y, z a plane is fitted. Of a log with more than 200,000
+    rows that many, evenly spread, are read. Rows stay in the order of the file.  A column `point`,
+    and optionally `setup`, names the socket that the tip touched: then x, y, z are its known
+    coordinates in its fixture's frame, and in a row without a point what a sensor measured.
 
     path : CSV or Parquet; `-` reads CSV from standard input
     arm : gives the joints' names and limits; its kinematics show other units, exchanged columns and
@@ -96,7 +95,7 @@ def read_log(
     )
 
     cells = sound_cells(source, roles, joint_columns, ranges)
-    q, lower, upper, joint_notes = settle_joints(
+    q, lower, upper, joint_notes = into_ranges(
         joint_columns, cells.q, cells.numbers, anywhere=roles.touched
     )
     notes = [*cells.notes, *joint_notes]
@@ -107,13 +106,39 @@ def read_log(
         notes += words
         refuse_mistakes(still_columns(q, readings.x, roles.joints), label)
 
-    turning = [joint.degrees for joint in joint_columns if joint.revolute]
-    samples = Samples(
-        q,
+    about = source.about if lens is None else {**source.about, "lens": lens}
+    cells = replace(cells, q=q)
+    samples = _samples(
+        cells, roles, joint_columns, (lower, upper), readings, arm, about
+    )
+    notes += _camera_notes(samples.camera, lens)
+    if arm is not None and not roles.touched:
+        notes += refuse_mistakes(_diagnosis(samples, arm), label)
+    samples = replace(samples, notes=tuple(notes))
+    return samples if time_offset is None else with_offset(samples, time_offset)
+
+
+def _samples(
+    cells: Cells,
+    roles: Roles,
+    joints: Sequence[JointColumn],
+    limits: tuple[Array, Array],
+    readings: Readings,
+    arm: Arm | None,
+    about: Document,
+) -> Samples:
+    """The samples of a log's cells, with joints in their ranges, and what the sensor read.
+
+    limits : lower and upper ends (dof,) of these ranges [rad or m];  about : see `Source.about`
+    """
+    lower, upper = limits
+    turning = [joint.degrees for joint in joints if joint.revolute]
+    return Samples(
+        cells.q,
         joint_names=roles.joints,
         lower=lower,
         upper=upper,
-        revolute=tuple(joint.revolute for joint in joint_columns),
+        revolute=tuple(joint.revolute for joint in joints),
         arm=arm and replace(arm, lower=lower, upper=upper),
         side=cells.side,
         time=cells.time,
@@ -121,16 +146,11 @@ def read_log(
         rows=cells.numbers,
         columns=roles.column_of,
         degrees=any(turning) and all(turning),
-        source=source.about if lens is None else {**source.about, "lens": lens},
+        source=about,
         dropped=cells.dropped,
         left_out=cells.left_out,
         **vars(readings),
     )
-    notes += _camera_notes(samples.camera, lens)
-    if arm is not None and not roles.touched:
-        notes += refuse_mistakes(_diagnosis(samples, arm), label)
-    samples = replace(samples, notes=tuple(notes))
-    return samples if time_offset is None else with_offset(samples, time_offset)
 
 
 def _camera_notes(camera: Camera | None, lens: Document | None) -> list[str]:
@@ -193,7 +213,7 @@ def _touches(cells: Cells, q: Array, unit: str, arm: Arm | None) -> Readings:
 def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     """Write samples as a log that `read_log` reads back to the last bit.
 
-    In rad, m and the unit of the positions; to a path as of `write_table`.
+    It is in rad, m and the unit of the positions; for the path see `write_table`.
 
     Examples
     --------

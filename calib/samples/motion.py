@@ -1,4 +1,4 @@
-"""Motion: the joints row by row, and what of their way matters for the tip's place."""
+"""Motion: the joints row by row, their directions and speeds, and rows at the same pose."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..errors import OptionError
 from .settings import ONE_POSE, READING
 
 MAX_GAP = 0.1
-"""Joints further apart than this are not interpolated between [s]."""
+"""Longest time between two joint rows over which joints are interpolated [s]."""
 
 SETTLE = 0.04
 """Time before and after, over which a joint's speed is taken: encoders count in steps [s]."""
@@ -23,9 +23,13 @@ _T = TypeVar("_T", bound="RowArrays")
 
 
 class RowArrays:
-    """Base of a frozen dataclass whose arrays have an entry for each row."""
+    """Base of a frozen dataclass whose arrays have an entry for each row.
 
-    # fields that are the same in all rows
+    `take` takes every array field by row unless it is named in `not_by_row`: a new array of another
+    length must be added there.
+    """
+
+    # arrays that are the same in all rows
     not_by_row: ClassVar[tuple[str, ...]] = ()
 
     def take(self: _T, index: Index | Mask | slice) -> _T:
@@ -49,7 +53,7 @@ class Motion(RowArrays):
     # (n, dof), sign of each joint's last motion: 1, -1, or 0 where it is not known
     side: Array | None = None
     time: Array | None = None  # (n,), when each row was taken [s]
-    # (n, dof), standard deviation of q, of all rows alike, by that of a corrected clock [rad or m]
+    # (n, dof), sd of q by the uncertainty of a corrected clock, which all rows share [rad or m]
     clock_sd: Array | None = None
     episode: Array | None = None  # (n,), the series of each row
 
@@ -116,13 +120,13 @@ def joint_speed(when: Array, time: Array, q: Array) -> Array:
 
 
 def check_limits(max_gap: float, still: float | None) -> None:
-    """Refuse limits of `covered` and of the joints' speed that leave nothing."""
+    """Refuse a largest gap or a largest speed that leaves no row."""
     for name, value in {"max_gap": max_gap, "still": still}.items():
         if value is not None and not value > 0:
             raise OptionError(f"`{name}={value:g}`: expected more than zero")
 
 
-def gaps_between(when: Array, time: Array, max_gap: float) -> dict[str, Mask]:
+def unknown_times(when: Array, time: Array, max_gap: float) -> dict[str, Mask]:
     """Times (n,) at which joints cannot be interpolated, by the reason.
 
     time : (m,) [s], of the joints; two of them are close if at most `max_gap` [s] apart

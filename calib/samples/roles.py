@@ -13,7 +13,7 @@ from ..common.arrays import Array
 from ..common.rows import row_lengths
 from ..common.wording import by_name, listing
 from ..errors import LogError, OptionError
-from .header import find_column
+from .column_units import find_column
 from .samples import POSITION, Samples
 from .tables import Source
 

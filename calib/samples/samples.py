@@ -48,7 +48,7 @@ class Readings(RowArrays):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LogFile(RowArrays):
-    """Facts on a file, or on the pictures behind its rows, besides the rows."""
+    """Facts on a log's file, or on the pictures from which its rows were made."""
 
     # (n,), numbers of the rows, by default counted below the header from 1
     rows: Index = field(default_factory=lambda: np.empty(0, np.intp))
@@ -80,6 +80,8 @@ class LogFile(RowArrays):
 class Samples(LogFile, Readings, Motion):
     """Joint values and the tip positions measured with them: a motion, its readings, their file.
 
+    Positional arguments are q, x, joint_names, lower, upper and revolute: fields of the last base
+    come first, and all others are keywords.
     The arrays are checked when made, C-contiguous copies and read-only.
 
     Raises

@@ -30,7 +30,7 @@ _DISTANCE = re.compile(rf"(.+),(.+)={_LENGTH}(?:(?:\+-|±){_LENGTH})?")
 
 
 @dataclass(frozen=True)
-class Known:
+class SocketFact:
     """A fact about some sockets: the distance of two, or that several lie in a plane."""
 
     points: tuple[int, ...]  # their numbers
@@ -58,7 +58,7 @@ class Touches(RowArrays):
     # (n,), of the socket; -1 where a sensor measured the tip instead
     number: Index
     sockets: tuple[tuple[str, str], ...]  # setup and point of each number
-    facts: tuple[Known, ...] = ()
+    facts: tuple[SocketFact, ...] = ()
 
     @staticmethod
     def of(points: NDArray[np.object_], x: Array) -> Touches:
@@ -77,7 +77,7 @@ class Touches(RowArrays):
         for i, j in combinations(range(len(sockets)), 2):
             apart = float(np.linalg.norm(stated[i] - stated[j]))
             if sockets[i][0] == sockets[j][0] and np.isfinite(apart):
-                facts.append(Known((i, j), apart))
+                facts.append(SocketFact((i, j), apart))
         return touches.with_facts(facts)
 
     @property
@@ -86,7 +86,7 @@ class Touches(RowArrays):
         return np.asarray(self.number >= 0)
 
     @property
-    def distances(self) -> list[Known]:
+    def distances(self) -> list[SocketFact]:
         """The facts that are distances."""
         return [fact for fact in self.facts if fact.value is not None]
 
@@ -94,7 +94,7 @@ class Touches(RowArrays):
         """Setup and point of a socket in a message."""
         return " ".join(self.sockets[socket]).strip()
 
-    def with_facts(self, facts: Iterable[Known]) -> Touches:
+    def with_facts(self, facts: Iterable[SocketFact]) -> Touches:
         """The touches with further facts."""
         return replace(self, facts=(*self.facts, *facts))
 
@@ -126,7 +126,7 @@ class Touches(RowArrays):
             usual = max(usual, float(np.median(distance[self.is_touch])))
         return np.asarray(distance > STRAY * usual)
 
-    def numbers_and_facts(self) -> tuple[Index, tuple[Known, ...], Index]:
+    def numbers_and_facts(self) -> tuple[Index, tuple[SocketFact, ...], Index]:
         """Numbers (n,) and facts of the touched sockets alone, and which (k,) these are."""
         sockets = np.unique(self.number[self.is_touch])
         place = np.full(len(self.sockets) + 1, -1)  # of -1 it is -1
@@ -138,18 +138,18 @@ class Touches(RowArrays):
         ]
         return place[self.number], tuple(facts), sockets
 
-    def stated(
+    def with_stated_facts(
         self, distances: Sequence[str] = (), planes: Sequence[str] = ()
     ) -> Touches:
         """The touches with facts that the user states: `A,B=50mm+-0.1mm`, and `A,B,C,D` of a plane.
 
         They hold in each setup that has these points.  Raises OptionError if none has.
         """
-        facts: list[Known] = []
+        facts: list[SocketFact] = []
         for text in distances:
             points, value, tolerance = _distance(text)
             sockets = self._in_each_setup(text, points, "two points")
-            facts += [Known(some, value, tolerance) for some in sockets]
+            facts += [SocketFact(some, value, tolerance) for some in sockets]
         for text in planes:
             points = text.split(",")
             if len(points) < 4:
@@ -157,7 +157,7 @@ class Touches(RowArrays):
                     f"plane {text!r}: expected four points or more"
                 )
             sockets = self._in_each_setup(text, points, "the points of a plane")
-            facts += [Known(some, None) for some in sockets]
+            facts += [SocketFact(some, None) for some in sockets]
         return self.with_facts(facts)
 
     def _in_each_setup(

@@ -21,7 +21,7 @@ from ..common.arrays import Array, Document, Index
 from ..common.atomic import atomic_write
 from ..common.wording import clipped, printable, quoted, suggestion
 from ..errors import LogError
-from .header import SECONDS, common_unit, find_column, name_and_unit
+from .column_units import SECONDS, common_unit, find_column, name_and_unit
 from .text import COMMENT, EXPECTED, NUMBER, read_text
 
 if TYPE_CHECKING:
@@ -31,19 +31,19 @@ PARQUET = (".parquet", ".pq")
 RECORDINGS = (".bag", ".db3", ".mcap")
 
 KEY = "calib"
-"""Names the entry of a Parquet file's metadata with the same."""
+"""Name of the entry with that description in a Parquet file's metadata."""
 
 SENSOR = "sensor"
 """Column that names the sensor of a row."""
 
 UNNAMED = "column_"
-"""Begins Polars' names of the columns of an array."""
+"""Start of Polars' names of the columns of an array."""
 
 _ROW = "\0row"  # column with the number of each row, counted below the header from 1
 _LATEST = 1e11  # [s] after 1970: a clock of the year 5138 counts in ms or less
-# LeRobot's, of joints' columns, which are read without
+# LeRobot's suffix of joints' columns, which is removed
 _POSITION_SUFFIX = ".pos"
-# of records, columns or lists: a header may begin with a bracket, too
+# start of records, columns or lists: a header may begin with a bracket, too
 _JSON = rb"\s*(\[\s*[\[{\]]|\{\s*[\"}])"
 # a model file begins with the length of its header, in 8 bytes, and with this entry of it
 _MODEL = b'{"__metadata__":{"calib":'
@@ -111,7 +111,7 @@ class Source:
                 cells = cells.str.strip_chars().str.to_datetime(strict=False)
         if cells.dtype.is_temporal():
             return cells.dt.epoch("us").cast(pl.Float64).to_numpy() * 1e-6
-        times = self.numbers([name])[0][:, 0]
+        times = self.numbers([name])[:, 0]
         times *= SECONDS.get(name_and_unit(name)[1], 1.0)
         latest = np.abs(times).max(initial=0.0, where=np.isfinite(times))
         while latest > _LATEST:
@@ -119,10 +119,15 @@ class Source:
             latest /= 1e3
         return times
 
-    def numbers(self, names: Sequence[str]) -> tuple[Array, Index]:
-        """Read some columns as numbers (n, names), and the numbers of their rows (n,).
+    @property
+    def row_numbers(self) -> Index:
+        """Numbers (n,) of the rows, counted below the header from 1."""
+        return self.table[_ROW].to_numpy().astype(np.intp)
 
-        NaN is what is missing, or no number: decimals have a point.
+    def numbers(self, names: Sequence[str]) -> Array:
+        """Read some columns as numbers (n, names), NaN where a cell is missing or no number.
+
+        Decimals have a point.
         Raises LogError for a column of another type.
         """
         import polars as pl
@@ -134,8 +139,7 @@ class Source:
                     f"{self.label}, column {name!r} holds {kind}, expected numbers"
                 )
         table = table.with_columns(pl.col(pl.String).str.strip_chars())
-        values = table.cast(pl.Float64, strict=False).to_numpy()
-        return values.copy(), self.table[_ROW].to_numpy().astype(np.intp)
+        return table.cast(pl.Float64, strict=False).to_numpy().copy()
 
 
 def open_source(path: str | os.PathLike[str] | Source) -> Source:

@@ -35,7 +35,7 @@ class SettleSettings:
     few_rows: int = 1000
 
 
-SETTLED = SettleSettings()
+SETTLE = SettleSettings()
 
 
 def settled_model(
@@ -89,7 +89,7 @@ def _readout(
     model: Model, motor: Map, sensory: Map, u: Array, x: Array
 ) -> tuple[Body | None, Predictor | None, Array, Array]:
     """Body and readout of samples (n, dof), (n, m), where it was judged (k, dof), errors (k,)."""
-    fitted = slice(None, None, -(-len(u) // SETTLED.rows))
+    fitted = slice(None, None, -(-len(u) // SETTLE.rows))
     judged = u[fitted]
     body_fit = _refitted(model, motor.scale.from_unit(judged), x[fitted])
     if body_fit is None:
@@ -113,9 +113,9 @@ def _association(
 ) -> Association:
     """Maps with the links of samples (n, dof), (n, m), or where these are few of predictions."""
     wiring = model.association.wiring
-    if predictor is None or len(u) >= SETTLED.few_rows:
+    if predictor is None or len(u) >= SETTLE.few_rows:
         return _learned(motor, sensory, wiring, u, x)
-    shape = (SETTLED.imagined, u.shape[1])
+    shape = (SETTLE.imagined, u.shape[1])
     drawn = np.random.default_rng(model.about.seed).random(shape)
     positions = predictor.value(drawn)
     return _learned(motor, sensory, wiring, drawn, positions)

@@ -19,8 +19,8 @@ from ..model.model import Model
 from ..model.nominal import visited_joints
 from ..model.parts import remembered
 from ..samples.joint_values import check_joint_values
+from .nominal_target import NominalTarget
 from .settings import CORRECTION
-from .wanted import Wanted
 
 _REACHED = np.ones(1, dtype=bool)
 _UNREACHED = np.zeros(1, dtype=bool)
@@ -37,7 +37,7 @@ class Corrected:
     # (dof,) [rad or m], largest change of each joint that is trusted
     limit: Array
     notes: tuple[str, ...]  # what was assumed
-    _wanted: Wanted = field(repr=False)
+    _nominal: NominalTarget = field(repr=False)
 
     @cached_property
     def q(self) -> Array:
@@ -63,19 +63,19 @@ class Corrected:
     @cached_property
     def target(self) -> Array:
         """Where the nominal arm would be (n, m) [unit], in the sensor's frame."""
-        return self._wanted.target(self.given)
+        return self._nominal.target(self.given)
 
     @cached_property
     def distance(self) -> Array:
         """From the target to where the corrected joints lead, by the learned map, (n,) [unit]."""
-        model = self._wanted.model
+        model = self._nominal.model
         x = model.positions_at(self._unit, model.default_readout)
         return row_lengths(x - self.target)
 
     @cached_property
     def expected_error(self) -> Array:
         """95 % bound (n,) [unit] on the error of that map, see :meth:`calib.Model`."""
-        return self._wanted.model.bound_at(self._unit)
+        return self._nominal.model.bound_at(self._unit)
 
     @cached_property
     def angle(self) -> Array | None:
@@ -83,17 +83,17 @@ class Corrected:
 
         Of a row that is not reached that of the nearest.  None where positions alone are corrected.
         """
-        wanted = self._wanted
-        if wanted.space is None or not wanted.posed:
+        nominal = self._nominal
+        if nominal.space is None or not nominal.keeps_pose:
             return None
-        nominal = wanted.pose(self.given)[1]
-        real = wanted.space.evaluate(self.nearest)[1]
-        rotvec = logarithm(real @ nominal.mT)
+        nominal_turn = nominal.pose(self.given)[1]
+        real = nominal.space.evaluate(self.nearest)[1]
+        rotvec = logarithm(real @ nominal_turn.mT)
         return row_lengths(rotvec)
 
     @property
     def _unit(self) -> Array:
-        return self._wanted.model.motor.scale.to_unit(self.nearest)
+        return self._nominal.model.motor.scale.to_unit(self.nearest)
 
 
 def correct(
@@ -143,15 +143,15 @@ def correct(
         about.revolute,
         error=QueryError,
     )
-    wanted = Wanted.of(model)
+    nominal = NominalTarget.of(model)
     if orientation == "free":
-        wanted = replace(wanted, keeps_orientation=False)
-    nearest, reachable = wanted.solve(rows)
+        nominal = replace(nominal, keeps_orientation=False)
+    nearest, reachable = nominal.solve(rows)
     if limit is None:
         limits = usual_limit(model)
     else:
         limits = joint_numbers("limit", limit, about.joint_names, zero=False)
-    return Corrected(rows, nearest, reachable, limits, wanted.notes, wanted)
+    return Corrected(rows, nearest, reachable, limits, nominal.notes, nominal)
 
 
 def usual_limit(model: Model) -> Array:
@@ -163,7 +163,7 @@ def usual_limit(model: Model) -> Array:
     if "limit" not in model.cache:
         q = visited_joints(model, CORRECTION.nodes)
         revolute = np.array(model.about.revolute)
-        nearest, reachable = Wanted.of(model).solve(q)
+        nearest, reachable = NominalTarget.of(model).solve(q)
         change = np.abs(nearest - q)[reachable]
         limits = np.full(len(revolute), CORRECTION.least)
         for kind in (revolute, ~revolute):
@@ -174,7 +174,7 @@ def usual_limit(model: Model) -> Array:
     return np.array(model.cache["limit"])
 
 
-_Shared = tuple[Array, tuple[str, ...], Wanted]
+_Shared = tuple[Array, tuple[str, ...], NominalTarget]
 """What all corrections of a model share: the limit, the notes, where the nominal arm would be."""
 
 
@@ -183,10 +183,10 @@ def _agreement(model: Model) -> _Shared | None:
     kernel = model.kernel
     if kernel is None or not kernel.has("correct"):
         return None
-    wanted = Wanted.of(model)
+    nominal = NominalTarget.of(model)
     compared = visited_joints(model, CORRECTION.compared_rows)
     gaps = []
-    solutions = zip(compared, *wanted.solve(compared), strict=True)
+    solutions = zip(compared, *nominal.solve(compared), strict=True)
     for q, nearest, reachable in solutions:
         answer = kernel.ask("correct", q)
         if reachable and answer is not None and answer[1] == 1:
@@ -194,7 +194,7 @@ def _agreement(model: Model) -> _Shared | None:
     # it may do so after adaptations
     if not gaps or max(gaps) > CORRECTION.tolerance:
         return None
-    return usual_limit(model), wanted.notes, wanted
+    return usual_limit(model), nominal.notes, nominal
 
 
 def _by_kernel(model: Model, q: ArrayLike) -> Corrected | None:

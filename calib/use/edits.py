@@ -55,7 +55,7 @@ def _start_of_tag(name: str, attributes: Mapping[str, str]) -> str:
     return " ".join([f"<{name}", *parts])
 
 
-def numbers(values: Iterable[float]) -> str:
+def number_text(values: Iterable[float]) -> str:
     """Return numbers of an attribute, in full."""
     return " ".join(repr(float(value) + 0.0) for value in values)
 
@@ -73,7 +73,7 @@ def _urdf_edits(root: ET.Element, origins: Mapping[str, Array]) -> Edits:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             angles = Rotation.from_matrix(frame[:3, :3]).as_euler("xyz")
-        change = {"xyz": numbers(frame[:3, 3]), "rpy": numbers(angles)}
+        change = {"xyz": number_text(frame[:3, 3]), "rpy": number_text(angles)}
         origin = joint.find("origin")
         if origin is None:
             behind = _start_of_tag("origin", change) + "/>"
@@ -106,4 +106,4 @@ def _mjcf_edits(root: ET.Element, origins: Mapping[str, Array]) -> Edits:
 def pose_of(frame: Array) -> dict[str, str]:
     """Return a place (4, 4) as the attributes of a body in MuJoCo."""
     x, y, z, w = quaternion_of(frame[:3, :3]).tolist()
-    return {"pos": numbers(frame[:3, 3]), "quat": numbers([w, x, y, z])}
+    return {"pos": number_text(frame[:3, 3]), "quat": number_text([w, x, y, z])}

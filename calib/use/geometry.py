@@ -31,21 +31,21 @@ class Geometry:
     structure: SpatialStructure  # its chain and view
     beta: Array  # (d,)
     covariance: Array  # (d, d), of the posterior, 0 where nothing was fitted
-    free: bool  # whether the sensor's frame was fitted; the first joint is nominal then
+    frame_is_free: bool  # whether the sensor's frame was fitted, with the first joint as drawn
     # [m; px], root mean square distance that this geometry, and the nominal one, do not explain,
     # each with the sensor and the tip where they fit best
     residual: float
-    before: float
+    nominal_residual: float
     # [m; px], furthest distance of the tip from the middle of its positions
     reach: float
 
     @property
     def unit(self) -> str:
-        """Unit of `residual`, `before` and `reach`."""
+        """Unit of the residuals and `reach`."""
         return self.structure.unit if self.structure.camera else "m"
 
     @cached_property
-    def places(self) -> tuple[str, ...]:
+    def fitted_joints(self) -> tuple[str, ...]:
         """Joints whose origins are fitted, mimic joints included, as the URDF names them."""
         path = parse_robot(self.arm.urdf).path(self.arm.tip)
         return tuple(
@@ -58,14 +58,14 @@ class Geometry:
         """Return the nominal arm's joint values when the encoders read zero [rad or m].
 
         A turn of a joint's origin about its axis, or a shift along the axis of a joint that
-        slides, is the same as an offset: their sum is given, with the interval of the sum.
+        slides, has the same effect as an offset: the sum of both is returned.
         """
         offsets = {}
         for k, name in enumerate(self.arm.joint_names):
             parts = np.zeros(self.structure.size)
             parts[self.structure.groups["offset"][k]] = 1.0
             if not isinstance(self.arm, PlanarArm):
-                row = self.places.index(name)
+                row = self.fitted_joints.index(name)
                 along = self.structure.shifts
                 if self.arm.revolute[k]:
                     along = self.structure.turns
@@ -74,7 +74,7 @@ class Geometry:
         return offsets
 
     @property
-    def ends(self) -> list[Quantity]:
+    def link_ends(self) -> list[Quantity]:
         """Displacements in its plane of a planar arm's later joints and tip (dof) [m]."""
         assert isinstance(self.arm, PlanarArm)  # noqa: S101
         structure = self.structure
@@ -92,7 +92,7 @@ class Geometry:
     def origins(self) -> list[tuple[Quantity, Quantity]]:
         """Shifts [m] and turns [rad] of a spatial arm's joint origins, then of its tip.
 
-        What is an offset of the joint is left out.
+        The part that has the same effect as the joint's offset is left out.
         """
         structure = self.structure
         groups = structure.groups
@@ -130,16 +130,16 @@ class Geometry:
             *places, tip = (
                 {"shift": shift, "turn": turn} for shift, turn in self.origins
             )
-            document["places"] = by_name(self.places, places)
+            document["places"] = by_name(self.fitted_joints, places)
             document["tip"] = {**tip, "written": False}
         else:
             names = self.arm.joint_names
-            document["moved"] = by_name(names, self.ends)
+            document["moved"] = by_name(names, self.link_ends)
             document["frame"] = frame
         return document | {
-            "frame_fitted": self.free,
+            "frame_fitted": self.frame_is_free,
             "residual": self.residual,
-            "before": self.before,
+            "before": self.nominal_residual,
             "reach": self.reach,
         }
 

@@ -27,13 +27,19 @@ from ..common.scale import METRES
 from ..errors import CalibError, OptionError
 from ..model.alignment import Alignment
 from ..model.model import Model
-from ..model.nominal import nominal_arm, nominal_in_plane, visited_joints
-from .frames import frame_is_free, frame_moves, is_simulated
+from ..model.nominal import (
+    frame_moves,
+    has_free_frame,
+    is_simulated,
+    nominal_arm,
+    nominal_in_plane,
+    visited_joints,
+)
 from .geometry import Geometry
 from .settings import FITTING
 
 
-class InPlane(SpatialStructure):
+class PlaneView(SpatialStructure):
     """A planar arm before a sensor that looks straight at its plane: two of three coordinates."""
 
     outputs = 2
@@ -94,7 +100,7 @@ class Points:
         return cls(q[answered], x[answered], model.about.unit, error)
 
 
-def fit_geometry(model: Model, *, drawn: bool = False) -> Geometry:
+def fit_geometry(model: Model, *, geometry_is_drawn: bool = False) -> Geometry:
     """Fit the nominal chain to what was learned, where rows were, by Gauss-Newton.
 
     Unknown are the joints' offsets and places (of an arm in space six numbers for each joint
@@ -103,13 +109,13 @@ def fit_geometry(model: Model, *, drawn: bool = False) -> Geometry:
     intervals hold that freedom.
 
     model : it must have a URDF
-    drawn : whether the drawing's lengths and axes are true, so that joints' zeros alone are fitted,
-        beside the sensor's frame and the probe
+    geometry_is_drawn : whether the drawing's lengths and axes are true, so that only the joints'
+        zeros are fitted, with the sensor's frame and the probe
     """
     arm = nominal_arm(model)
-    free = frame_is_free(model)
+    frame_is_free = has_free_frame(model)
     points = Points.of(model)
-    if not free and points.unit != "m":
+    if not frame_is_free and points.unit != "m":
         raise OptionError(
             f"the model's positions are in {points.unit!r}, a URDF's are in m",
             hint="adapt it with a log in m (or `unit='mm'`)",
@@ -118,16 +124,23 @@ def fit_geometry(model: Model, *, drawn: bool = False) -> Geometry:
         )
     points = replace(points, x=_before_adaptations(model, points.x))
     if isinstance(arm, SpatialArm):
-        return fit_in_space(arm, model, points, free, drawn)
-    if free and points.unit == "m" and model.history and model.body is not None:
-        # the sensor is where the body knows it to be but for what adaptations found: fitted
-        # again, its frame would take what they found of the first joint
+        return fit_in_space(
+            arm, model, points, frame_is_free, geometry_is_drawn
+        )
+    if (
+        frame_is_free
+        and points.unit == "m"
+        and model.history
+        and model.body is not None
+    ):
+        # the body and the adaptations determine the sensor's frame: fitted again, it would absorb
+        # the change of the first joint that the adaptations found
         structure, beta = nominal_in_plane(model)
         x = _before_adaptations(model, structure.predict(points.q, beta))
         to_base = Alignment.between(arm.forward(points.q), x).inverse()
         points = replace(points, x=to_base.apply(points.x))
-        free = False
-    return fit_in_plane(arm, points, free, drawn)
+        frame_is_free = False
+    return fit_in_plane(arm, points, frame_is_free, geometry_is_drawn)
 
 
 def body_with_zeros(model: Model) -> Body | None:
@@ -162,10 +175,16 @@ def _before_adaptations(model: Model, x: Array) -> Array:
 
 
 def fit_in_space(
-    arm: SpatialArm, model: Model, points: Points, free: bool, drawn: bool
+    arm: SpatialArm,
+    model: Model,
+    points: Points,
+    frame_is_free: bool,
+    geometry_is_drawn: bool,
 ) -> Geometry:
     """Fit an arm in space; the prior and the view are those of a model's body, if it has one."""
-    structure, start, z = _spatial_readings(arm, model.body, points, free)
+    structure, start, z = _spatial_readings(
+        arm, model.body, points, frame_is_free
+    )
     groups = structure.groups
     nominal = structure.neutral() if start is None else start
     simulated = is_simulated(model)
@@ -178,7 +197,7 @@ def fit_in_space(
         prior = structure.prior(parts)
         nominal = _maximum(structure, points, z, nominal, prior).beta
     parts.append("offset")
-    if not drawn:
+    if not geometry_is_drawn:
         parts.append("placement")
     fit = _maximum(structure, points, z, nominal, structure.prior(parts))
     metre = 1.0 if structure.camera else structure.metre
@@ -196,21 +215,21 @@ def fit_in_space(
         structure,
         fit.beta,
         covariance,
-        free=free,
+        frame_is_free=frame_is_free,
         residual=_misfit(fit, fit.beta) / metre,
-        before=_misfit(fit, nominal) / metre,
+        nominal_residual=_misfit(fit, nominal) / metre,
         reach=_reach(z[:, : structure.blocks[0]]) / metre,
     )
 
 
 def _spatial_readings(
-    arm: SpatialArm, body: Body | None, points: Points, free: bool
+    arm: SpatialArm, body: Body | None, points: Points, frame_is_free: bool
 ) -> tuple[SpatialStructure, Array | None, Array]:
     """Return the chain behind its sensor, parameters that are known, and readings (n, m)."""
     structure = None if body is None else body.structure
     if not isinstance(structure, SpatialStructure) or not structure.informed:
         view = "base"
-        if free:
+        if frame_is_free:
             view = "rigid" if points.unit in METRES else "similarity"
         metre = METRES.get(points.unit, 1.0)
         structure = structure_of(
@@ -219,7 +238,7 @@ def _spatial_readings(
         return structure, None, points.x
     assert body is not None  # noqa: S101 - it has the structure
     view = structure.view
-    if not free:
+    if not frame_is_free:
         view = "base"
     elif knows_orientation(body):
         view = "pose"
@@ -234,18 +253,18 @@ def _spatial_readings(
 
 
 def fit_in_plane(
-    arm: PlanarArm, points: Points, free: bool, drawn: bool
+    arm: PlanarArm, points: Points, frame_is_free: bool, geometry_is_drawn: bool
 ) -> Geometry:
     """Fit a planar arm, whose sensor turns about the plane's normal alone.
 
-    free : whether the sensor's frame is fitted, and for other units than m its scale
-    drawn : whether the drawing's lengths are true
+    frame_is_free : whether the sensor's frame is fitted, and for other units than m its scale
+    geometry_is_drawn : whether the drawing's lengths are true
     """
     in_space = structure_of(arm, unit=points.unit, extent=points.extent)
-    structure = InPlane(**vars(in_space))
+    structure = PlaneView(**vars(in_space))
     tips = arm.chain.poses(points.q)[0]
-    start = _start_in_plane(arm, structure, tips, points, free)
-    prior = _prior_in_plane(structure, start, free, drawn)
+    start = _start_in_plane(arm, structure, tips, points, frame_is_free)
+    prior = _prior_in_plane(structure, start, frame_is_free, geometry_is_drawn)
     fit = _maximum(structure, points, points.x, start, prior)
     nominal = fit.beta.copy()
     for group in ("offset", "placement", "tool"):
@@ -256,19 +275,19 @@ def fit_in_plane(
         structure,
         fit.beta,
         _covariance(fit),
-        free=free,
+        frame_is_free=frame_is_free,
         residual=_misfit(fit, fit.beta) / metre,
-        before=_misfit(fit, nominal) / metre,
+        nominal_residual=_misfit(fit, nominal) / metre,
         reach=_reach(tips),
     )
 
 
 def _start_in_plane(
     arm: PlanarArm,
-    structure: InPlane,
+    structure: PlaneView,
     tips: Array,
     points: Points,
-    free: bool,
+    frame_is_free: bool,
 ) -> Array:
     """Parameters (d,) of the drawn arm before its sensor.
 
@@ -277,7 +296,9 @@ def _start_in_plane(
     turn = arm.plane.basis
     shift = -arm.plane.basis @ arm.plane.origin
     scale = 1.0
-    if free:  # a sensor that sees the plane from behind is turned half round
+    if (
+        frame_is_free
+    ):  # a sensor that sees the plane from behind is turned half round
         readings = np.column_stack([points.x, np.zeros(len(points.x))])
         known = 1.0 if points.unit == "m" else None
         turn, shift, scale = similarity(tips, readings, scale=known)
@@ -285,7 +306,10 @@ def _start_in_plane(
 
 
 def _prior_in_plane(
-    structure: InPlane, start: Array, free: bool, drawn: bool
+    structure: PlaneView,
+    start: Array,
+    frame_is_free: bool,
+    geometry_is_drawn: bool,
 ) -> Prior:
     """The prior around the drawn arm (d,): offsets, then ends of links, then the sensor's frame."""
     groups = structure.groups
@@ -294,12 +318,14 @@ def _prior_in_plane(
         structure.revolute, FITTING.offset, FITTING.along
     )
     hypers: tuple[Hyper, ...] = ()
-    if not drawn:
+    if not geometry_is_drawn:
         ends = np.vstack([structure.shifts[1:], groups["tool"]])
         sd[ends] = SHIFT
         shape = np.ones(ends.size)
         hypers = (Hyper("link", SHIFT, PRIOR.wider, 0.0, ends.ravel(), shape),)
-    if free:  # the first joint's offset and a turn of the frame are one
+    if (
+        frame_is_free
+    ):  # the first joint's offset and a turn of the frame are one
         sd[groups["offset"][0]] = 0.0
         sd[groups["view.rotation"][2]] = FITTING.flat
         sd[groups["view.shift"][:2]] = FREE * structure.extent

@@ -19,7 +19,7 @@ from ..errors import CalibError, LogError
 from ..model.model import Model
 from ..samples.motion import visits_of
 from ..samples.samples import Samples
-from .wanted import Wanted
+from .nominal_target import NominalTarget
 
 POSES = 5
 """Poses that the standard requires."""
@@ -115,7 +115,7 @@ def _pose_tests(model: Model, samples: Samples) -> tuple[list[PoseTest], int]:
     delivered = None
     if model.about.urdf:
         with suppress(CalibError):
-            delivered = Wanted.of(model).target(joints)
+            delivered = NominalTarget.of(model).target(joints)
     repeated = np.flatnonzero(counts > 1)
     tests = []
     for k in repeated:

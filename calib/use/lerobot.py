@@ -26,7 +26,7 @@ def zeros_of(model: Model) -> dict[str, Quantity]:
     The first joint's is one with the sensor's frame, the last one's often with a turn of what is
     in the hand: those are left out.
     """
-    offsets = fit_geometry(model, drawn=True).offsets()
+    offsets = fit_geometry(model, geometry_is_drawn=True).offsets()
     return {
         name: zero
         for name, zero in offsets.items()

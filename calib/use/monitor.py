@@ -1,4 +1,4 @@
-"""The monitor: one sample at a time, in constant memory, whether the model still fits."""
+"""The monitor: tests with each sample, in constant memory, whether the model still fits."""
 
 import math
 from collections import deque
@@ -35,7 +35,7 @@ from ..model.model import Model
 class MonitorSettings:
     """How a stream is watched."""
 
-    # samples that are remembered: older ones fade by a factor of e
+    # samples over which the weight of older ones fades by a factor of e
     window: float = 200.0
     every: int = 10  # samples between two judgements
     ahead: int = 2  # samples after one that show whether it is an outlier
@@ -44,17 +44,18 @@ class MonitorSettings:
     most_alike: float = 0.99
     # share of calm samples that may be alarms
     false_alarm: float = 1e-6
-    # times the usual residual that one counts for at most
+    # largest residual that counts, over the usual one
     clip: float = 8.0
     # correlation of the model's errors from which poses are near each other
     near: float = 0.99
-    # standard deviations of readings' variance that are no chance
+    # factor on the standard error of the readings' variance
     no_chance: float = 4.0
     # least variance of readings, over that of the noise: a sensor that rounds shows none
     least_readings: float = 1e-4
-    # standard deviation of how much later positions may come than joints [samples]
+    # prior sd of the delay of positions after joints [samples]
     late: float = 1.0
-    # share of what it does that a late clock leaves: the model errs otherwise at the pose before
+    # part of the effect of a late clock that remains once it is corrected, over that effect: the
+    # model's error at the earlier pose is another one
     late_leaves: float = 0.1
 
     @property
@@ -67,9 +68,9 @@ MONITOR = MonitorSettings()
 
 
 class State(NamedTuple):
-    """What is known after a sample."""
+    """The state of a monitor after a sample."""
 
-    samples: int  # seen, without those outside of what the model has learned
+    samples: int  # without those outside of what the model has learned
     drifted: bool  # whether a signal is above its threshold now
     score: float  # largest of a test; 0 while there are too few samples
     # [unit], standard deviation per axis of what no change explains; NaN before it is known
@@ -83,8 +84,8 @@ class State(NamedTuple):
 class Monitor:
     """Watches a stream of samples: the sequential form of the tests of `check`.
 
-    Of the recent past it keeps the products of the residual with the columns of all that may have
-    changed and of what the model does not know: the system of `calib.judge`, whose rows fade.
+    It keeps products of the recent residuals with the columns of all parameters that may have
+    changed and of those that the model does not know: the system of `calib.judge`, whose rows fade.
 
     Parameters
     ----------
@@ -166,44 +167,45 @@ class Monitor:
         )
 
 
-class _News:
-    """What each sample adds to those before it.
+class _SampleWeights:
+    """Weight of each sample: 1 at a new pose, and less near recent ones.
 
-    A share c of the noise is the model's own error, which poses that are near have in common: what
-    readings there differ by is the rest.  They know a share s of that error, and s / c is how many
-    readings elsewhere they are worth.
+    Of the noise variance a share c is the model's own error, which is equal at near poses; 1 - c is
+    the sensor's.  Readings determine a share s of the model's error at a pose, and a further one
+    there adds little: its weight is the gain in s over 1 - c.
     """
 
     def __init__(self, body: Body, nodes: Array) -> None:
         self._lengths = lengths_of(body, nodes)
-        # mean squares of steps between the latest readings that are near each other, over twice
-        # those of the noise
-        self._steps: deque[float] = deque(maxlen=round(MONITOR.window))
-        self._known = 0.0  # s, at the pose of the last sample
-        # its joints and its residual
+        # mean squares of the steps between the latest readings at near poses, over twice the
+        # noise variance
+        self._squared_steps: deque[float] = deque(maxlen=round(MONITOR.window))
+        self._fixed_share = 0.0  # s at the pose of the last sample
+        # joints and residual of the last sample
         self._last: tuple[Array, Array] | None = None
 
     def of(self, q: Array, rest: Array) -> Array:
-        """Weights (b,) of samples at joints (b, dof), of 1 for one at a new pose.
+        """Weights (b,) of samples at joints (b, dof).
 
-        rest : (b, m), residuals over the usual noise, without what a late clock does
+        rest : (b, m), residuals over the usual noise, without the effect of a late clock
         """
         last_q, last_rest = self._last or (q[0], rest[0])
         self._last = (q[-1], rest[-1])
         before = np.vstack([last_q, q[:-1]])
         alike = matern(q, before, self._lengths).diagonal()
         squares = (_steps(rest, last_rest) ** 2).mean(axis=1) / 2.0
-        self._steps.extend(squares[alike > MONITOR.near].tolist())
+        self._squared_steps.extend(squares[alike > MONITOR.near].tolist())
 
         readings = self.variance_of_readings(rest.shape[1])
         weights = np.ones(len(q))
         if readings >= 1.0:
             return weights
         for row, share in enumerate(alike**2):
-            known = share * self._known
-            odds = known / (1.0 - known) + (1.0 - readings) / readings
-            self._known = odds / (1.0 + odds)
-            weights[row] = (self._known - known) / (1.0 - readings)
+            before_row = share * self._fixed_share
+            odds = before_row / (1.0 - before_row) + (1.0 - readings) / readings
+            self._fixed_share = odds / (1.0 + odds)
+            gain = self._fixed_share - before_row
+            weights[row] = gain / (1.0 - readings)
         return weights
 
     def medians(self, q: Array, y: Array) -> Array:
@@ -212,25 +214,25 @@ class _News:
         return np.array([np.median(y[near], axis=0) for near in is_near])
 
     def variance_of_readings(self, outputs: int) -> float:
-        """Variance 1 - c, over that of the noise, at most; infinite before one is known."""
+        """Upper limit of 1 - c, the sensor's share of the noise variance; infinite at first."""
         from scipy.special import chdtri
 
-        count = len(self._steps)
+        count = len(self._squared_steps)
         if not count:
             return math.inf
         # of squares half are below the median: wrong detections do not count
         usual = float(chdtri(outputs, 0.5)) / outputs
-        share = float(np.median(self._steps)) / usual
+        share = float(np.median(self._squared_steps)) / usual
         by_chance = MONITOR.no_chance / math.sqrt(count)
         return max(share, MONITOR.least_readings) * (1.0 + by_chance)
 
 
 class _Equations:
-    """The system of the samples that are remembered: B, what is not known, and X, what may change.
+    """The system of the recent samples: columns B of unknown parameters, X of possible changes.
 
-    Noise that drifts slowly looks like a change.  It is known by its steps from sample to sample,
-    of mean square 2 s^2 (1 - a) for the usual noise s and an autocorrelation a.  Of the
-    products G of rows and S of their steps those of whitened rows are
+    Noise that drifts slowly looks like a change.  Its steps from sample to sample show it: their
+    mean square is 2 s^2 (1 - a) for the usual noise s and an autocorrelation a.  With the products
+    G of rows and S of their steps, the products of whitened rows are
 
         W = ((1 - a)^2 G + a S) / (1 - a^2)
     """
@@ -261,7 +263,7 @@ class _Equations:
         self._nuisances = 1 + outputs * len(self._nodes) + self._root.shape[1]
 
         size = self._nuisances + len(self._changes) + 1
-        self._news = _News(body, nodes)
+        self._sample_weights = _SampleWeights(body, nodes)
         # of the latest samples the delay by each, and how much a late clock moves it
         self._delays: deque[tuple[float, float]] = deque(
             maxlen=round(MONITOR.window)
@@ -278,22 +280,22 @@ class _Equations:
         self._last_row: Array | None = None
 
     def add(self, q: Array, residual: Array) -> None:
-        """Take residuals (b, m) [unit] of samples at joints (b, dof), those ahead come again."""
+        """Take residuals (b, m) [unit] of samples at joints (b, dof); the last ones come again."""
         count = len(q) - MONITOR.ahead
         sizes = self._reference.sizes
         columns = self._columns(q) / sizes[:, None]
         y = residual / sizes
-        medians = self._news.medians(q, y)
+        medians = self._sample_weights.medians(q, y)
         medians = medians[:count]
         columns = columns[:count]
         y = y[:count]
         q = q[:count]
 
-        # where the arm dwells a late clock errs at each jump, as wrong detections may
+        # where the arm stops often, a late clock causes outliers at each motion
         late = columns[:, :, 0]
         delay = self._delay_of(y, late)
         outputs = y.shape[1]
-        variance = outputs * self._news.variance_of_readings(outputs)
+        variance = outputs * self._sample_weights.variance_of_readings(outputs)
         most = MONITOR.clip * math.sqrt(variance)
         is_outlier = row_lengths(y - medians) > most
         left_over = row_lengths(y - delay * late - medians)
@@ -305,7 +307,7 @@ class _Equations:
         rows = np.concatenate([columns, y[:, :, None]], axis=2)
         steps = _steps(rows, self._last_row)
         self._last_row = rows[-1]
-        weights = self._news.of(q, rest)
+        weights = self._sample_weights.of(q, rest)
         if not self._weight:
             weights[0] = 0.0  # no step leads to the first sample
         older = MONITOR.fade ** weights.sum()
@@ -340,7 +342,7 @@ class _Equations:
         size = np.maximum(size, 1e-150)
         ratio = (y * late).sum(axis=1) / size**2
         self._delays.extend(zip(ratio.tolist(), size.tolist(), strict=True))
-        # where nothing moves there is none
+        # where nothing moves the delay is 0
         none = (0.0, MONITOR.clip)
         ratios, sizes = np.array(sorted([*self._delays, none])).T
         share = np.cumsum(sizes) / sizes.sum()
@@ -372,7 +374,7 @@ class _Equations:
         freedom = every.noise_freedom(size)
         self.noise = float(self._reference.sizes[0]) * size
         self.delay = MONITOR.late * float(solution[0])
-        # how alike what it leaves of a sample is to that of the next
+        # autocorrelation of the remaining residual from sample to sample
         rest = np.append(-solution, 1.0)
         square = rest @ self._steps @ rest * independent / weight
         usual_square = 2.0 * max(freedom, 1.0) * usual**2
@@ -383,7 +385,7 @@ class _Equations:
         tests = FTests(products, size, freedom, 1.0, len(self._groups))
         groups = tests.of_groups(self._groups, self._moves)
         penalty = math.log(max(freedom, 1.0))
-        # of chances too small for a number the more likely change
+        # where probabilities are too small for a number, the likelier change
         return max(
             groups, key=lambda t: (t.score, t.statistic - penalty * t.freedom)
         )

@@ -27,10 +27,10 @@ from ..common.wording import by_name
 from ..errors import OptionError, require
 from ..model.model import Model
 from ..samples.tables import write_table
-from .aimed import Candidates, at_point, whitened_jacobian
-from .in_sight import in_sight
+from .board_postures import board_postures
 from .pose_space import PoseSpace, space_of, usable_postures
 from .settings import PLANNING
+from .target_postures import Candidates, at_point, whitened_jacobian
 
 if TYPE_CHECKING:
     from ..recording.board import Pattern
@@ -179,7 +179,7 @@ def plan(
         candidates = at_point(source, space, touch, rng)
     elif handeye is not None:
         posture = None if start is None else begin
-        candidates = in_sight(source, space, handeye, eye, posture, rng)
+        candidates = board_postures(source, space, handeye, eye, posture, rng)
     else:
         candidates = all_over(source, space, rng)
     usable, notes = usable_postures(source, candidates.q, above)
@@ -191,7 +191,7 @@ def plan(
         raise OptionError(f"{allowed}; ask for fewer, or allow more")
 
     # the most informative ones, on a short way
-    chosen = q[candidates.best(q, n)]
+    chosen = q[candidates.most_informative(q, n)]
     postures = np.vstack([begin, chosen])
     # by the span alone: the upper end of a whole turn is not its lower end to a cable
     shares = np.abs(postures[:, None] - postures[None]) / space.scale.span
@@ -242,14 +242,16 @@ def all_over(
         groups = (*frame, "placement", "offset", "elastic", "curve")
         beta = structure.neutral()
 
-        def best(q: Array, count: int) -> Index:
+        def most_informative(q: Array, count: int) -> Index:
             """The postures (count,) of some (n, dof) that are most informative about the arm."""
             by_pose = whitened_jacobian(
                 structure, beta, q, groups, PLANNING.noise
             )
             return greedy(by_pose, count)
 
-        return Candidates(q, best, "chosen to determine the arm best")
+        return Candidates(
+            q, most_informative, "chosen to determine the arm best"
+        )
     body = None if isinstance(source, Arm) else source.body
     if body is None or body.simulated:  # exact samples leave nothing to learn
         apart = partial(farthest, space.scale)

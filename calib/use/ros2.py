@@ -14,7 +14,7 @@ from ..common.wording import one_line
 from ..errors import OptionError
 from ..model.model import Model
 from ..model_file.storage import to_bytes
-from .formats import corrected_arm, static_transforms
+from .exports import corrected_arm, static_transforms
 from .geometry import Quantity
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{1,60}")

@@ -37,11 +37,11 @@ class PlanningSettings:
 
 @dataclass(frozen=True)
 class AimingSettings:
-    """How postures are led to a point, or to a board before a camera."""
+    """How postures are found that bring the tip to a point, or a board before a camera."""
 
-    # postures that are led
-    drawn: int = 3000
-    # most of them to choose from
+    # random postures from which searches start
+    draws: int = 3000
+    # most postures to choose from
     most: int = 400
     # distance within which a posture is at its point [m]
     near: float = 1e-6
@@ -49,11 +49,11 @@ class AimingSettings:
     play: float = 1e-4
     # a common camera's picture [px]
     picture: tuple[int, int] = (1280, 720)
-    # focal lengths and centre of that [px], k1, k2, p1, p2, k3
+    # parameters of its lens: focal lengths and centre [px], k1, k2, p1, p2, k3
     lens: tuple[float, ...] = (900, 900, 640, 360, 0, 0, 0, 0, 0)
-    # sd of its numbers, where the lens may be fitted: wide, and not measured
+    # sd of these parameters where the lens may be fitted: wide, and not measured
     lens_sd: tuple[float, ...] = (270, 270, 60, 60, 0.2, 0.2, 0.01, 0.01, 0.2)
-    # sd of what a board is printed or bent off by [1, half diagonals]: not measured either
+    # sd of a board's size [1] and shape [half diagonals]: not measured either
     board_sd: float = 3e-3
     # noise of a corner [px]
     noise: float = 0.3
@@ -64,9 +64,9 @@ class AimingSettings:
     filled: float = 0.25
     # most that a board turns about its axes before the camera [rad]
     tilt: tuple[float, float, float] = (0.8, 0.8, 2.0)
-    # times the distance at which it fills its share
+    # factors on the distance at which the board fills its share
     nearer: tuple[float, float] = (0.6, 1.8)
-    # places of camera and board in which a posture may show the board, beside the assumed one
+    # random places of camera and board beside the assumed one
     guesses: int = 31
     # sd of turn [rad] and shift [m] of what is in the hand, and turn of the board at the start
     off_turn: float = 0.14

@@ -90,7 +90,7 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
     deviations = geometry.structure.deviations(geometry.beta)
     moves = last.kind != "prismatic" and deviations.tool.any()
     is_planar = isinstance(arm, PlanarArm)
-    if is_planar and moves and last.name in geometry.places:
+    if is_planar and moves and last.name in geometry.fitted_joints:
         raise RobotError(
             f"the tip {arm.tip!r} is the origin of joint {last.name!r}: it has no link of its "
             "own that could be corrected",
@@ -98,7 +98,7 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
             parameter="tip",
             value=arm.tip,
         )
-    values = {**arm.locked, **dict.fromkeys(geometry.places, 0.0)}
+    values = {**arm.locked, **dict.fromkeys(geometry.fitted_joints, 0.0)}
     drawn = posture_of(urdf, values).frames
     fitted = _fitted_frames(geometry, urdf, drawn)
     origins = {}
@@ -126,8 +126,8 @@ def _fitted_frames(
     carried = np.eye(4)
     fitted = {urdf.root: np.eye(4)}
     for joint in urdf.path(arm.tip):
-        if joint.name in geometry.places:
-            k = geometry.places.index(joint.name)
+        if joint.name in geometry.fitted_joints:
+            k = geometry.fitted_joints.index(joint.name)
             frame = rigid(motion.frames[k + 1, :, :, 0], motion.places[k, :, 0])
             carried = frame @ rigid(np.eye(3), -structure.chain.points[k])
         fitted[joint.child] = carried @ drawn[joint.child]

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import calib
 from calib.common.wording import error_size, for_people, with_unit
-from calib.use import standing
+from calib.use import assessment
 
 from .. import options as opt
 from ..logs import LogFormat, log_for
@@ -112,7 +112,7 @@ def _verdict(verdict: calib.Verdict, adapt: str) -> list[str]:
     headline = "still calibrated"
     if not verdict.bound_holds:
         about = verdict.rows.model.about
-        headline = standing.bound_fails_for_log(about, verdict.covered)
+        headline = assessment.bound_fails_for_log(about, verdict.covered)
     return [headline, *verdict.explanations, limit]
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import calib
 from calib.common.wording import with_unit
-from calib.use import standing
+from calib.use import assessment
 
 from .. import options as opt
 from ..logs import FOR_LOGS, LogFormat, log_of, with_facts
@@ -65,11 +65,11 @@ def evaluate(
         "learned": result.learned,
         "bound_holds": result.bound_holds,
     }
-    warnings = standing.bound_warnings(loaded.about)
+    warnings = assessment.bound_warnings(loaded.about)
     if log is not None:
         warnings = []
         if result.bound_holds is False:  # or there are too few rows
-            line = standing.bound_fails_for_log(
+            line = assessment.bound_fails_for_log(
                 loaded.about, result.within["covered"]
             )
             warnings.append(f"{line}; calib check says what changed")
@@ -77,15 +77,15 @@ def evaluate(
     # what limited a simulation does not limit a log
     is_known = log is None or loaded.about.source == "log"
     if is_known and not warnings:
-        limit = [standing.limiting_factor(loaded, result.errors)]
+        limit = [assessment.limiting_factor(loaded, result.errors)]
     if result.touch:
         document["touch"] = result.touch
         lines = [f"{model}: {_scatter(result)}", *limit]
         return Outcome(document, lines, warnings=warnings)
     others = [] if log is not None else loaded.sensors[1:]
     lines = [
-        f"{model}: {standing.accuracy(loaded, result)}",
-        *(standing.accuracy_as_made(loaded.by(name)) for name in others),
+        f"{model}: {assessment.accuracy(loaded, result)}",
+        *(assessment.accuracy_as_made(loaded.by(name)) for name in others),
         *limit,
     ]
     if iso:

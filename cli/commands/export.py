@@ -64,7 +64,7 @@ def export(
     sensor: opt.OfSensor = "sensor",
 ) -> Outcome:
     from calib.common.atomic import atomic_write
-    from calib.use import formats
+    from calib.use import exports
     from calib.use.lerobot import RANGES_MOVE, with_corrected_zeros
     from calib.use.ros2 import write_ros2_package
     from calib.use.ur import ur_kinematics
@@ -87,8 +87,8 @@ def export(
     # all are made before anything is written
     files: list[File] = []
     if lerobot or ur or mjcf:
-        corrected, zeros = formats.corrected_arm(
-            loaded, drawn=free == "offsets"
+        corrected, zeros = exports.corrected_arm(
+            loaded, geometry_is_drawn=free == "offsets"
         )
         document |= {
             "offsets": {name: zero.value for name, zero in zeros.items()},
@@ -102,15 +102,15 @@ def export(
         document["ticks"] = ticks
         say([RANGES_MOVE])
     elif output:
-        text, tables = formats.c_header(
+        text, tables = exports.c_header(
             loaded, prefix=prefix, single=single, small=small
         )
         document |= {"bytes": len(text), "table_bytes": tables}
         files.append(_c_header(output, text, tables, single=single))
     if camera:
-        files.append(File(camera, formats.camera_info(loaded), "camera_info"))
+        files.append(File(camera, exports.camera_info(loaded), "camera_info"))
     if transform:
-        frames = formats.static_transforms(loaded)
+        frames = exports.static_transforms(loaded)
         transforms = frames if len(frames) > 1 else frames[0]
         text = json.dumps(transforms, indent=2) + "\n"
         files.append(File(transform, text, "static transform"))
@@ -119,7 +119,7 @@ def export(
         text = ur_kinematics(corrected, tip)
         files.append(File(ur, text, "kinematics of a UR"))
     if mjcf:
-        text = formats.mjcf_text(corrected, tip)
+        text = exports.mjcf_text(corrected, tip)
         files.append(File(mjcf, text, "bodies for MuJoCo"))
     lines = []
     for file in files:

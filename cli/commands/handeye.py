@@ -12,7 +12,7 @@ from typer import Argument
 
 import calib
 from calib.common.choices import EYES, ROTATIONS
-from calib.use import standing
+from calib.use import assessment
 
 from .. import options as opt
 from ..logs import Selection
@@ -159,7 +159,7 @@ def _save(rig: calib.HandEye, path: str) -> list[str]:
         return []
     model = calib.train(rig.poses)
     model.save(path)
-    return standing.bound_warnings(model.about)
+    return assessment.bound_warnings(model.about)
 
 
 def _eyes(text: str) -> str | dict[str, str]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import calib
 from calib.common.wording import by_name, printable, with_unit
-from calib.use import standing
+from calib.use import assessment
 
 from .. import options as opt
 from ..output import Outcome, as_typed
@@ -56,7 +56,7 @@ def info(model: opt.ModelFile, degrees: opt.Degrees = False) -> Outcome:
     if loaded.history:
         words["earlier states"] = str(len(loaded.history))
     width = max(map(len, words))
-    warnings = standing.bound_warnings(about)
+    warnings = assessment.bound_warnings(about)
     lines = [
         f"{name:<{width}}  {as_typed(text)}" for name, text in words.items()
     ]
@@ -66,8 +66,8 @@ def info(model: opt.ModelFile, degrees: opt.Degrees = False) -> Outcome:
     if not about.errors:
         return Outcome(document, lines, warnings=warnings)
     lines += ["", "accuracy"]
-    lines += map(standing.accuracy_as_made, sensors)
+    lines += map(assessment.accuracy_as_made, sensors)
     if not warnings:
-        lines.append(standing.limiting_factor(loaded, about.errors))
+        lines.append(assessment.limiting_factor(loaded, about.errors))
     table = error_table(loaded, about.errors, "errors when it was made")
     return Outcome(document, lines, [table], warnings=warnings)

@@ -14,7 +14,7 @@ from typer import Argument
 
 import calib
 from calib.common.wording import error_size
-from calib.use import standing
+from calib.use import assessment
 
 from .. import options as opt
 from ..logs import Selection
@@ -98,6 +98,6 @@ def lerobot(
     unknown = [name for name in arm.joint_names if name not in zeros]
     if unknown:
         line += f"; {' and '.join(unknown)} stay, since no picture shows theirs"
-    warnings = standing.bound_warnings(learned.about)
+    warnings = assessment.bound_warnings(learned.about)
     table = TextTable(header, rows)
     return Outcome(document, [line, table], warnings=warnings)

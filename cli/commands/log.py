@@ -20,14 +20,14 @@ from ..parsing import TABLES, BadOption, above_zero, check_file, refuse
 from ..pictures import (
     is_film,
     is_of_camera,
-    read_setting,
+    read_tag_scene,
     record_board,
     with_seen_picture,
 )
 
 if TYPE_CHECKING:
     from calib.recording.motion_tables import JointTable
-    from calib.recording.setting import Setting
+    from calib.recording.tag_scene import TagScene
     from calib.samples.samples import Samples
 
 
@@ -141,7 +141,7 @@ def log(
         refuse(of_tag, "is of logs of a tag, --eye of a board")
         rows = record_board(bag[0], table, joints, board, eye, lens, camera)
     else:
-        setting = read_setting(
+        scene = read_tag_scene(
             output,
             tag=tag,
             dictionary=dictionary,
@@ -151,8 +151,8 @@ def log(
             tag_size=tag_size,
             tag_height=tag_height,
         )
-        rows = _tag_log(bag, table, setting, time_offset, still, max_gap)
-        rows = with_seen_picture(rows, bag, output, setting, picture)
+        rows = _tag_log(bag, table, scene, time_offset, still, max_gap)
+        rows = with_seen_picture(rows, bag, output, scene, picture)
     write_log(rows, output)
     units = "[rad, m, s]"
     if not is_bag:
@@ -179,7 +179,7 @@ def _check_pictures(
 def _tag_log(
     names: Sequence[str],
     joints: JointTable | None,
-    setting: Setting,
+    scene: TagScene,
     time_offset: float | None,
     still: float | None,
     max_gap: float,
@@ -195,13 +195,13 @@ def _tag_log(
         rows = log_video(
             names[0],
             joints,
-            setting,
+            scene,
             time_offset=time_offset,
             still=still,
             max_gap=max_gap,
         )
     else:
-        rows = log_pictures(names, joints, setting)
+        rows = log_pictures(names, joints, scene)
     say(rows.notes)
     return rows
 

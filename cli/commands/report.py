@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import calib
-from calib.use import standing
+from calib.use import assessment
 
 from .. import options as opt
 from ..output import Outcome, progress
@@ -44,7 +44,7 @@ def report(
     loaded, log = load_drawn(model, data, photo, no_photo)
     warnings = []
     if isinstance(loaded, calib.Model):
-        warnings = standing.bound_warnings(loaded.about)
+        warnings = assessment.bound_warnings(loaded.about)
     lines: list[str] = []
     if output is not None:
         lines.append(calib.report(loaded, output, log, progress=progress))

@@ -15,7 +15,7 @@ from typing import Annotated
 from typer import Argument
 
 import calib
-from calib.use import standing
+from calib.use import assessment
 
 from .. import options as opt
 from ..logs import (
@@ -182,14 +182,14 @@ def _outcome(model: calib.Model, path: str) -> Outcome:
     sensors = [model.by(name) for name in model.sensors]
     warnings: list[str] = []
     for sensor in sensors:
-        warnings += standing.bound_warnings(sensor.about)
-    lines = list(map(standing.accuracy_as_made, sensors))
+        warnings += assessment.bound_warnings(sensor.about)
+    lines = list(map(assessment.accuracy_as_made, sensors))
     learned = f"{about.samples} samples"
     if about.source == "log":
         learned = f"{sum(sensor.about.samples for sensor in sensors)} rows"
-        lines.append(standing.differences_from_drawing(model))
+        lines.append(assessment.differences_from_drawing(model))
     if not warnings:
-        lines.append(standing.limiting_factor(model, about.errors))
+        lines.append(assessment.limiting_factor(model, about.errors))
     cost = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
     lines.append(
         f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {cost}"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import calib
 from calib.common.wording import error_size, for_people, with_unit
-from calib.use import standing
+from calib.use import assessment
 
 from .. import options as opt
 from ..output import EXIT_ACT, Outcome, TextTable, note, say, with_decimals
@@ -31,7 +31,7 @@ def urdf(
     free: opt.Free = "all",
 ) -> Outcome:
     from calib.common.atomic import atomic_write
-    from calib.use.frames import assumption
+    from calib.model.nominal import assumption
     from calib.use.geometry_fit import fit_geometry
     from calib.use.urdf import (
         MOST_UNEXPLAINED,
@@ -42,9 +42,9 @@ def urdf(
 
     check_file(output, (".urdf", ".xml"))
     loaded = calib.load(model)
-    say(standing.bound_warnings(loaded.about))
+    say(assessment.bound_warnings(loaded.about))
     check_output(output, loaded.about.urdf)
-    geometry = fit_geometry(loaded, drawn=free == "offsets")
+    geometry = fit_geometry(loaded, geometry_is_drawn=free == "offsets")
     explained = geometry.residual <= MOST_UNEXPLAINED * geometry.reach
     if explained:
         corrected = corrected_urdf(geometry)
@@ -59,7 +59,7 @@ def urdf(
         "unit": unit,
         "units": units_of(loaded.about, unit),
     }
-    if geometry.free:
+    if geometry.frame_is_free:
         say([assumption(loaded)])
     share = 100.0 * geometry.residual / geometry.reach
     rms = (
@@ -71,7 +71,7 @@ def urdf(
             "nothing was written; check the joints, the tip and the unit of the log"
         )
         return Outcome(document, [_table(geometry)], code=EXIT_ACT)
-    before = with_unit(geometry.before, unit)
+    before = with_unit(geometry.nominal_residual, unit)
     line = f"{output}: residual {rms}, with the nominal URDF {before}"
     return Outcome(document, [line, _table(geometry)])
 

@@ -214,7 +214,7 @@ def test_a_lens_that_was_fitted_anew_is_no_change(run, tmp_path):
             more = exponential(np.radians([[0.0, 0.5, 0.0]]))[0]
             rig.beta[turn] = logarithm(exponential(rig.beta[turn]) @ more)
             rig.look(rig.q, np.random.default_rng(1))
-        log = rig.shots().log(rig.shots().lens(), in_hand=True)
+        log = rig.shots().log(rig.shots().lens(), "hand")
         calib.write_log(log, tmp_path / "log.csv")
         done = run("check", tmp_path / "rig.calib", "--data", tmp_path / "log.csv", "--json")
         assert done.document["drifted"] is drifted
@@ -289,7 +289,7 @@ ALIKE = [
 @pytest.mark.parametrize(("changes", "sizes"), ALIKE)
 def test_a_turned_camera_and_an_offset_of_the_last_joint_are_not_told_twice(changes, sizes):
     rig = Rig(True, pictures=40)
-    log = rig.shots(seen=rig.as_seen(rig.changed(**changes))).log(rig.glass, True)
+    log = rig.shots(seen=rig.as_seen(rig.changed(**changes))).log(rig.glass, "hand")
     adapted = calib.adapt(watching(), log.take(slice(20, 40)))
     told = {cause.cause: np.degrees(cause.value) for cause in adapted.changed}
     assert told == pytest.approx(sizes, rel=0.05)

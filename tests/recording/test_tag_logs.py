@@ -21,7 +21,7 @@ from calib import CalibError, LogError, OptionError
 from calib.recording.board import parse_board
 from calib.recording.lens import calibrate_lens, load_lens
 from calib.recording.motion_tables import read_joints
-from calib.recording.tag_logs import Setting, log_pictures, log_video
+from calib.recording.tag_logs import TagScene, log_pictures, log_video
 from calib.recording.tags import TagFinder
 from calib.samples.lens import Lens
 
@@ -73,8 +73,8 @@ def copy(shot, tmp_path):
     return SimpleNamespace(folder=tmp_path / "s", scene=shot.scene, q=shot.q)
 
 
-def make(folder, setting=None, joints="joints.csv", **more):
-    return log_pictures(folder / "p", read_joints(folder / joints), setting or Setting(7), **more)
+def make(folder, scene=None, joints="joints.csv", **more):
+    return log_pictures(folder / "p", read_joints(folder / joints), scene or TagScene(7), **more)
 
 
 @pytest.fixture(scope="module")
@@ -122,16 +122,16 @@ def test_rows_find_their_pictures_by_name(copy):
 
 
 def test_metres_by_the_board_and_the_height_and_the_pose_by_the_size_of_the_tag(shot):
-    setting = Setting(7, board=BOARD, lens=LENS, tag_height=0.025)
-    made = make(shot.folder, setting)
+    scene = TagScene(7, board=BOARD, lens=LENS, tag_height=0.025)
+    made = make(shot.folder, scene)
     miss = np.linalg.norm(made.x - truth_on_board(shot.scene, shot.q), axis=1)
     assert made.unit == "m"
     assert np.sqrt((miss**2).mean()) < 1e-3  # a small picture, 1.5 mm a pixel
     assert 0.3 * np.sqrt((miss**2).mean()) < 2 * made.source["noise"] < 5e-3
-    flat = make(shot.folder, Setting(7, board=BOARD, lens=LENS))
+    flat = make(shot.folder, TagScene(7, board=BOARD, lens=LENS))
     assert np.linalg.norm(flat.x - made.x, axis=1).max() > 5e-3
     # of a tag whose size is known, its pose
-    made = make(shot.folder, Setting(7, board=BOARD, lens=LENS, tag_size=0.04))
+    made = make(shot.folder, TagScene(7, board=BOARD, lens=LENS, tag_size=0.04))
     assert made.x.shape == (16, 3)
     assert np.abs(made.x[:, 2] - 0.025).max() < 0.02
     angle = shot.q.sum(1) - shot.scene.still[0].place[3]
@@ -142,15 +142,15 @@ def test_metres_by_the_board_and_the_height_and_the_pose_by_the_size_of_the_tag(
 def test_a_bump_within_a_recording_is_told(shot, copy):
     bumped = desk(camera=Camera(CAMERA.size, CAMERA.focal, position=(0.205, -0.25, 0.9)))
     rng = np.random.default_rng(3)
-    setting = Setting(7, board=BOARD, lens=LENS, tag_height=0.025)
+    scene = TagScene(7, board=BOARD, lens=LENS, tag_height=0.025)
     take(copy.folder, bumped, copy.q[13:], rng, 13)
-    made = make(copy.folder, setting)
+    made = make(copy.folder, scene)
     assert tuple(made.pictures) == tuple(f"img_{k}.png" for k in range(13))
     assert any("3 pictures left out: the reference is elsewhere" in note for note in made.notes)
     miss = np.linalg.norm(made.x - truth_on_board(copy.scene, made.q), axis=1)
     assert miss.max() < 2.5e-3
     take(copy.folder, bumped, copy.q[10:13], rng, 10)
-    refused(CalibError, "in 6 of 16 pictures: was the camera bumped", make, copy.folder, setting)
+    refused(CalibError, "in 6 of 16 pictures: was the camera bumped", make, copy.folder, scene)
 
 
 def test_an_arm_or_a_tag_that_never_moves(copy):
@@ -175,14 +175,14 @@ def test_joints_that_are_a_row_late_are_refused(tmp_path):
 
 def test_settings_that_cannot_be(shot, copy):
     words = r"tag 8 is in none of 16 pictures: .* show .*7 \(\d+ times\)"
-    refused(CalibError, words, make, shot.folder, Setting(8))
-    refused(CalibError, "may be off by centimetres", Setting, 7, board=BOARD)
-    refused(CalibError, "`tag_height` is given without", Setting, 7, tag_height=0.02)
-    refused(CalibError, "needs `lens`", Setting, 7, tag_size=0.04)
-    refused(CalibError, "printed on the board too", Setting, 7, "5x5_100", BOARD, lens=LENS)
+    refused(CalibError, words, make, shot.folder, TagScene(8))
+    refused(CalibError, "may be off by centimetres", TagScene, 7, board=BOARD)
+    refused(CalibError, "`tag_height` is given without", TagScene, 7, tag_height=0.02)
+    refused(CalibError, "needs `lens`", TagScene, 7, tag_size=0.04)
+    refused(CalibError, "printed on the board too", TagScene, 7, "5x5_100", BOARD, lens=LENS)
     refused(CalibError, "expected `board` too", load_lens, shot.pictures, None)
     refused(CalibError, "is no lens", load_lens, shot.folder / "joints.csv", None)
-    other = Setting(7, lens=Lens((320, 240), LENS.focal, LENS.centre, LENS.distortion))
+    other = TagScene(7, lens=Lens((320, 240), LENS.focal, LENS.centre, LENS.distortion))
     refused(CalibError, "lens was calibrated with 320x240", make, shot.folder, other)
     path = table(copy.folder / "deg.csv", "abc", np.rad2deg(copy.q))
     refused(CalibError, "are these degrees", read_joints, path)
@@ -219,7 +219,7 @@ def test_counts_and_sizes_and_damage(copy):
 
 
 def test_a_video_becomes_rests(film):
-    made = log_video(film.folder / "run.mp4", film.joints, Setting(7))
+    made = log_video(film.folder / "run.mp4", film.joints, TagScene(7))
     assert abs(made.source["time_offset"] - 51.0) < 3e-3
     assert 5 <= len(made) <= 9
     miss = made.x - film.scene.tip_pixels(made.q)
@@ -229,7 +229,7 @@ def test_a_video_becomes_rests(film):
 
 
 def test_videos_that_make_no_log(film, tmp_path):
-    run, joints, plain = film.folder / "run.mp4", film.joints, Setting(7)
+    run, joints, plain = film.folder / "run.mp4", film.joints, TagScene(7)
     text, twice, rows = (tmp_path / name for name in ("text.mp4", "twins.mp4", "p.csv"))
     text.write_text("no video\n" * 200)
     twins = Desk(film.scene.camera, film.scene.lengths, still=(tag(7, 0.06, (0.05, -0.1, 0, 1)),))
@@ -237,12 +237,12 @@ def test_videos_that_make_no_log(film, tmp_path):
     write_video(str(twice), frames, 20.0)
     rows.write_text("a,b\n0,1\n1,2\n")
     for words, values, options in (
-        ("tag 9 is in none of 160 frames: .* show 7", (run, joints, Setting(9)), {}),
+        ("tag 9 is in none of 160 frames: .* show 7", (run, joints, TagScene(9)), {}),
         ("clocks are apart", (run, joints, plain), {"time_offset": 500.0}),
         ("never rests", (run, joints, plain), {"time_offset": 51.3}),
         ("cannot be read", (text, joints, plain), {}),
         ("cannot be read", (tmp_path / "none.mp4", joints, plain), {}),
-        ("lens was calibrated with 640x480", (run, joints, Setting(7, lens=LENS)), {}),
+        ("lens was calibrated with 640x480", (run, joints, TagScene(7, lens=LENS)), {}),
         (r"twice in \d+ of 12 frames \(twins.mp4 at", (twice, joints, plain), {}),
         ("a column 'time'", (run, read_joints(rows), plain), {}),
     ):
@@ -317,7 +317,7 @@ CHARUCO = parse_board("7x5:24mm:18mm:5x5_100")
 def test_the_tip_is_found_to_a_tenth_of_a_pixel_among_decoys():
     rng = np.random.default_rng(0)
     desk = Desk(CAMERA, still=(tag(3, 0.03, (0.0, 0.25, 0, 0.3)), tag(12, 0.05, (0.4, 0.2, 0, 1))))
-    finder = TagFinder(wanted=[7])
+    finder = TagFinder("36h11", [7])
     q = desk.postures(12, rng)
     errors = []
     for row in q:
@@ -402,7 +402,7 @@ def test_a_printed_tag_has_its_true_size_and_is_found(run, tmp_path):
     run.done("tag", 7, "--size", "40mm", "-o", tmp_path / "tag.svg")
     svg = (tmp_path / "tag.svg").read_text()
     assert re.search(r'width="116mm" height="68mm"', svg)
-    found = TagFinder().find(rasterised(svg, 5))
+    found = TagFinder("36h11").find(rasterised(svg, 5))
     assert [t.number for t in found] == [7]
     assert abs(found[0].side - 40 * 5) < 0.5
 
@@ -425,11 +425,11 @@ def test_tags_of_a_grid_are_found_in_rows_down_or_up_but_for_one_that_is_there_t
 
 def test_opencv_is_asked_for_in_one_line_and_never_imported_early():
     code = (
-        "import sys, calib, calib_cli, calib.recording.setting\n"
+        "import sys, calib, calib_cli, calib.recording.tag_scene\n"
         "from calib.recording.tags import TagFinder\n"
         "print('cv2' in sys.modules)\n"
         "sys.modules['cv2'] = None\n"
-        "try:\n    TagFinder()\nexcept calib.CalibError as error:\n    print(error)"
+        "try:\n    TagFinder('36h11')\nexcept calib.CalibError as error:\n    print(error)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.startswith("False\n")

@@ -55,8 +55,8 @@ def test_offset_and_rate_are_found(rate, epoch):
     x[rng.random(len(x)) < 0.1] = np.nan
     clocks = align_clocks(time, x, joint_time + epoch, q)
     miss = np.abs(clocks.joints_time(time) - (true + epoch)).max()
-    assert miss < min(2e-3, 4.0 * clocks.doubt)
-    assert clocks.doubt < SURE
+    assert miss < min(2e-3, 4.0 * clocks.sd)
+    assert clocks.sd < SURE
     assert "sure to 1.5 ms" in clocks.words()
 
 

@@ -146,7 +146,7 @@ def test_positions_of_a_sensor_stand_beside_touches(tmp_path, run):
         assert covered > 0.9
     assert calib.evaluate(model, log).touch["scatter"]["mean"] < 0.5e-3
     apart = 1.01e3 * np.linalg.norm(world.points[0] - world.points[1])
-    stated = replace(log, touch=log.touch.stated([f"A,B={apart}mm"]))
+    stated = replace(log, touch=log.touch.with_stated_facts([f"A,B={apart}mm"]))
     beside = calib.train(stated, size=3)
     assert "by the sensor's size they are" in " ".join(beside.about.notes)
     assert accuracy(beside, fresh, true)[1] > 0.9
@@ -185,7 +185,7 @@ def test_touches_that_tell_nothing_or_are_wrong_are_told():
 
 @pytest.mark.parametrize("text", ["A,B", "A,B=50", "A=50mm", "A,B=-5mm", "A,B=5mm+-x"])
 def test_distances_are_read_as_typed_or_refused(text):
-    touches = Touches(np.zeros(1, int), (("", "A"), ("", "B")))
-    assert touches.stated(["A,B=50mm+-0.196mm"]).facts[0].tolerance == pytest.approx(1e-4)
-    assert touches.stated(["A,B=5 cm"]).facts[0].value == pytest.approx(0.05)
-    refused(calib.OptionError, "50mm", touches.stated, [text])
+    read = Touches(np.zeros(1, int), (("", "A"), ("", "B"))).with_stated_facts
+    assert read(["A,B=50mm+-0.196mm"]).facts[0].tolerance == pytest.approx(1e-4)
+    assert read(["A,B=5 cm"]).facts[0].value == pytest.approx(0.05)
+    refused(calib.OptionError, "50mm", read, [text])

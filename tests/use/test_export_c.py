@@ -122,7 +122,7 @@ def test_a_change_beyond_the_limit_is_no_command(tmp_path, monkeypatch):
     q = questions(m, 500)
     change = np.abs(answers(m, q, tmp_path)[3] - q)
     limit = np.array([0.1, 0.02])  # in the middle of the elbow's changes
-    monkeypatch.setattr("calib.use.formats.usual_limit", lambda _: limit)
+    monkeypatch.setattr("calib.use.exports.usual_limit", lambda _: limit)
     fixed = answers(replace(m), q, tmp_path)[3]
     known = ~np.isnan(change[:, 0])
     beyond = (change[known] > limit).any(axis=1)

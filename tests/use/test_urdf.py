@@ -96,8 +96,8 @@ def test_pinocchio_and_yourdfpy_read_the_fitted_geometry(source):
 def test_a_fit_beats_the_drawing_and_holds_the_first_joint_and_pixels_tell_offsets(written):
     trained = in_space()
     geometry = fit_geometry(trained)
-    assert geometry.free
-    assert geometry.residual < 0.5 * geometry.before
+    assert geometry.frame_is_free
+    assert geometry.residual < 0.5 * geometry.nominal_residual
     assert not geometry.beta[geometry.structure.shifts[0]].any()
     assert geometry.origins[1][0].interval.all()
     done, path = written(trained, "--json")
@@ -110,7 +110,7 @@ def test_a_fit_beats_the_drawing_and_holds_the_first_joint_and_pixels_tell_offse
     # pixels tell offsets
     geometry = fit_geometry(in_pixels())
     assert geometry.unit == "px"
-    assert geometry.residual < 0.6 < 2.0 < geometry.before
+    assert geometry.residual < 0.6 < 2.0 < geometry.nominal_residual
     offsets = [float(offset.value) for offset in geometry.offsets().values()]
     assert offsets[1:] == pytest.approx([0.03, -0.02], abs=3e-3)
 
@@ -163,7 +163,7 @@ def test_waves_of_the_joints_are_in_the_interval_of_a_zero(seed):
     x = drawing.forward(q + zeros + 1e-3 * np.sin(3 * q + rng.uniform(0, 6, 3)))
     x += 2e-5 * rng.normal(size=x.shape)
     model = calib.train(log_of(drawing, q, x), size=3, view="base")
-    lift = fit_geometry(model, drawn=True).offsets()["shoulder_lift"]
+    lift = fit_geometry(model, geometry_is_drawn=True).offsets()["shoulder_lift"]
     assert abs(lift.value - zeros[1]) < lift.interval < 3e-3
 
 

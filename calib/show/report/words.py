@@ -8,7 +8,7 @@ import numpy as np
 from ...common.rows import row_lengths
 from ...common.wording import clipped, one_line, quantity
 from ...training.settings import TESTING
-from ...use import standing
+from ...use import assessment
 from ..study import Study
 
 
@@ -52,7 +52,7 @@ def _accuracy(study: Study, start: str) -> list[str]:
     evaluation = study.evaluation
     if not evaluation.errors:
         return ["No rows are kept with this model: its errors are not known."]
-    accuracy = standing.accuracy(study.model, evaluation)
+    accuracy = assessment.accuracy(study.model, evaluation)
     sentences = [f"{start} tip is predicted to {accuracy}."]
     if study.delivered is not None:
         delivered = float(row_lengths(study.delivered).mean())

@@ -1,4 +1,4 @@
-"""Header: what a table's columns are called, and the units that their names state in brackets."""
+"""Column units: the names of a table's columns, and the units that they state in brackets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Aimed postures: random ones are led to a point, or to poses, by damped Newton steps."""
+"""Target postures: damped Newton steps bring random postures to a point, or to poses."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,8 +24,8 @@ class Candidates:
     """Postures to choose from."""
 
     q: Array  # (m, dof) [rad or m]
-    # picks the n most informative rows of postures (k, dof)
-    best: Callable[[Array, int], Index]
+    # rows (count,) of the most informative ones of postures (k, dof)
+    most_informative: Callable[[Array, int], Index]
     why: str  # how they are chosen, for people
 
 
@@ -75,8 +75,8 @@ def at_point(
     axes = ("x", "y", "z")
     rows, _ = number_rows(np.ravel(point), axes, "touch", OptionError)
     target = rows[0]
-    start = rng.uniform(space.lower, space.upper, (AIMING.drawn, structure.dof))
-    targets = np.tile(target, (AIMING.drawn, 1))
+    start = rng.uniform(space.lower, space.upper, (AIMING.draws, structure.dof))
+    targets = np.tile(target, (AIMING.draws, 1))
     q, distance = joints_towards(structure, beta, start, targets, space)
     q = q[distance < AIMING.near][: AIMING.most]
     at = ", ".join(f"{value:g}" for value in target)
@@ -87,7 +87,7 @@ def at_point(
         )
     body = None if isinstance(source, Arm) else source.body
 
-    def best(q: Array, count: int) -> Index:
+    def most_informative(q: Array, count: int) -> Index:
         """The postures (count,) of some (n, dof) that are most informative about the arm."""
         if body is None:
             groups = ("tool", "placement", "offset")
@@ -103,7 +103,7 @@ def at_point(
     why = (
         f"the tip at ({at}) m in the base frame, chosen to tell most of the arm"
     )
-    return Candidates(q, best, why)
+    return Candidates(q, most_informative, why)
 
 
 def chain_in_base(source: Arm | Model) -> tuple[SpatialStructure, Array]:

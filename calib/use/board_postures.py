@@ -1,8 +1,6 @@
-"""In sight: postures in which a camera sees all of a board, by where both are expected."""
+"""Board postures: those in which a camera sees all of a board, by the expected places of both."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
@@ -14,18 +12,19 @@ from ..common.arrays import Array, Index
 from ..errors import OptionError
 from ..model.model import Model
 from ..recording.board import Pattern, parse_board
-from ..recording.bundle import LENS, POSE, SHAPE
+from ..recording.bundle import LENS_SIZE, POSE_SIZE, SHAPE_SIZE
 from ..recording.joint_motions import JointMotions
-from ..recording.next_poses import Around, ExpectedRig, noise_of
+from ..recording.next_poses import Around, ExpectedRig, rig_noise
+from ..recording.rig import frames_of_model
 from ..samples.lens import Lens
-from .aimed import Candidates, chain_in_base, joints_towards
 from .pose_space import PoseSpace
 from .settings import AIMING, PLANNING
+from .target_postures import Candidates, chain_in_base, joints_towards
 
 AROUND = Around(AIMING.tilt, AIMING.nearer)
 
 
-def in_sight(
+def board_postures(
     source: Arm | Model,
     space: PoseSpace,
     board: Pattern | str | bool,
@@ -37,7 +36,9 @@ def in_sight(
 
     Of a model of pictures of a board, camera and board are known.  Of an arm the camera in the hand
     looks along the tip's z axis, or the board's print faces along it, and at the posture `start`
-    (dof,) it sees the board in the middle of its picture; all that more or less.
+    (dof,) the camera sees the board in the middle of its picture.  These assumptions hold to some
+    10 deg and a few cm (`AIMING.off_*`): postures that show the board under most of such variations
+    come first.
     Raises OptionError if fewer than three are found.
     """
     structure, beta = chain_in_base(source)
@@ -50,18 +51,18 @@ def in_sight(
     rigs = _possible_rigs(source, board, eye == "hand", flange_at_start, rng)
     rig = rigs[0]
 
-    # joints that bring the board where it is drawn, and see it
-    begin = rng.uniform(space.lower, space.upper, (AIMING.drawn, structure.dof))
+    # joints that bring the board to a random place, and see it
+    begin = rng.uniform(space.lower, space.upper, (AIMING.draws, structure.dof))
     if start is not None:
-        begin[: AIMING.drawn // 2] = start
-    drawn = rig.draw(AIMING.drawn, rng)
-    targets = np.hstack([shift_of(drawn), logarithm(turn_of(drawn))])
+        begin[: AIMING.draws // 2] = start
+    flanges = rig.draw(AIMING.draws, rng)
+    targets = np.hstack([shift_of(flanges), logarithm(turn_of(flanges))])
     q, _ = joints_towards(posed, beta, begin, targets, space)
     q = np.unique(q.round(4), axis=0)
     flange = _flange_at(posed, beta, q)
     seen = rig.sees(flange)
 
-    # those first that see it wherever camera and board may be
+    # first those that see it at most of the possible places of camera and board
     chance = np.zeros(len(q))
     for possible in rigs:
         chance += seen & possible.sees(flange)
@@ -73,13 +74,13 @@ def in_sight(
             "give `start` where it does, further from the joints' limits"
         )
 
-    def best(q: Array, count: int) -> Index:
+    def most_informative(q: Array, count: int) -> Index:
         """Rows (count,) of postures (n, dof) that are most informative about the camera."""
         motions = JointMotions(q, structure.with_sensor(view="pose"))
-        return rig.best(motions, count)[0]
+        return rig.most_informative(motions, count)[0]
 
     why = "the board in the picture from many sides, chosen to tell most of the camera"
-    return Candidates(q, best, why)
+    return Candidates(q, most_informative, why)
 
 
 def _possible_rigs(
@@ -121,7 +122,7 @@ def guessed_rig(
 ) -> ExpectedRig:
     """The rig of a camera that sees the middle of a board where the flange is (4, 4) [m].
 
-    rng : of one that is off by what the user does not know; by default it is as assumed
+    rng : draws the errors of the assumptions; by default there are none
     """
     lens = Lens.of(AIMING.picture, np.array(AIMING.lens))
     facing = _facing(board, lens)
@@ -141,37 +142,27 @@ def guessed_rig(
         middle = board.points().mean(axis=0)
         frame = off @ rigid(half_turn, -half_turn @ middle)
         camera = flange @ frame @ inverse(facing)
-    sizes = np.concatenate([AIMING.lens_sd, np.full(SHAPE, AIMING.board_sd)])
+    sizes = np.concatenate(
+        [AIMING.lens_sd, np.full(SHAPE_SIZE, AIMING.board_sd)]
+    )
     return _rig(in_hand, np.stack([camera, frame]), lens, board, sizes)
 
 
 def expected_rig(source: Arm | Model) -> ExpectedRig:
-    """The rig of a model of pictures, by its body, board and lens.
-
-    Raises OptionError of others.
-    """
-    described: Any = None
-    if isinstance(source, Model):
-        body = source.body
-        described = source.about.board
-    if described is None or body is None:
+    """The rig of a model of pictures of a board; OptionError of others."""
+    model = source if isinstance(source, Model) else None
+    frames = None if model is None else frames_of_model(model)
+    if model is None or frames is None:
         raise OptionError(
             "handeye: expected a robot that moves in space, or a model that `calib handeye -o` made"
         )
-    groups = body.structure.groups
-    turns = exponential(
-        body.beta[np.stack([groups["tool.rotation"], groups["view.rotation"]])]
-    )
-    shifts = body.beta[np.stack([groups["tool"], groups["view.shift"]])]
-    # the tool is the point of the hand that logs measure
-    shifts[0] -= turns[0] @ described["point"]
-    hand, view = rigid(turns, shifts)
-    base = inverse(view)
-    in_hand = described["eye"] == "hand"
-    frames = np.stack([hand, base] if in_hand else [base, hand])
+    described = model.about.options["board"]
     lens = Lens.from_json(described["lens"])
     board = parse_board(described["board"])
-    return _rig(in_hand, frames, lens, board, np.zeros(LENS + SHAPE))
+    in_hand = described["eye"] == "hand"
+    if not in_hand:  # the camera comes first
+        frames = frames[::-1]
+    return _rig(in_hand, frames, lens, board, np.zeros(LENS_SIZE + SHAPE_SIZE))
 
 
 def _facing(board: Pattern, lens: Lens) -> Array:
@@ -192,7 +183,7 @@ def _rig(
         board.points(),
         _facing(board, lens)[None],
         AROUND,
-        noise_of(AIMING.noise, AIMING.turn, AIMING.shift),
-        np.eye(2 * POSE) / PLANNING.widest**2,
+        rig_noise(AIMING.noise, AIMING.turn, AIMING.shift),
+        np.eye(2 * POSE_SIZE) / PLANNING.widest**2,
         sizes,
     )

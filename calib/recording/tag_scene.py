@@ -1,4 +1,4 @@
-"""Setting: tag, reference and lens of a recording, and the tags and marks that pictures show."""
+"""Tag scene: tag, reference and lens of a recording, and the tags and marks that pictures show."""
 
 from __future__ import annotations
 
@@ -22,11 +22,10 @@ from .reference import MarkLayout, Marks, PlaneReference, find_reference
 from .tags import Tag, TagFinder, single_tags
 
 LOOKS = 12
-"""Looks at the reference over a video, and pictures that are kept, about."""
+"""Approximate number of looks at the reference over a video, and of pictures that are kept."""
 
 # share of the pictures that may show two tags of the tip's id
 _MOST_TWICE = 0.1
-
 
 TAG_COLOUR = (60, 200, 60)
 MARK_COLOUR = (230, 90, 230)
@@ -35,7 +34,7 @@ PLACE_COLOUR = (255, 200, 0)
 
 
 @dataclass(frozen=True)
-class Setting:
+class TagScene:
     """What is in the pictures, and what is known of the camera."""
 
     tag: int  # id of the tag on the tip
@@ -54,7 +53,7 @@ class Setting:
             raise OptionError(refusal)
 
     def _refusal(self) -> str:
-        """What is given together and excludes each other, or misses its other; or nothing."""
+        """Why the options contradict each other, or which one is missing; "" where all fit."""
         board = self.board
         marks = self.tags_at
         layout = self.layout
@@ -109,11 +108,10 @@ class Setting:
 class Sightings:
     """What pictures show."""
 
-    setting: Setting
+    scene: TagScene
     what: str  # what messages call the pictures
-    tags: Mapping[
-        int, Tag
-    ]  # the tag where it is sharp, by the picture's number
+    # the tag where it is sharp, by the picture's number
+    tags: Mapping[int, Tag]
     names: Sequence[str]  # of these pictures
     # what some pictures show of the reference, by number
     marks: dict[int, Marks]
@@ -132,36 +130,36 @@ class Sightings:
 
         Raises LogError if it is not there, or elsewhere in many.
         """
-        layout = self.setting.layout
-        lens = self.setting.lens
+        layout = self.scene.layout
+        lens = self.scene.lens
         if layout is None or lens is None:
             return None, frozenset()
-        return find_reference(layout, self.marks, lens, self.setting.tag_height)
+        return find_reference(layout, self.marks, lens, self.scene.tag_height)
 
     def document(self) -> dict[str, object]:
         """A log's description of pictures, tag, lens and reference, as plain values."""
-        setting = self.setting
+        scene = self.scene
         reference, _ = self.reference
         frame = reference.to_json() if reference else {"kind": "pixels"}
         document: dict[str, object] = {
             "size": list(self.size),
-            "tag": setting.tag,
-            "dictionary": setting.dictionary,
+            "tag": scene.tag,
+            "dictionary": scene.dictionary,
             "reference": frame,
         }
-        if setting.lens is not None:
-            document["lens"] = setting.lens.to_json()
+        if scene.lens is not None:
+            document["lens"] = scene.lens.to_json()
         return document
 
 
 def find_sightings(
-    shots: Iterable[Shot], setting: Setting, what: str, every: int = 1
+    shots: Iterable[Shot], scene: TagScene, what: str, every: int = 1
 ) -> Sightings:
     """Find the tag of the tip, and the marks of the reference, in pictures.
 
     what : what messages call the pictures
-    every : the reference is looked for in one of so many; some of these are kept, to tell which
-        tags are there should this one not be
+    every : the reference is searched in one of `every` pictures; some of these are kept, to list
+        the tags that they show if this one is in none
     Raises LogError if the tag is there twice in more than a tenth, or nowhere.
     """
     sharp: dict[int, Tag] = {}
@@ -174,18 +172,18 @@ def find_sightings(
     for number, name, grey in shots:
         count += 1
         size = (grey.shape[1], grey.shape[0])
-        refuse_size(setting.lens, size, name)
-        tags = setting.finder.find(grey)
+        refuse_size(scene.lens, size, name)
+        tags = scene.finder.find(grey)
         if number % every == 0:
             if len(sample) < LOOKS:
                 sample.append(grey)
-            if setting.layout is not None:
-                marks[number] = setting.marks(grey, tags)
-        tips = [tag for tag in tags if tag.number == setting.tag]
+            if scene.layout is not None:
+                marks[number] = scene.marks(grey, tags)
+        tips = [tag for tag in tags if tag.number == scene.tag]
         if not tips:
-            reasons[f"tag {setting.tag} not seen"] += 1
+            reasons[f"tag {scene.tag} not seen"] += 1
         elif len(tips) > 1:
-            reasons[f"tag {setting.tag} is there twice"] += 1
+            reasons[f"tag {scene.tag} is there twice"] += 1
             twice.append(name)
         elif tips[0].sharp:
             sharp[number] = tips[0]
@@ -194,16 +192,16 @@ def find_sightings(
             reasons["blurred"] += 1
     if len(twice) > _MOST_TWICE * count:
         raise LogError(
-            f"tag {setting.tag} is there twice in {len(twice)} of {count} {what} "
+            f"tag {scene.tag} is there twice in {len(twice)} of {count} {what} "
             f"({listing(twice, 3)}): cover one, or print another id for the tip"
         )
     if not sharp:
         raise LogError(
-            f"tag {setting.tag} is in none of {count} {what}: {len(sample)} of them show "
-            f"{_tags_of(sample, setting.dictionary)} of {setting.dictionary}; check the id, the "
+            f"tag {scene.tag} is in none of {count} {what}: {len(sample)} of them show "
+            f"{_tags_of(sample, scene.dictionary)} of {scene.dictionary}; check the id, the "
             "dictionary, that it is sharp and has a white border"
         )
-    return Sightings(setting, what, sharp, names, marks, reasons, count, size)
+    return Sightings(scene, what, sharp, names, marks, reasons, count, size)
 
 
 def _tags_of(pictures: Sequence[Picture], dictionary: str) -> str:
@@ -219,7 +217,7 @@ def _tags_of(pictures: Sequence[Picture], dictionary: str) -> str:
 def write_overlay(
     path: FilePath,
     photo: Picture,
-    setting: Setting,
+    scene: TagScene,
     places: Array,
 ) -> None:
     """Write a photo as PNG with its tags, its marks, and the tag's places in all rows of a log.
@@ -229,12 +227,12 @@ def write_overlay(
     cv2 = opencv()
     canvas = photo.copy()
     grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)
-    tags = TagFinder(setting.dictionary).find(grey)
+    tags = TagFinder(scene.dictionary).find(grey)
     if tags:
         corners = [tag.corners[None].astype(np.float32) for tag in tags]
         numbers = np.array([tag.number for tag in tags])
         cv2.aruco.drawDetectedMarkers(canvas, corners, numbers, TAG_COLOUR)
-    corners_of_board = setting.marks(grey, ()).values()
+    corners_of_board = scene.marks(grey, ()).values()
     radius = max(3, round(max(canvas.shape) / 213))
     circles = ((PLACE_COLOUR, places), (MARK_COLOUR, corners_of_board))
     for colour, centres in circles:

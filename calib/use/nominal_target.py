@@ -1,7 +1,7 @@
-"""Wanted: where the nominal arm would be, which a correction brings the real one to.
+"""Nominal target: where the nominal arm's tip would be, to which a correction brings the real one.
 
-The nominal arm is the one that the URDF draws.  `Wanted.target` and `Wanted.pose` are where it has
-its tip at some joint values; `Wanted.solve` finds joint values at which the real arm has it there.
+The nominal arm is the one that the URDF describes.  `NominalTarget.target` and `pose` are where its
+tip is at some joint values; `solve` finds joint values at which the real arm's tip is there.
 """
 
 from __future__ import annotations
@@ -22,6 +22,10 @@ from ..model.alignment import Alignment
 from ..model.answers import joints_and_reach, near_in_box
 from ..model.model import Model
 from ..model.nominal import (
+    assumption,
+    frame_moves,
+    has_free_frame,
+    is_simulated,
     moves_in_space,
     nominal_arm,
     nominal_in_plane,
@@ -33,7 +37,6 @@ from ..model.reach import Reach
 from ..model.space import REACHED, Space, measured_chain
 from ..model.turns import joint_limits, within_limits
 from ..samples.joint_values import wrap
-from .frames import assumption, frame_is_free, frame_moves, is_simulated
 from .geometry_fit import fit_geometry
 from .settings import CORRECTION
 
@@ -44,27 +47,29 @@ _POSITIONS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class NominalTarget:
     """The nominal arm, as the sensor would see it, and the model of the real one."""
 
     model: Model
-    free: bool  # whether the sensor's frame was fitted
+    frame_is_free: bool  # whether the sensor's frame was fitted
     # nominal positions (n, m) [unit] of joint values (n, dof), before the frame moved
     predict: Callable[[Array], Array]
     moves: tuple[Alignment, ...] = ()  # of the frame, in their order
     # whether the user wants the tool's orientation kept
     keeps_orientation: bool = True
-    # where a reading is not all that has to be met: the tool's pose of an arm with six joints, or
-    # the tip's place before a camera, whose pixel does not determine how far away the tip is
+    # where the reading alone is not enough: for the tool's pose of an arm with six joints, or the
+    # tip's place before a camera, whose pixel does not determine how far away the tip is
     space: Space | None = None
 
     @classmethod
-    def of(cls, model: Model) -> Wanted:
-        """Return that of a model, which keeps it: a controller corrects row by row."""
-        return remembered(model, "wanted", lambda: _find_wanted(model))
+    def of(cls, model: Model) -> NominalTarget:
+        """Return that of a model, which keeps it, since a controller corrects row by row."""
+        return remembered(
+            model, "nominal target", lambda: _find_nominal_target(model)
+        )
 
     @property
-    def posed(self) -> bool:
+    def keeps_pose(self) -> bool:
         """Whether the tool's orientation is kept."""
         if self.space is None or not self.keeps_orientation:
             return False
@@ -74,9 +79,9 @@ class Wanted:
     def notes(self) -> tuple[str, ...]:
         """Sentences on what was assumed."""
         notes: list[str] = []
-        if self.free:
+        if self.frame_is_free:
             notes.append(assumption(self.model))
-        if moves_in_space(self.model) and not self.posed:
+        if moves_in_space(self.model) and not self.keeps_pose:
             notes.append(_POSITIONS)
         return tuple(notes)
 
@@ -96,13 +101,13 @@ class Wanted:
         return position, rotation
 
     def solve(self, q: Array) -> tuple[Array, Mask]:
-        """Joints (n, dof), on the turn that `q` is on, and whether they reach, (n,).
+        """Joints (n, dof), on the same turn as `q`, and whether they reach the target, (n,).
 
-        Of six joints or more a row is reached where its orientation is, too: beside a singularity
-        the tool is not tilted without a word.  A joint within its limits is not led beyond them.
+        With six joints or more a row is reached only where its orientation is, too, so that the
+        tool is not tilted beside a singularity.  A joint within its limits does not leave them.
         """
         start, placed = self._placed_start(q)
-        nearest, reachable = self._meet_reading(self.target(q), start)
+        nearest, reachable = self._solve_reading(self.target(q), start)
         turns = TURN * np.round((q - nearest) / TURN)
         answers = nearest + np.where(self.model.about.revolute, turns, 0.0)
         was_beyond = ~within_limits(self.model, q)
@@ -112,24 +117,24 @@ class Wanted:
         return allowed, reachable & placed & within.all(axis=1)
 
     def _placed_start(self, q: Array) -> tuple[Array, Mask]:
-        """Joints (n, dof) in range with the wanted place or pose in `space`, and whether they have.
+        """Joints (n, dof) in range that have the target's place or pose in `space`, and whether.
 
-        They are those of `q` itself where a reading is all that has to be met.
+        Where the reading alone counts they are `q` in range.
         """
         start = self._in_range(q)
         placed = np.ones(len(start), dtype=bool)
         if self.space is not None:
             position, rotation = self.pose(start)
-            reach = Reach.of(self.space, posed=self.posed)
+            reach = Reach.of(self.space, posed=self.keeps_pose)
             goal = position
-            if self.posed:
+            if self.keeps_pose:
                 goal = Poses.target(position, rotation)
             start, distance = reach.lead(goal, start)
             placed = distance <= REACHED * self.space.length
         about = self.model.about
         return np.clip(start, about.lower, about.upper), placed
 
-    def _meet_reading(self, target: Array, start: Array) -> tuple[Array, Mask]:
+    def _solve_reading(self, target: Array, start: Array) -> tuple[Array, Mask]:
         """Joints (n, dof) near `start` at which the sensor reads `target`, and whether it does."""
         if self.model.default_readout == "local":
             near = near_in_box(self.model, start, len(start))
@@ -148,24 +153,24 @@ class Wanted:
         return near
 
 
-def _find_wanted(model: Model) -> Wanted:
+def _find_nominal_target(model: Model) -> NominalTarget:
     """Find the nominal arm behind the sensor that the model knows best."""
     body = model.body
-    free = frame_is_free(model)
+    is_free = has_free_frame(model)
     moves = tuple(frame_moves(model))
     space = None
     structure: Structure
     if body is not None and isinstance(body.structure, PlanarStructure):
-        structure, beta = nominal_in_plane(model, in_root_frame=not free)
-        if free:  # the body knows the frame as it is after all adaptations
+        structure, beta = nominal_in_plane(model, in_root_frame=not is_free)
+        if is_free:  # the body knows the frame as it is after all adaptations
             moves = ()
     elif is_simulated(model) or not moves_in_space(model):
-        # in its base frame, led to a planar log's frame by a fit to the model's maps
-        if free and not moves_in_space(model):
+        # in its base frame, moved to a planar log's frame by a fit to the model's maps
+        if is_free and not moves_in_space(model):
             to_sensor = fit_geometry(model).frame
             if to_sensor is not None:
                 moves = (to_sensor, *moves)
-        return Wanted(model, free, nominal_arm(model).forward, moves)
+        return NominalTarget(model, is_free, nominal_arm(model).forward, moves)
     elif body is not None and measured_chain(body) is not None:
         structure, beta = nominal_structure(model)
         moves = ()
@@ -176,4 +181,4 @@ def _find_wanted(model: Model) -> Wanted:
         structure = geometry.structure
         beta = nominal_parameters(structure, geometry.beta)
     predict = partial(structure.predict, beta=frozen(beta))
-    return Wanted(model, free, predict, moves, space=space)
+    return NominalTarget(model, is_free, predict, moves, space=space)

@@ -1,6 +1,6 @@
-"""Standing: how accurate a model is, whether its bound holds and what limits it, in sentences.
+"""Assessment: how accurate a model is, whether its bound holds and what limits it, in sentences.
 
-The command line and the report's page print the same ones.
+The command line and the report's page print the same sentences.
 """
 
 from __future__ import annotations

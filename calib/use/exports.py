@@ -1,4 +1,4 @@
-"""What a model knows, in the files of others: C, ROS, Universal Robots, MuJoCo, LeRobot."""
+"""Exports: what a model knows, in formats of C, ROS, MuJoCo."""
 
 import hashlib
 import json
@@ -9,7 +9,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..arm.description import parse_robot
-from ..body.sensor_pose import SensorPose, hand_pose
+from ..arm.rigid import rigid, shift_of, turn_of
+from ..arm.rotations import quaternion_of
+from ..body.sensor_pose import SensorPose
 from ..body.views import is_camera
 from ..common.parallel import one_blas_thread
 from ..common.wording import one_line
@@ -17,10 +19,10 @@ from ..errors import OptionError
 from ..model.c_header import Header
 from ..model.model import Model
 from ..model_file.storage import to_bytes
-from ..recording.rig import stamped
+from ..recording.rig import frames_of_model, stamped
 from ..samples.lens import Lens
 from .correct import usual_limit
-from .edits import numbers, pose_of
+from .edits import number_text, pose_of
 from .geometry import Quantity
 from .geometry_fit import fit_geometry
 from .urdf import corrected_urdf
@@ -135,39 +137,38 @@ def static_transforms(model: Model) -> list[dict[str, object]]:
             "in space and its robot"
         )
     root = parse_robot(about.urdf, about.robot).root
-    board = about.board
-    if board:
-        mount = hand_pose(body)  # of the point in the log
-        hand = replace(
-            mount, position=mount.position - mount.rotation @ board["point"]
-        )
-        seen_from_base = board["eye"] == "base"
-        in_hand = "board" if seen_from_base else "camera"
-        at_rest = "camera" if seen_from_base else "board"
-        places = {
-            f"{in_hand}_frame": (about.tip, hand),
-            f"{at_rest}_frame": (root, sensor),
-        }
+    frames = frames_of_model(model)
+    if frames is not None and about.board is not None:
+        children = ["camera_frame", "board_frame"]
+        if about.board["eye"] == "base":
+            children.reverse()
+        parents = [about.tip, root]
     else:
         camera = is_camera(body.structure.view)
         child = "camera_optical_frame" if camera else "sensor_frame"
-        places = {about.frame or child: (root, sensor)}
+        children = [about.frame or child]
+        parents = [root]
+        frames = rigid(sensor.rotation, sensor.position)[None]
     return [
-        stamped(parent, child, pose.position.tolist(), pose.quaternion.tolist())
-        for child, (parent, pose) in places.items()
+        stamped(
+            parent,
+            child,
+            shift_of(frame).tolist(),
+            quaternion_of(turn_of(frame)).tolist(),
+        )
+        for parent, child, frame in zip(parents, children, frames, strict=True)
     ]
 
 
 def corrected_arm(
-    model: Model, *, drawn: bool = False
+    model: Model, *, geometry_is_drawn: bool = False
 ) -> tuple[str, dict[str, Quantity]]:
     """Return the text that `calib urdf` writes, and what is added to each joint's value [rad or m].
 
-    drawn : whether the drawing's lengths and axes are true and joints' zeros alone are fitted
-
+    geometry_is_drawn : see `fit_geometry`
     Raises RobotError or OptionError where geometry does not describe the model.
     """
-    geometry = fit_geometry(model, drawn=drawn)
+    geometry = fit_geometry(model, geometry_is_drawn=geometry_is_drawn)
     return corrected_urdf(geometry), geometry.offsets()
 
 
@@ -189,10 +190,10 @@ def mjcf_text(urdf: str, tip: str) -> str:
             attributes = {
                 "name": joint.name,
                 "type": kind,
-                "axis": numbers(joint.axis),
+                "axis": number_text(joint.axis),
             }
             if joint.limits is not None:
-                attributes["range"] = numbers(joint.limits)
+                attributes["range"] = number_text(joint.limits)
             ElementTree.SubElement(body, "joint", attributes)
     ElementTree.SubElement(body, "site", name=tip)
     ElementTree.indent(root)
