@@ -13,7 +13,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.rows import median_length, row_lengths
-from .belief import Body, Second
+from .belief import Body, GuardFit
 from .covariance import as_kept, root_of
 from .fit import Fit, Start
 from .gate import Member, pass_gate
@@ -46,7 +46,9 @@ class BodyFit:
     notes: tuple[str, ...] = ()  # what the rows cannot determine
     # (n,), held-out errors of orientation, where they were measured
     orientation_errors: Array | None = None
-    beside: tuple[BodyFit, ...] = ()  # the same body as further sensors see it
+    other_sensors: tuple[
+        BodyFit, ...
+    ] = ()  # the same body as further sensors see it
 
     def of_positions(self) -> BodyFit:
         """A fit to poses as one to positions, which keeps the orientations' errors.
@@ -118,11 +120,11 @@ def _fit(
     final = _over_all_rows(member.fit, rows)
     root = as_kept(root_of(final.covariance))
     second = _second_fit(member, chain, gate_rows)
-    first, *beside = [
+    first, *other_sensors = [
         _with_bound(member, final, root, sensor, second)
         for sensor in range(len(rows))
     ]
-    return replace(first, beside=tuple(beside))
+    return replace(first, other_sensors=tuple(other_sensors))
 
 
 def fit_sensors(
@@ -138,7 +140,7 @@ def fit_sensors(
     """
     named = [replace(rows[name], sensor=name) for name in structures]
     first = fit(with_all_sensors(structures), named, seed=seed)
-    fits = (replace(first, beside=()), *first.beside)
+    fits = (replace(first, other_sensors=()), *first.other_sensors)
     return dict(zip(structures, fits, strict=True))
 
 
@@ -177,7 +179,11 @@ def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
 
 
 def _with_bound(
-    member: Member, final: Fit, root: Array, sensor: int, second: Second | None
+    member: Member,
+    final: Fit,
+    root: Array,
+    sensor: int,
+    second: GuardFit | None,
 ) -> BodyFit:
     """The body as one sensor sees it, with its bound and held-out errors.
 
@@ -212,7 +218,7 @@ def _with_bound(
 
 def _second_fit(
     member: Member, chain: tuple[str, ...], rows: Sequence[Rows]
-) -> Second | None:
+) -> GuardFit | None:
     """A fit of what the member has not, for the bound.
 
     The whole chain, lens and elasticity, and larger curves.  None of exact samples, and where the
@@ -235,7 +241,7 @@ def _second_fit(
         ratio = leave_blocks_out(wide).ratio
         share = float(np.clip(ratio, FIT.least_share, 1.0))
     root = as_kept(share * root_of(wide.covariance))
-    return Second(wide.beta, wide.active, root)
+    return GuardFit(wide.beta, wide.active, root)
 
 
 def _wide_prior(member: Member, blocks: set[str]) -> Prior:

@@ -97,15 +97,15 @@ def _with_fitted_chain(end: Start) -> Start:
     structure = end.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - chains are in space
     zero = np.zeros((structure.chain.joints, 1))
-    motion = structure.move(zero, end.beta)
-    axes = motion.axes[..., 0]
+    state = structure.move(zero, end.beta)
+    axes = state.axes[..., 0]
     lengths = row_lengths(axes)[:, None]
     chain = replace(
         structure.chain,
         axes=axes / lengths,
-        points=motion.origins[..., 0],
-        tip=motion.position[..., 0],
-        rotation=motion.rotation[..., 0],
+        points=state.origins[..., 0],
+        tip=state.position[..., 0],
+        rotation=state.rotation[..., 0],
     )
     fitted = replace(structure, chain=chain)
     return replace(end, structure=fitted, beta=fitted.neutral())

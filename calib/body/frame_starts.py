@@ -17,7 +17,7 @@ from ..errors import LogError
 from .fit import Start
 from .parameters import Prior
 from .rows import Rows
-from .sensors import PLACE
+from .sensors import SENSOR_BLOCKS
 from .settings import START
 from .spatial import SpatialStructure
 
@@ -92,7 +92,7 @@ def _guesses(
     """Yield rough parameters (d,) from which the sensor's place is fitted."""
     beta = arm.copy()
     neutral = structure.neutral()
-    for group in (*PLACE, "tool", "tool.rotation"):
+    for group in (*SENSOR_BLOCKS, "tool", "tool.rotation"):
         indices = structure.groups[group]
         beta[indices] = neutral[indices]
     points, rotations = structure.pose(rows.q, beta)
@@ -135,7 +135,7 @@ def _trackers(
             _, _, scale = similarity(tip, readings)
         middle = tip.mean(axis=0)
         shift = readings.mean(axis=0) - scale * turn @ middle
-        guess = structure.placed(arm, turn, shift, scale)
+        guess = structure.with_sensor_at(arm, turn, shift, scale)
         guess[structure.groups["tool"]] = tool
         yield _with_tool_turn(structure, guess, turn @ rotations, z)
 
@@ -199,6 +199,6 @@ def _cameras(
         depth = focal / pixels_a_metre
         centre = np.append((mean_pixel - principal) / focal, 1.0) * depth
         shift = centre - turn @ middle
-        guess = structure.placed(arm, turn, shift, structure.metre)
+        guess = structure.with_sensor_at(arm, turn, shift, structure.metre)
         guess[structure.groups["lens"][0]] = focal
         yield guess

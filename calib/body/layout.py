@@ -23,7 +23,7 @@ from .sensors import Sensor
 from .settings import PRIOR
 from .views import ArmSize, Measurement
 
-L = TypeVar("L", bound="Layout")
+LayoutT = TypeVar("LayoutT", bound="Layout")
 
 Members = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
@@ -32,7 +32,7 @@ Members = tuple[tuple[str, tuple[str, ...]], ...]
 class Layout:
     """A chain and its sensors by their parameters; see `Structure`.
 
-    `place` numbers the measurement that is predicted, among `sensors` and then `others`.
+    `place` is the number of the measurement that is predicted, among `sensors` and then `others`.
     `viewpoint` is that sensor, or the first one where `place` is no sensor.
 
     ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters, ``c`` joints of the chain.  Joint
@@ -116,9 +116,14 @@ class Layout:
         return self.measurement.outputs
 
     @property
-    def blocks(self) -> tuple[int, ...]:
-        """Sizes of the outputs that share a unit and a noise: ``(2,)``, ``(3,)``, ``(3, 3)``."""
+    def output_sizes(self) -> tuple[int, ...]:
+        """Numbers of outputs that share a unit and a noise: ``(2,)``, ``(3,)``, ``(3, 3)``."""
         return (3, 3) if self.outputs == 6 else (self.outputs,)
+
+    @property
+    def position(self) -> slice:
+        """Outputs that are a position, without the orientation of a pose."""
+        return slice(self.output_sizes[0])
 
     @property
     def extents(self) -> Array:
@@ -313,7 +318,7 @@ class Layout:
             out[self.groups[block.name]] = block.mean
         return out
 
-    def placed(
+    def with_sensor_at(
         self, beta: Array, turn: Array, shift: Array, scale: float
     ) -> Array:
         """Parameters (d,) with the sensor that reads ``scale turn p + shift`` of a point p [m]."""
@@ -367,7 +372,7 @@ class Layout:
             yield block
 
 
-def with_all_sensors(structures: Mapping[str, L]) -> L:
+def with_all_sensors(structures: Mapping[str, LayoutT]) -> LayoutT:
     """The first structure with the sensors of all structures, which share one chain."""
     first, *further = structures.values()
     if any(type(structure) is not type(first) for structure in further):

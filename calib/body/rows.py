@@ -13,7 +13,7 @@ from ..common.arrays import Array
 from ..common.rows import spread_rows
 from .parameters import Indices
 from .settings import FIT
-from .structure import S, Structure
+from .structure import Structure, StructureT
 from .views import Measurement
 
 
@@ -43,7 +43,9 @@ class Rows:
         return self.take(spread_rows(len(self), count))
 
 
-def with_measurements(structure: S, rows: Sequence[Rows]) -> S:
+def with_measurements(
+    structure: StructureT, rows: Sequence[Rows]
+) -> StructureT:
     """The structure with the measurements of all rows, which predicts the first of them."""
     others = tuple(
         rows_of_sensor.sensor
@@ -78,7 +80,7 @@ class RowBlock(NamedTuple):
         return flat @ flat.T, flat @ misfit.ravel()
 
 
-class Readings:
+class FitReadings:
     """Rows of one sensor within a fit: residuals, noise, and weights under Student noise.
 
     nu : degrees of freedom of the noise; infinite for Gaussian
@@ -100,7 +102,7 @@ class Readings:
         self.q = rows.q
         self.z = rows.z
         self.nu = nu
-        sizes = self.structure.blocks
+        sizes = self.structure.output_sizes
         self.outputs = [slice(3 * k, 3 * k + p) for k, p in enumerate(sizes)]
         self.edges = edges_of(len(rows), blocks)
         stated = self.structure.measurement.noise

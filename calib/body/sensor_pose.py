@@ -19,7 +19,7 @@ from ..common.rows import row_lengths
 from ..common.wording import with_interval
 from .covariance import Z95
 from .parameters import Gaussian, Indices
-from .sensors import PLACE
+from .sensors import SENSOR_BLOCKS
 from .spatial import SpatialStructure
 from .structure import OfStructure, Structure
 
@@ -228,7 +228,7 @@ def without_gauge(
 
 def sensor_of(structure: Structure) -> Indices:
     """Indices of the sensor's parameters."""
-    return np.concatenate([structure.groups[name] for name in PLACE])
+    return np.concatenate([structure.groups[name] for name in SENSOR_BLOCKS])
 
 
 def without_sensor(

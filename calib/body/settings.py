@@ -1,6 +1,7 @@
 """Settings of the body: every number that was chosen, with its unit, its reason, what chose it.
 
-Numbers of rows, steps and probes of a search are kept next to it: more change no answer.
+Numbers of rows, steps and probes that change no answer once they are large enough are kept next to
+their search.
 """
 
 from __future__ import annotations
@@ -9,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-FREE = 1e3
+FLAT_SD = 1e3
 """Prior sd of what is not known [extents or reaches]: flat."""
 
-SHIFT = 1e-3
-TURN = float(np.radians(0.1))
-"""Joint origins are within 1 mm and 0.1 deg of a drawing [m, rad], or some times that."""
+DRAWN_SHIFT_SD = 1e-3
+DRAWN_TURN_SD = float(np.radians(0.1))
+"""Prior sds of a drawing's joint origins and zeros [m, rad]; the evidence finds their factor."""
 
 FINER = (0.2, 20.0)
 """`PriorSettings.wider` where corners or touches determine it: of an arm whose origins were off by
@@ -144,8 +145,18 @@ class FitSettings:
     blocks: int = 10
     rows_at_once: int = 3000  # whose derivatives are held together
     noise_steps: int = 12  # of the reweighting that finds a Student noise
-    # share of a posterior sd that the last step of a log's member moves at most
+    # first damping after a step that fails, and least gain of a damped step [nats]; both of a
+    # search from anywhere
+    first_damping: float = 1e-4
+    least_gain: float = 0.05
+    first_damping_of_search: float = 1e-3
+    least_gain_of_search: float = 1e-3
+    # share of a posterior sd that the last step of a log's member moves at most, the same of exact
+    # samples, and the steps of these: from anywhere, then to the maximum
     settled: float = 0.2
+    settled_of_exact: float = 1e-3
+    search_steps_of_exact: int = 60
+    steps_of_exact: int = 20
     # share of the extent beyond which held-out rows doubt a planar arm's drawing
     doubted: float = 0.02
     # nats against joint curves from which the bound needs no second fit with large ones
@@ -161,6 +172,11 @@ class FitSettings:
     guard_lens: float = 1e-3
     # a row of less Student weight than this, beyond eight noise sd, does not enter the inflation
     outlier: float = 0.1
+    # a body's own error (`Body.tau`): medians at which held-out errors are limited, share of the
+    # noise's variance that they have anyway, and least value [noise sd]
+    limit: float = 4.0
+    noise_margin: float = 1.3
+    least_tau: float = 0.05
     # rows that a 95 % quantile needs at least, and the bound's inflation where there are fewer
     least_rows_of_a_quantile: int = 20
     unknown_kappa: float = 1.5

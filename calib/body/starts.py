@@ -19,7 +19,7 @@ from .frame_starts import best_frame, frame_of_drawing
 from .planar import PlanarStructure
 from .planar_starts import planar_starts, side_and_frame
 from .rows import Rows
-from .sensors import PLACE
+from .sensors import SENSOR_BLOCKS
 from .settings import START
 from .spatial import SpatialStructure
 from .structure import Structure
@@ -117,7 +117,7 @@ def _with_sensor(structure: SpatialStructure, rows: Rows, arm: Array) -> Array:
     groups = structure.groups
     fitted = best_frame(structure, rows, arm).beta
     beta = arm.copy()
-    for block in PLACE:
+    for block in SENSOR_BLOCKS:
         beta[groups[block]] = fitted[groups[block]]
     tool = groups["tool"]
     marker = groups["marker"]

@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arm.rotations import similarity
-from ..arm.spatial_chain import Motion
+from ..arm.spatial_chain import ChainState
 from ..common.arrays import Array
 from ..samples.sockets import Known
 from .belief import Body
 from .body_fit import BodyFit, fit
 from .parameters import Block, Gaussian, Hyper, Indices
 from .rows import Rows, with_measurements
-from .settings import FINER, FIT, FREE, PRIOR
+from .settings import FINER, FIT, FLAT_SD, PRIOR
 from .spatial import SpatialStructure
 from .views import ArmSize, Measurement, Sight
 
@@ -47,20 +47,20 @@ class Touch(Measurement):
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
         """The sockets."""
         names = [f"{k}.{axis}" for k in range(self.count) for axis in "xyz"]
-        return (Block.of("point", "m", names, sd=FREE * arm.reach),)
+        return (Block.of("point", "m", names, sd=FLAT_SD * arm.reach),)
 
     def look(
-        self, blocks: Mapping[str, Array], motion: Motion, row_facts: Array
+        self, blocks: Mapping[str, Array], state: ChainState, row_facts: Array
     ) -> Sight:
         """See the tip in its sockets."""
         places = blocks["point"].reshape(-1, 3)
         number = row_facts[:, 0].astype(int)
-        miss = motion.position.T - places[number]
+        miss = state.position.T - places[number]
         return Sight(miss, lambda: np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
-class Facts(Measurement):
+class SocketFacts(Measurement):
     """What is known of sockets, over its tolerance: a row for each distance and point of a plane.
 
     The joints have no part in it.
@@ -74,7 +74,7 @@ class Facts(Measurement):
     def look(
         self,
         blocks: Mapping[str, Array],
-        motion: Motion,  # noqa: ARG002
+        state: ChainState,  # noqa: ARG002
         row_facts: Array,
     ) -> Sight:
         """See how far the sockets are off."""
@@ -88,7 +88,7 @@ class Facts(Measurement):
 
 
 def rows_of_touches(
-    q: Array, point: Indices, known: Sequence[Known], x: Array
+    q: Array, point: Indices, facts: Sequence[Known], x: Array
 ) -> list[Rows]:
     """Touches, positions, and what is known of sockets, each a measurement.
 
@@ -96,7 +96,7 @@ def rows_of_touches(
     """
     touched = point >= 0
     measured = ~touched
-    has_distance = any(fact.value is not None for fact in known)
+    has_distance = any(fact.value is not None for fact in facts)
     within = PRIOR.touches
     if measured.any() or has_distance:
         within = PRIOR.sized_touches
@@ -108,27 +108,27 @@ def rows_of_touches(
     rows = [Rows(numbered, miss, touch)]
     if measured.any():
         rows.append(Rows(q[measured], x[measured]))
-    if known:
-        rows.append(_rows_of_facts(known, q.shape[1]))
+    if facts:
+        rows.append(_rows_of_facts(facts, q.shape[1]))
     return rows
 
 
-def _rows_of_facts(known: Sequence[Known], dof: int) -> Rows:
+def _rows_of_facts(facts: Sequence[Known], dof: int) -> Rows:
     """One row of each distance, and of each point of a plane; its joints do not matter."""
     count = 0
-    for fact in known:
+    for fact in facts:
         count += 1 if fact.value is not None else len(fact.points)
     still = np.zeros((count, dof + 1))
     still[:, -1] = np.arange(count)
     misfit = np.zeros((count, 1))
-    return Rows(still, misfit, Facts(tuple(known)))
+    return Rows(still, misfit, SocketFacts(tuple(facts)))
 
 
 def fit_touches(
     structure: SpatialStructure,
     q: Array,
     point: Indices,
-    known: Sequence[Known],
+    facts: Sequence[Known],
     *,
     lower: Array,
     upper: Array,
@@ -142,7 +142,7 @@ def fit_touches(
     q : (n, dof), joint values [rad or m]
     point : (n,), the number of the socket that each row touched, from 0; negative where it was
         none, and a sensor measured `x`
-    known : distances and planes; without a distance the arm's size stays as drawn
+    facts : distances and planes; without a distance the arm's size stays as drawn
     lower, upper : (dof,), the joints' range: bounds are of motions within it
     x : (n, 3), what the sensor measured [m]
     """
@@ -150,14 +150,14 @@ def fit_touches(
     variance = tip.var(axis=0).sum()
     extent = float(np.sqrt(variance))
     workspace = structure.with_sensor(extent=extent)
-    rows = rows_of_touches(q, point, known, x)
+    rows = rows_of_touches(q, point, facts, x)
     with_sockets = with_measurements(workspace, rows)
     begin = _beginning(with_sockets, tip, point, x)
     joint_fit = fit(with_sockets, rows, begin=begin, seed=seed)
     body = in_structure(joint_fit.body, structure)
     if (point < 0).any():
         # bounds are of touches and of readings
-        of_sensor = joint_fit.beside[0].body
+        of_sensor = joint_fit.other_sensors[0].body
         body = replace(body, noise=np.maximum(body.noise, of_sensor.noise))
     else:
         rng = np.random.default_rng(seed)
@@ -179,7 +179,7 @@ def _held_out(joint_fit: BodyFit, point: Indices) -> Array:
     held_out = np.empty((len(point), 3))
     held_out[touched] = _about_means(joint_fit.held_out, point[touched])
     if not touched.all():
-        held_out[~touched] = joint_fit.beside[0].held_out
+        held_out[~touched] = joint_fit.other_sensors[0].held_out
     return held_out
 
 
@@ -206,7 +206,7 @@ def _beginning(
         turn, shift, scale = similarity(
             tip[measured], x[measured], scale=structure.metre
         )
-        begin = structure.placed(begin, turn, shift, scale)
+        begin = structure.with_sensor_at(begin, turn, shift, scale)
     return begin
 
 

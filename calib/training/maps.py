@@ -9,7 +9,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from ..common.parallel import side_by_side
-from ..common.rows import thinned
+from ..common.rows import diagonal, thinned
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps import model_selection
@@ -52,9 +52,9 @@ def misfit_around(log: FittedLog, u: Array) -> Array | None:
     """Misfit (k,) of the body around points `u` (k, dof) of the unit box, None within noise."""
     scale = log.samples.unit_box
     learned = scale.to_unit(log.samples.q[log.rows])
-    extent = float(np.linalg.norm(np.ptp(log.samples.x[log.rows], axis=0)))
+    size = diagonal(log.samples.x[log.rows])
     held_out = log.fit.held_out
-    return model_selection.misfit(scale, learned, held_out, extent, u)
+    return model_selection.misfit(scale, learned, held_out, size, u)
 
 
 def associate(

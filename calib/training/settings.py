@@ -44,7 +44,7 @@ class Testing:
     # fewest unlearned rows for which errors are reported
     fewest: int = 10
     placed: int = 10  # fewest rows that place a frame
-    # share of the median error that a moved frame explains
+    # largest share of the median error that is left where the sensor was moved
     nearer: float = 0.5
     # exact samples that the bounds of a simulation are learned from
     drawn: int = 12_000
