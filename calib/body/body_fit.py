@@ -21,12 +21,7 @@ from .held_out import leave_blocks_out
 from .layout import with_all_sensors
 from .parameters import Hyper, Prior
 from .rows import Rows
-from .settings import (
-    FIT,
-    LOG_FLOOR,
-    POSE_FLOOR,
-    SIMULATED_FLOOR,
-)
+from .settings import FIT, LOG_FLOOR, POSE_FLOOR, SIMULATED_FLOOR
 from .starts import best_start, with_other_sensors
 from .structure import Structure
 
@@ -39,21 +34,20 @@ class BodyFit:
     """A fitted body and how well it predicts."""
 
     body: Body
-    # (n, m), residuals of the sensor's contiguous blocks of rows predicted from the others
+    # (n, m), residuals of contiguous blocks of the sensor's rows, each predicted from the others
     held_out: Array
-    # (n,), by which bounds on these are wider than those of the body, which rests on all blocks
+    # (n,), factor on the body's bound for these predictions, which rest on fewer rows
     widening: Array
     notes: tuple[str, ...] = ()  # what the rows cannot determine
     # (n,), held-out errors of orientation, where they were measured
     orientation_errors: Array | None = None
-    other_sensors: tuple[
-        BodyFit, ...
-    ] = ()  # the same body as further sensors see it
+    # the body as further sensors see it
+    other_sensors: tuple[BodyFit, ...] = ()
 
     def of_positions(self) -> BodyFit:
-        """A fit to poses as one to positions, which keeps the orientations' errors.
+        """The fit to poses as a fit to positions, with the errors of orientations.
 
-        Parameters that orientations determined stay, the tool's rotation among them.
+        Parameters that only orientations determine stay, such as the tool's rotation.
         """
         body = self.body
         view = "base" if body.structure.view.startswith("base") else "rigid"
@@ -133,7 +127,7 @@ def fit_sensors(
     *,
     seed: int = 0,
 ) -> dict[str, BodyFit]:
-    """Fit one chain to what several sensors saw of it: one belief, as each sensor sees it.
+    """Fit one chain to the rows of several sensors; return the body as each of them sees it.
 
     structures : of each sensor by its name, as it would be alone; the first one's drawing counts
     rows : of each sensor by its name, in the same order
@@ -209,7 +203,7 @@ def _with_bound(
         member=member.name,
         second=second,
     )
-    # where the other blocks determine nothing, they predict their mean
+    # rows that the other blocks do not determine are predicted by the mean
     unknown = readings.z - readings.z.mean(axis=0)
     residual = held_out.residual
     errors = np.where(np.isfinite(residual), residual, unknown)
@@ -219,10 +213,10 @@ def _with_bound(
 def _second_fit(
     member: Member, chain: tuple[str, ...], rows: Sequence[Rows]
 ) -> GuardFit | None:
-    """A fit of what the member has not, for the bound.
+    """A fit of blocks that the member lacks, for the bound: whole chain, lens, elasticity, curves.
 
-    The whole chain, lens and elasticity, and larger curves.  None of exact samples, and where the
-    member has them and the evidence is against curves.
+    None for exact samples, and where the member lacks only curves, and the evidence is against
+    them.
     """
     structure = member.fit.structure
     if structure.simulated or structure.zeros_alone:
@@ -247,7 +241,7 @@ def _second_fit(
 def _wide_prior(member: Member, blocks: set[str]) -> Prior:
     """The prior of the member's own blocks, unchanged, and of further blocks.
 
-    The curves are larger, and some blocks as the structure guards them.
+    Curves have the larger rms of `Structure.wide`, and some blocks the sd of `Structure.guards`.
     """
     first = member.fit
     structure = first.structure

@@ -23,9 +23,9 @@ from .spatial import SpatialStructure
 
 
 def best_frame(structure: SpatialStructure, rows: Rows, arm: Array) -> Start:
-    """An arm whose sensor and tool are fitted from scratch.
+    """The start with sensor and tool fitted from scratch.
 
-    arm : (d,), the arm's parameters, which stay
+    arm : (d,), parameters of the arm, which are kept
     """
     groups = [group for group in structure.frame_groups if group != "lens"]
     sd = structure.prior(groups).sd
@@ -42,11 +42,11 @@ def best_frame(structure: SpatialStructure, rows: Rows, arm: Array) -> Start:
 def frame_of_drawing(structure: SpatialStructure, rows: Rows) -> Array:
     """Parameters (d,) of the nominal arm in the sensor frame that fits rows best.
 
-    Raises LogError where even these leave most of what the rows spread.
+    Raises LogError where the residuals are still large compared with the rows' spread.
     """
     start = best_frame(structure, rows, structure.neutral())
     if structure.camera:
-        # a camera's pose and its focal length help each other
+        # pose, lens and offsets depend on each other: they are fitted together
         free = [*structure.frame_groups, "offset"]
         sd = structure.prior(free).sd
         sd[structure.groups["offset"]] *= 20.0

@@ -144,7 +144,7 @@ class PlanarStructure(Structure):
 
     @cached_property
     def loads(self) -> Mapping[str, PlanarLoads]:
-        """What bends the joints, by the block of elasticity that has a parameter for each."""
+        """Loads that bend the joints, by the block of elasticity with a parameter for each."""
         turns = np.multiply(self.signs, self.revolute)
         return {"elastic": PlanarLoads(turns)}
 
@@ -168,7 +168,7 @@ class PlanarStructure(Structure):
 
     @property
     def arm_size(self) -> ArmSize:
-        """What the prior of a sensor rests on."""
+        """Size and place of the arm, for the priors of sensors."""
         unit = self._unit_of_lengths
         drawing = self.nominal
         if drawing is None:
@@ -250,7 +250,7 @@ class PlanarStructure(Structure):
         return Block("elastic", labels, scales=(scale,))
 
     def offsets(self, beta: Array) -> Array:
-        """What is added to the joints' values (dof,); a slide's offset is its direction."""
+        """Offsets that are added to the joints' values (dof,); a slide's is its direction."""
         offsets = beta[self.groups["offset"]]
         return np.where(self.revolute, offsets, 0.0)
 

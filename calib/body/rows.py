@@ -1,4 +1,4 @@
-"""Rows of sensors: what each saw of one chain, how much a row counts, and how rows add up."""
+"""Rows of sensors: readings of one chain, the weights of rows, and the sums over them."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Rows:
     """What one sensor measured: n rows of m outputs."""
 
     q: Array  # (n, dof + a), joint values [rad or m], and further facts of a row for the sensor
-    z: Array  # (n, m), what it saw
-    # how it measures, or its name where the structure has several; None: the structure's own
+    z: Array  # (n, m), readings
+    # the measurement, or the sensor's name where the structure has several; None: its only one
     sensor: Measurement | str | None = None
     floor: Array | float = 0.0  # (m,), least noise [unit]
     noise: Array | float | None = None  # (m,), noise to start from
@@ -84,7 +84,7 @@ class FitReadings:
     """Rows of one sensor within a fit: residuals, noise, and weights under Student noise.
 
     nu : degrees of freedom of the noise; infinite for Gaussian
-    blocks : contiguous blocks of rows that are kept apart
+    blocks : number of contiguous blocks of rows
     """
 
     residual: Array  # (n, m), at the fit's parameters
@@ -129,7 +129,7 @@ class FitReadings:
             return structure.residual(self.z, predicted)
 
     def by_blocks(self, beta: Array, active: Indices) -> Iterator[RowBlock]:
-        """Each block of rows, linearised at parameters (d,) by some of these (k,)."""
+        """Each block of rows, linearised at `beta` (d,) by the parameters `active` (k,)."""
         for part in self.in_parts(beta, active):
             if len(self.q) > FIT.rows_at_once:
                 yield part
@@ -165,7 +165,7 @@ class FitReadings:
     def learn_noise(self, share: float) -> None:
         """Find the most probable noise (m,).
 
-        share : of all numbers, that parameters follow; the others determine the noise
+        share : share of the numbers that the parameters absorb; the others determine the noise
         """
         if self.stated:
             return
@@ -186,7 +186,7 @@ class FitReadings:
 
     @property
     def weight(self) -> Array:
-        """Weights (n, m), the same of a row's block of outputs."""
+        """Weights (n, m), equal for outputs that share a noise."""
         weight = np.empty_like(self.residual)
         for columns, p, squares in self._squares(self.residual):
             ratios = squares / self.noise[columns.start] ** 2

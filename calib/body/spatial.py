@@ -68,7 +68,7 @@ class SpatialStructure(Structure):
 
     @property
     def arm_size(self) -> ArmSize:
-        """What the prior of a sensor rests on."""
+        """Size and place of the arm, for the priors of sensors."""
         return ArmSize(self._reach, "m")
 
     @property
@@ -82,12 +82,12 @@ class SpatialStructure(Structure):
 
     @property
     def shifts(self) -> Indices:
-        """Those (c, 3) that shift them."""
+        """Parameters (c, 3) that shift the joint origins."""
         return self.placements[:, 0]
 
     @property
     def turns(self) -> Indices:
-        """Those (c, 3) that turn them."""
+        """Parameters (c, 3) that turn the joint origins."""
         return self.placements[:, 1]
 
     @property

@@ -44,7 +44,7 @@ def best_start(
         ]
         refined.sort(key=lambda start: start.cost)
         starts = refined[: START.runs]
-    # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
+    # a planar arm that turns the other way, seen from behind, fits equally well
     most = starts[0].cost + START.tied_nats
     tied = [start for start in starts if not start.cost > most]
     return min(tied, key=lambda start: start.structure.reversals)

@@ -45,7 +45,7 @@ StructureT = TypeVar("StructureT", bound="Structure")
 
 
 class Constants(NamedTuple):
-    """What follows from the parameters alone, whatever the joints are."""
+    """Numbers that follow from the parameters alone, not from the joints."""
 
     gain: Array  # (dof, 1), with each joint's direction
     offset: Array  # (dof, 1) [rad or m]
@@ -78,7 +78,7 @@ class Structure(Layout):
         return (1,) * self.dof
 
     def offsets(self, beta: Array) -> Array:
-        """What is added to the joints' values (dof,)."""
+        """Offsets that are added to the joints' values (dof,)."""
         return beta[self.groups["offset"]]
 
     def chain_values(self, values: Array) -> Array:
@@ -90,7 +90,7 @@ class Structure(Layout):
         return chain_slope
 
     def links(self, beta: Array) -> Any:
-        """What `move` needs of the parameters."""
+        """The links of the chain at its parameters, for `move`."""
         raise NotImplementedError
 
     def tip_motions(self, state: ChainState) -> TipMotions:
@@ -99,7 +99,7 @@ class Structure(Layout):
 
     @property
     def loads(self) -> Mapping[str, BendingLoads]:
-        """What bends the joints, by the block of elasticity that has a parameter for each."""
+        """Loads that bend the joints, by the block of elasticity with a parameter for each."""
         raise NotImplementedError
 
     @property
@@ -159,9 +159,9 @@ class Structure(Layout):
     def state_and_sight(
         self, q: Array, beta: Array
     ) -> tuple[ChainState, Sight]:
-        """Where the chain is at rows (n, dof + a), and what the sensor sees of it.
+        """The chain's state at rows (n, dof + a), and its reading by the sensor.
 
-        Columns after the joints are facts of the row for its measurement.
+        The columns after the joints are further facts of a row, for its measurement.
         """
         constants = constants_at(self, beta)
         values = self.joint_values(q, beta)
@@ -181,7 +181,7 @@ class Structure(Layout):
         return sight.values
 
     def residual(self, z: Array, predicted: Array) -> Array:
-        """Residuals (n, m) of observed against predicted outputs.
+        """Residuals (n, m): observed minus predicted outputs.
 
         Of a pose, the last three are the rotation vector, in the sensor's frame, that turns the
         predicted orientation into the observed one.
@@ -349,7 +349,7 @@ def _by_curve(q: Array, joint_slope: Array) -> Array:
 
 
 def constants_at(structure: Structure, beta: Array) -> Constants:
-    """What follows from parameters (d,) alone, remembered."""
+    """The constants of a structure at parameters (d,), remembered."""
     return _constants(structure, beta.tobytes())
 
 

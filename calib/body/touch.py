@@ -25,11 +25,11 @@ from .spatial import SpatialStructure
 from .views import ArmSize, Measurement, Sight
 
 _POSTURES = 400
-"""Postures all over the range, of which the mean motion is that of the whole arm."""
+"""Number of postures all over the range; their mean motion is the motion of the whole arm."""
 
 DRAWN_SIZE = 2e-3
-"""Sd of an arm's size over that of its drawing: machined links, and a frame of aluminium that is
-20 deg warmer than the drawing grows by .5 of a thousandth."""
+"""Sd of an arm's size over that of its drawing: links are machined, and an aluminium frame 20 deg
+warmer than the drawing is .5 of a thousandth larger."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Touch(Measurement):
     """The tip less the socket that it is in [m]; a row also has the socket's number."""
 
     count: int  # sockets
-    within: tuple[float, float] = FINER  # doubt of joint origins
+    within: tuple[float, float] = FINER  # factor on the sd of joint origins
 
     outputs = 3
     floating = True
@@ -52,7 +52,7 @@ class Touch(Measurement):
     def look(
         self, blocks: Mapping[str, Array], state: ChainState, row_facts: Array
     ) -> Sight:
-        """See the tip in its sockets."""
+        """The tips minus their sockets."""
         places = blocks["point"].reshape(-1, 3)
         number = row_facts[:, 0].astype(int)
         miss = state.position.T - places[number]
@@ -61,9 +61,9 @@ class Touch(Measurement):
 
 @dataclass(frozen=True, eq=False)
 class SocketFacts(Measurement):
-    """What is known of sockets, over its tolerance: a row for each distance and point of a plane.
+    """Facts about sockets over their tolerances: a row for each distance and point of a plane.
 
-    The joints have no part in it.
+    They do not depend on the joints.
     """
 
     facts: tuple[Known, ...]
@@ -77,7 +77,7 @@ class SocketFacts(Measurement):
         state: ChainState,  # noqa: ARG002
         row_facts: Array,
     ) -> Sight:
-        """See how far the sockets are off."""
+        """The sockets' misfits."""
         places = blocks["point"].reshape(-1, 3)
         misfit = np.concatenate(
             [fact.misfit(places) / fact.tolerance for fact in self.facts]
@@ -90,7 +90,7 @@ class SocketFacts(Measurement):
 def rows_of_touches(
     q: Array, point: Indices, facts: Sequence[Known], x: Array
 ) -> list[Rows]:
-    """Touches, positions, and what is known of sockets, each a measurement.
+    """The rows of touches, positions, and facts about sockets, each a measurement.
 
     The parameters are those of `fit_touches`.
     """
@@ -135,7 +135,7 @@ def fit_touches(
     x: Array,
     seed: int,
 ) -> tuple[BodyFit, Array]:
-    """Fit an arm to touches; return the sockets' places (p, 3) [m] in the sensor's frame, too.
+    """Fit an arm to touches; also return the sockets' places (p, 3) [m] in the sensor's frame.
 
     structure : the arm with its drawing as prior: in its base frame (view ``"base"``), or before
         the sensor that measured some rows (``"rigid"``)
@@ -164,7 +164,7 @@ def fit_touches(
         size = (_POSTURES, len(lower))
         postures = rng.uniform(lower, upper, size)
         body = without_whole_motion(body, postures)
-    # where a block has most touches of a socket, the others do not determine its place
+    # not as fitted: other blocks hardly determine a socket whose touches are mostly in one block
     no_widening = np.ones(len(q))
     held_out = _held_out(joint_fit, point)
     fitted = replace(
@@ -211,9 +211,9 @@ def _beginning(
 
 
 def _about_means(residual: Array, point: Indices) -> Array:
-    """Held-out residuals, about their mean where a block has most touches of a socket.
+    """Held-out residuals, minus their mean where a block has most touches of a socket.
 
-    What the other blocks show of the arm does not place such a socket.
+    The other blocks determine the arm, but hardly the place of such a socket.
     """
     out = residual.copy()
     counts = np.bincount(point)
@@ -228,7 +228,7 @@ def _about_means(residual: Array, point: Indices) -> Array:
 
 
 def in_structure(body: Body, structure: SpatialStructure) -> Body:
-    """The belief in another structure of the same arm, without what that does not have."""
+    """The belief in another structure of the arm, without parameters that this does not have."""
     before = [label.name for label in body.structure.labels]
     after = [label.name for label in structure.labels]
     _, shared, places = np.intersect1d(before, after, return_indices=True)
@@ -244,10 +244,11 @@ def in_structure(body: Body, structure: SpatialStructure) -> Body:
 
 
 def without_whole_motion(body: Body, q: Array) -> Body:
-    """The belief without what moves the arm as a whole, on average over `q` (n, dof).
+    """The belief without the uncertainty of the whole arm's motion, on average over `q` (n, dof).
 
-    No touch constrains a motion of the whole arm: it stays as drawn, and intervals and bounds omit
-    it.  The first joint's origin moves the arm as a whole, so that it takes the opposite part.
+    Touches do not determine where the whole arm is: it stays as drawn, and intervals and bounds
+    omit it.  Each uncertain parameter is combined with the move of the first joint's origin that
+    cancels its motion of the whole arm.
     """
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone
@@ -269,10 +270,10 @@ def without_whole_motion(body: Body, q: Array) -> Body:
 
 
 def with_size(body: Body, sd: float) -> Body:
-    """The belief of an arm whose size is known to a relative `sd` alone.
+    """The belief with the arm's size uncertain by a relative `sd`.
 
-    Growing by one factor, arm and sockets together, leaves every touch as it was.  The drawing
-    knows the size to some `DRAWN_SIZE`, and so does a distance of sockets that somebody stated.
+    No touch changes if arm and sockets grow by one factor: only a drawing (`DRAWN_SIZE`) or a
+    stated distance of sockets determines the size.
     """
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone

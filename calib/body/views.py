@@ -114,7 +114,7 @@ def _product(slope: Array, motions: Array) -> Array:
 
 
 class ArmSize(NamedTuple):
-    """What the prior of a sensor rests on: the arm's size, and the place of its drawing."""
+    """The arm's size and the place of its drawing, for the priors of sensors."""
 
     reach: float  # [unit]
     unit: str  # of its lengths

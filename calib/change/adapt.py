@@ -142,8 +142,7 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
     held_out_distance = distance[update.rows]
     error = held_out_distance.mean()
     if error >= _promise(evidence, update):
-        after = error_sizes(held_out_distance)
-        unchanged = replace(unchanged, after=after)
+        unchanged = replace(unchanged, after=error_sizes(held_out_distance))
         if error >= ADAPTATION.clearly_better * update.before.mean():
             return unchanged.with_note(PROMISE_BROKEN)
     improved = replace(unchanged, improved=True)
@@ -202,8 +201,8 @@ def _promise(evidence: Evidence, update: Update) -> float:
 
 def _improved_region(improved: Adaptation, model: Model) -> str:
     """The note that the model improved at the rows only: elsewhere it may have changed further."""
-    unit = model.about.unit
-    bound = quantity(float(np.median(model.model_bounds)), unit)
+    median = float(np.median(model.model_bounds))
+    bound = quantity(median, model.about.unit)
     return (
         f"improved at the rows, {100 * improved.coverage:.0f} % of the learned range: unknown "
         f"elsewhere, where the position is known to {bound} (median of the bound) if nothing "
@@ -251,12 +250,12 @@ def _online(verdict: Verdict, report: Progress) -> Adaptation:
     # every tenth block is held out
     count = max(10, len(u) // BLOCK)
     held_out = np.concatenate(blocks(len(u), count)[4::10])
-    shown = np.setdiff1d(np.arange(len(u)), held_out)
-    adapter = OnlineAdapter(rows.model, max(HORIZON, len(shown)), force=True)
-    times = -(-HORIZON // len(shown))
+    learned = np.setdiff1d(np.arange(len(u)), held_out)
+    adapter = OnlineAdapter(rows.model, max(HORIZON, len(learned)), force=True)
+    times = -(-HORIZON // len(learned))
     for k in range(times):
-        step = adapter.feed(q[shown], x[shown])
-        share = min(1.0, (k + 1) * len(shown) / HORIZON)
+        step = adapter.feed(q[learned], x[learned])
+        share = min(1.0, (k + 1) * len(learned) / HORIZON)
         report(0.9 * share, "online", step.error)
     model = adapter.model()
     residual = x[held_out] - model.predictor.value(u[held_out])
@@ -265,7 +264,7 @@ def _online(verdict: Verdict, report: Progress) -> Adaptation:
     correction = "maps and Hebbian links trained online"
     unchanged = unchanged_adaptation(verdict, before, after, correction, ())
     if times > 1:
-        note = f"{len(shown)} samples were shown {times} times"
+        note = f"{len(learned)} samples were shown {times} times"
         unchanged = unchanged.with_note(note)
     answered = np.isfinite(model.expected_error(q[held_out]))
     if not better(after, before) or answered.mean() <= 0.5:

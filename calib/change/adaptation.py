@@ -370,9 +370,9 @@ def _sensory_map(old: Model, before: Array, after: Array) -> Map:
     # by an affine map and the means' deviation from it, so that a node keeps its place among its
     # partners
     frame = Alignment.between(before, after)
-    moved = frame.apply(sensory.weights)
+    weights = frame.apply(sensory.weights)
     shift = mean_of_partners(after) - frame.apply(mean_of_partners(before))
-    linked = total > 0
-    moved[linked] += shift[linked]
-    scale = Scale.of_data(np.concatenate([moved, after]))
-    return Map(scale.to_unit(moved), sensory.lattice, scale, sensory.history)
+    is_linked = total > 0
+    weights[is_linked] += shift[is_linked]
+    scale = Scale.of_data(np.concatenate([weights, after]))
+    return Map(scale.to_unit(weights), sensory.lattice, scale, sensory.history)

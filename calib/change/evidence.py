@@ -214,9 +214,9 @@ class Evidence:
     def is_one_place(self) -> bool:
         """Whether the tip hardly moves compared with the noise of the rows' mean."""
         predicted = self.rows.predicted
-        moved = median_length(predicted - np.median(predicted, axis=0))
+        spread = median_length(predicted - np.median(predicted, axis=0))
         noise = median_length(self.best.residual) / math.sqrt(len(predicted))
-        return moved < noise
+        return spread < noise
 
     @cached_property
     def is_better(self) -> bool:
@@ -231,9 +231,7 @@ class Evidence:
             return True
         best = self.best.log_evidence
         no_change = [
-            explanation.log_evidence
-            for explanation in self.explanations
-            if explanation.is_no_change
+            e.log_evidence for e in self.explanations if e.is_no_change
         ]
         gain = best - max(no_change, default=-np.inf)
         return gain > MARGIN and best > self.unnamed_log_evidence - MARGIN

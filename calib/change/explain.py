@@ -25,12 +25,7 @@ import numpy as np
 from ..body.covariance import Factor
 from ..body.parameters import Indices
 from ..common.arrays import Array
-from .causes import (
-    FRAME,
-    SETS,
-    frame_twin,
-    indices_of,
-)
+from .causes import FRAME, SETS, frame_twin, indices_of
 from .explanation import Explanation, Iterate, climb
 from .system import System
 

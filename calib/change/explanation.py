@@ -142,12 +142,12 @@ def with_least_waves(explanations: Sequence[Explanation]) -> Explanation:
     """The best explanation, with the least waves among those of nearly its evidence."""
     best = explanations[0]
     least = best.log_evidence - NATS
-    alike = [
+    rivals = [
         other
         for other in explanations
         if other.causes == best.causes and other.log_evidence > least
     ]
-    return min(alike, key=attrgetter("wave_size"))
+    return min(rivals, key=attrgetter("wave_size"))
 
 
 @dataclass(frozen=True)

@@ -140,21 +140,15 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     rows = spread_rows(len(q), FRAME_SEARCH.rows)
     q = q[rows]
     z = z[rows]
-    if _is_near(structure, body.beta, q, z):
+    residual = z - structure.predict(q, body.beta)
+    far = FRAME_SEARCH.far * float(structure.extents[0])
+    if median_length(residual[:, structure.position]) < far:
         return Reference(body, body.beta)
     if isinstance(structure, SpatialStructure) and is_camera(structure.view):
         start = _camera_anew(structure, body.beta, q, z)
         beta = _frame_fit(structure, q, z, start, FRAME)
         return Reference(body, beta, refitted=indices_of(structure, FRAME))
     return _by_best_variant(body, q, z, unit)
-
-
-def _is_near(structure: Structure, beta: Array, q: Array, z: Array) -> bool:
-    """Whether the frame of parameters (d,) is near enough to a log."""
-    residual = z - structure.predict(q, beta)
-    positions = residual[:, structure.position]
-    far = FRAME_SEARCH.far * float(structure.extents[0])
-    return median_length(positions) < far
 
 
 def _by_best_variant(body: Body, q: Array, z: Array, unit: str) -> Reference:
@@ -186,8 +180,15 @@ def _by_best_variant(body: Body, q: Array, z: Array, unit: str) -> Reference:
         if Alignment.between(before, after).is_swapped:
             words = "x and y of the log are exchanged, compared with the model"
             causes[0] = replace(causes[0], words=words)
+    scaled = replace(
+        body,
+        structure=structure,
+        noise=scale * body.noise,
+        tau=scale * body.tau,
+        residual=scale * body.residual,
+    )
     return Reference(
-        body=_scaled(body, structure, scale),
+        body=scaled,
         beta=beta,
         causes=tuple(causes),
         scale=scale,
@@ -201,8 +202,8 @@ def _best_placement(body: Body, q: Array, z: Array) -> _Placement:
     extent = float(structure.extents[0])
     positions = z[:, structure.position]
     predicted = structure.predict(q, body.beta)[:, structure.position]
-    moved = median_length(predicted - np.median(predicted, axis=0))
-    if moved < FRAME_SEARCH.far * extent:
+    spread = median_length(predicted - np.median(predicted, axis=0))
+    if spread < FRAME_SEARCH.far * extent:
         # rows of one place are as near in every variant and unit
         plain = _Variant(structure, body.beta, unit_is_open=False)
         return _Placement.of(plain, q, positions)
@@ -231,17 +232,6 @@ def _in_other_unit(
     beta = variant.beta.copy()
     beta[indices_of(structure, ("view.scale",))] += np.log(factor)
     return _Variant(structure, beta, (*variant.causes, cause))
-
-
-def _scaled(body: Body, structure: Structure, factor: float) -> Body:
-    """The belief with the structure of a log, its noises times the factor of the unit."""
-    return replace(
-        body,
-        structure=structure,
-        noise=factor * body.noise,
-        tau=factor * body.tau,
-        residual=factor * body.residual,
-    )
 
 
 def offset_after(
@@ -338,12 +328,12 @@ def _stuck_variants(structure: Structure, beta: Array) -> Iterator[_Variant]:
             continue
         name = structure.joint_names[k]
         words = f"{name} no longer moves the tip"
-        lost = Cause(f"lost:{name}", "gain", words, 0.0, unit="1")
+        stuck_cause = Cause(f"lost:{name}", "gain", words, 0.0, unit="1")
         for angle in np.arange(-np.pi, np.pi, FRAME_SEARCH.angle):
             stuck = beta.copy()
             stuck[gains[k]] = 0.0
             stuck[structure.groups["offset"][k]] += angle
-            yield _Variant(structure, stuck, (lost,), unit_is_open=False)
+            yield _Variant(structure, stuck, (stuck_cause,), unit_is_open=False)
 
 
 def _camera_anew(

@@ -193,9 +193,11 @@ def _step_within(
     all_observations : of all rows, also of those that contradict the others
     noisy : a joint whose encoder is noisy
     """
-    # touches have no order of their own
-    has_order = evidence.rows.log.touch is None
-    if not has_order or not (evidence.fired or evidence.tests.noisier):
+    if (
+        evidence.rows.log.touch is not None
+    ):  # touches have no order of their own
+        return None
+    if not (evidence.fired or evidence.tests.noisier):
         return None
     best = evidence.best
     reference = replace(best.reference, beta=best.beta)

@@ -284,7 +284,7 @@ class WaveSettings:
     usual: float = math.sqrt(2.0) * PRIOR.curve_rms
     # share of a wave's effect from which another wave is its rival, and most nats by which a rival
     # explains the rows less: rows in a corner do not distinguish waves of 8 and 9 cycles
-    alike: float = 0.5
+    likeness: float = 0.5
     nats: float = 5.0
 
 
@@ -348,10 +348,10 @@ class WaveFits(NamedTuple):
         """Which waves (w,) are like the best one, and explain the rows as well."""
         cross = self.matrix[:, :, self.best]
         of_best = self.covariances[self.best]
-        alike = np.einsum(
+        likeness = np.einsum(
             "wij,wik,wkl,lj->w", cross, self.covariances, cross, of_best
         )
-        rivals: Mask = alike / 2.0 > WAVES.alike
+        rivals: Mask = likeness / 2.0 > WAVES.likeness
         rivals &= self.nats > self.nats[self.best] - WAVES.nats
         rivals[self.best] = False
         return rivals
@@ -396,8 +396,8 @@ def _clearest_wave(noise: NoiseFit) -> Wave | None:
 def _indices_of_waves(reference: Reference) -> Indices:
     """Parameters (w, 2) of cosine and sine of each further wave of each turning joint."""
     curves = indices_of(reference.structure, ("curve",))
-    curves = curves.reshape(-1, 2, HARMONICS)
-    indices = np.swapaxes(curves, 1, 2).reshape(-1, 2)
+    by_joint = curves.reshape(-1, 2, HARMONICS)
+    indices = by_joint.swapaxes(1, 2).reshape(-1, 2)
     is_new = ~np.isin(indices[:, 0], reference.waves)
     return indices[is_new]
 

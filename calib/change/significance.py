@@ -23,19 +23,9 @@ from ..body.structure import Structure
 from ..common.arrays import Array, Index
 from .causes import indices_of
 from .frame import Reference
-from .noise import (
-    FALSE_ALARM,
-    NoiseFit,
-    f_chance,
-    score_of,
-)
+from .noise import FALSE_ALARM, NoiseFit, f_chance, score_of
 from .rows import LogRows
-from .system import (
-    CREEP_SHARE,
-    NoisyJoint,
-    Nuisance,
-    Statistics,
-)
+from .system import CREEP_SHARE, NoisyJoint, Nuisance, Statistics
 
 
 @dataclass(frozen=True)
@@ -353,8 +343,7 @@ def variance_of_places(u: Array, residual: Array) -> float:
     # noise of any size makes both signs equally likely
     if product.sum() <= -ndtri(FALSE_ALARM) * np.linalg.norm(product):
         return 0.0
-    variance: float = product.mean() / residual.shape[1]
-    return variance
+    return float(product.mean() / residual.shape[1])
 
 
 def neighbours_apart_in_time(u: Array) -> tuple[Index, Index]:

@@ -118,9 +118,9 @@ def _starts(u: Array) -> Index:
     starts: Index = LEAST_ROWS + spread_rows(count, STEPS.starts)
     is_before = first[:, None] < starts
     is_after = second[:, None] >= starts
-    apart = (is_before & is_after).mean(axis=0)
+    separated = (is_before & is_after).mean(axis=0)
     by_chance = 2.0 * starts * (len(u) - starts) / len(u) ** 2
-    is_mixed = apart > STEPS.mixed * by_chance
+    is_mixed = separated > STEPS.mixed * by_chance
     return np.asarray(starts[is_mixed])
 
 

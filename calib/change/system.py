@@ -21,12 +21,7 @@ from ..body.information import lengths_of, matern
 from ..body.parameters import Indices
 from ..common.arrays import Array, Mask
 from ..common.rows import spread_rows
-from .causes import (
-    AS_SIMULATED,
-    CREEP_WAVES,
-    sd_of_creep,
-    single_causes,
-)
+from .causes import AS_SIMULATED, CREEP_WAVES, sd_of_creep, single_causes
 from .frame import Reference
 from .rows import LogRows
 
@@ -351,9 +346,9 @@ def smooth_columns(body: Body, sd: Array, q: Array, nodes: Array) -> Array:
     sd : (m,), its standard deviation [unit]
     """
     lengths = lengths_of(body, nodes)
-    alike = matern(nodes, nodes, lengths)
-    alike[np.diag_indices(len(alike))] += 1e-6
-    root = np.linalg.cholesky(alike)
+    correlation = matern(nodes, nodes, lengths)
+    correlation[np.diag_indices(len(correlation))] += 1e-6
+    root = np.linalg.cholesky(correlation)
     features = np.linalg.solve(root, matern(nodes, q, lengths))
     return along_axes(features.T, np.diag(sd))
 

@@ -100,6 +100,7 @@ def _update(
     body: Body,
     rows: Indices,
     residual: Array,
+    at_rows: Body | None = None,
 ) -> Update:
     """The update to a body, judged by held-out rows (k,) with residuals (k, m) [unit]."""
     before = evidence.rows.distance[rows]
@@ -110,6 +111,7 @@ def _update(
         before=before,
         residual=residual,
         improved=_is_better(evidence, body, before, row_lengths(residual)),
+        at_rows=at_rows,
     )
 
 
@@ -146,8 +148,7 @@ def _update_by_posterior(
         at_rows = _with_sound_bound(body, q, distance)
         body = _as_uncertain(body, explanation, evidence)
     body = _with_sound_bound(body, q, distance)
-    update = _update(evidence, explanation, body, rows, residual)
-    return replace(update, at_rows=at_rows)
+    return _update(evidence, explanation, body, rows, residual, at_rows)
 
 
 def _with_tool(evidence: Evidence, update: Update) -> Update:

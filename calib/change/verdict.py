@@ -11,13 +11,7 @@ from .causes import Cause
 from .evidence import Evidence
 from .noise import FALSE_ALARM
 from .rows import OUTLIER, LogRows
-from .significance import (
-    BEYOND,
-    BoundTest,
-    GroupTest,
-    GroupTests,
-    bound_test,
-)
+from .significance import BEYOND, BoundTest, GroupTest, GroupTests, bound_test
 from .update import Update
 
 # most rows that distortions are measured on
@@ -266,9 +260,9 @@ def verdict_on_maps(rows: LogRows) -> Verdict:
     """The verdict on a model without a body, by the bound of its maps."""
     noise = rows.model.baseline.noise if rows.model.baseline else 0.0
     limit = SHARED_ERRORS * rows.bound
-    usual = float(np.median(rows.distance))
-    most = max(OUTLIER * usual, float(limit.max()))
-    sound = np.asarray(rows.distance <= most)
+    distance = rows.distance
+    most = max(OUTLIER * np.median(distance), limit.max())
+    sound = np.asarray(distance <= most)
     rows = rows.without_strays(sound)
     tests = GroupTests((), noise, noise)
     limit = limit[sound]

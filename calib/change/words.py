@@ -115,9 +115,9 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
     if tests.noisy is not None and not drifted:
         joint, sd = tests.noisy
         name, unit = _joint(evidence, joint)
-        factor, shown = for_people(unit)
+        factor, shown_unit = for_people(unit)
         words = (
-            f"{name} is noisy, by {two_digits(factor * sd)} {shown}: its encoder, or play; "
+            f"{name} is noisy, by {two_digits(factor * sd)} {shown_unit}: its encoder, or play; "
             "no calibration mends that"
         )
         causes.append(Cause(f"noise:{name}", "noise", words, sd, unit=unit))
@@ -140,10 +140,10 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
 
 def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
     """Return the causes with at most one of the tool: `what` (camera, board) moved in its mount."""
-    moved = [cause for cause in causes if cause.group.startswith("tool")]
-    if not moved:
+    of_tool = [cause for cause in causes if cause.group.startswith("tool")]
+    if not of_tool:
         return causes
-    first = min(moved, key=lambda cause: cause.unit != "rad")
+    first = min(of_tool, key=lambda cause: cause.unit != "rad")
     low, high = first.interval or (0.0, 0.0)
     how = "moved in its mount, what it sees by"
     if first.unit == "rad":
@@ -151,7 +151,7 @@ def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
     size = quantity(abs(low + high) / 2, first.unit, (high - low) / 2)
     words = f"the {what} has {how} {size}"
     once = replace(first, cause="tool", words=words)
-    return [once, *(cause for cause in causes if cause not in moved)]
+    return [once, *(cause for cause in causes if cause not in of_tool)]
 
 
 def _changes(evidence: Evidence) -> list[Cause]:
@@ -199,8 +199,8 @@ def _effects(evidence: Evidence) -> list[tuple[float, Cause]]:
     best = evidence.best
     structure = best.reference.structure
     change = np.abs(evidence.change)
-    clear = change > WORDS.clear * best.deviation
-    clear &= best.deviation > 0.0
+    is_clear = change > WORDS.clear * best.deviation
+    is_clear &= best.deviation > 0.0
     sizes = change * moves_of(structure, best.beta, evidence.rows.probes)
     frame = indices_of(structure, FRAME)
     is_scaled = evidence.reference.scale != 1.0
@@ -216,7 +216,7 @@ def _effects(evidence: Evidence) -> list[tuple[float, Cause]]:
         indices = indices_of(structure, (group,))
         parts = [indices] if GROUPS[group].whole else indices[:, None]
         for part in parts:
-            changed = part[clear[part]]
+            changed = part[is_clear[part]]
             if len(changed):
                 largest = int(changed[np.argmax(sizes[changed])])
                 cause = _of_parameter(evidence, largest, part)
@@ -224,7 +224,7 @@ def _effects(evidence: Evidence) -> list[tuple[float, Cause]]:
     # with mirrored axes or another unit the frame has moved, whatever its parameters say
     discrete = {cause.cause for cause in evidence.reference.causes}
     is_other = not discrete.isdisjoint(("mirror", "scale"))
-    if FRAME[0] in best.groups and (is_other or clear[frame].any()):
+    if FRAME[0] in best.groups and (is_other or is_clear[frame].any()):
         size = float(np.linalg.norm(sizes[frame]))
         effects.append((size, _move_of_sensor(evidence)))
     return effects
@@ -303,17 +303,19 @@ def _move_of_sensor(evidence: Evidence) -> Cause:
     best = evidence.best
     structure = best.reference.structure
     turn = structure.groups["view.rotation"]
-    moved = frame_between(evidence, best.beta)
+    frame_move = frame_between(evidence, best.beta)
     half = Z95 * float(np.linalg.norm(best.deviation[turn]))
-    squares = np.zeros(len(moved.shift))
+    squares = np.zeros(len(frame_move.shift))
     for k in indices_of(structure, FRAME).tolist():
         nearby = best.beta.copy()
         nearby[k] += best.deviation[k]
-        squares += (frame_between(evidence, nearby).shift - moved.shift) ** 2
-    value = moved.angle
+        squares += (
+            frame_between(evidence, nearby).shift - frame_move.shift
+        ) ** 2
+    value = frame_move.angle
     if len(turn) == 1:  # with its sign, also of a mirrored one
         value = math.remainder(float(evidence.change[turn[0]]), 2 * math.pi)
-    size = moved.words(evidence.unit, half, Z95 * np.sqrt(squares))
+    size = frame_move.words(evidence.unit, half, Z95 * np.sqrt(squares))
     words = f"the sensor's frame moved: {size}"
     cause = Cause("sensor", "view.rotation", words, value, unit="rad")
     return cause.within(half)

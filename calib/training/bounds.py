@@ -83,8 +83,8 @@ def _baseline(model: Model, samples: Samples, u: Array, x: Array) -> Baseline:
     """
     every = max(1, len(samples) // TESTING.baseline)
     learned = model.motor.scale.to_unit(samples.q[::every])
-    missed = model.predictor.value(learned) - samples.x[::every]
-    return learn_baseline(model.association, u, x, row_lengths(missed))
+    residual = model.predictor.value(learned) - samples.x[::every]
+    return learn_baseline(model.association, u, x, row_lengths(residual))
 
 
 def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
@@ -124,7 +124,7 @@ def _simulation_bounds(
     Returns bounds, and joints (k, dof) in the unit box and positions (k, m) of these samples
     """
     rng = np.random.default_rng(seed)
-    q = simulation.draw(TESTING.drawn, rng)
+    q = simulation.draw(TESTING.draws, rng)
     x = simulation.true(q, rng)
     q = q - half_play * directions(q)
     inside = model.covers(q)

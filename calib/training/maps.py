@@ -41,9 +41,9 @@ def maps_of(
     if samples.simulation is None or len(samples) < nodes:
         learned = thinned(len(u), LEARNING.most_rows)
         rng = np.random.default_rng(options.stream("imagined"))
-        drawn = rng.random((LEARNING.imagined * nodes, u.shape[1]))
-        u = np.concatenate([u[learned], drawn])
-        x = np.concatenate([x[learned], log.body.value(drawn)])
+        imagined = rng.random((LEARNING.imagined * nodes, u.shape[1]))
+        u = np.concatenate([u[learned], imagined])
+        x = np.concatenate([x[learned], log.body.value(imagined)])
     misfit = misfit_around(log, u)
     return associate(scale, u, x, options, misfit, progress)
 
@@ -53,8 +53,7 @@ def misfit_around(log: FittedLog, u: Array) -> Array | None:
     scale = log.samples.unit_box
     learned = scale.to_unit(log.samples.q[log.rows])
     size = diagonal(log.samples.x[log.rows])
-    held_out = log.fit.held_out
-    return model_selection.misfit(scale, learned, held_out, size, u)
+    return model_selection.misfit(scale, learned, log.fit.held_out, size, u)
 
 
 def associate(
