@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..errors import OptionError
-from .spatial_chain import Motion, SpatialChain, cross, rotate
+from .spatial_chain import ChainState, SpatialChain, cross, rotate
 
 _STANDARD = 9.80665
 """Standard gravity [m/s2]."""
@@ -93,12 +93,12 @@ class Loads:
 
         For a weight in kg and gravity in m/s2 a load is ``gravity . lever`` [N m, N of a slide].
         """
-        motion = self.chain.motion(q)
+        motion = self.chain.state(q)
         return self._pull(motion, self._point_positions(motion), self.joints)
 
     def slopes(self, q: Array, gravity: Array) -> Array:
         """Derivatives (e, dof, n) of the loads under gravity (3,) by the joint values (n, dof)."""
-        motion = self.chain.motion(q)
+        motion = self.chain.state(q)
         positions = self._point_positions(motion)
         across = cross(gravity[:, None], motion.axes)
         across *= self.chain.nominal_links.turning
@@ -111,14 +111,14 @@ class Loads:
         slopes = np.einsum("ken,kd->edn", by_joint, self.chain.coupling)
         return np.asarray(slopes)
 
-    def _point_positions(self, motion: Motion) -> Array:
+    def _point_positions(self, motion: ChainState) -> Array:
         """Positions (p, 3, n) [m] of the points."""
         arms = self.points - self.chain.points[self.links]
         frames = motion.frames[1:][self.links]
         return motion.places[self.links] + rotate(frames, arms[..., None])
 
     def _pull(
-        self, motion: Motion, positions: Array, joints: NDArray[np.intp]
+        self, motion: ChainState, positions: Array, joints: NDArray[np.intp]
     ) -> Array:
         """How joints (..., e) move the weighted sum of points beyond them, (..., e, 3, n)."""
         weights = self.weights * (self.links >= joints[..., None])

@@ -40,7 +40,7 @@ class Deviations:
 
 
 @dataclass(frozen=True)
-class Motion:
+class ChainState:
     """Where a chain is at n rows, and the directions in which each part of it moves the tip."""
 
     position: Array  # (3, n) [m]
@@ -127,15 +127,15 @@ class SpatialChain:
         """Values of all joints: (n, dof) [rad or m] -> (m, n)."""
         return self.coupling @ q.T + self.bias[:, None]
 
-    def motion(self, q: Array) -> Motion:
+    def state(self, q: Array) -> ChainState:
         """Where its parts are at joint values (n, dof) [rad or m]."""
         return move(self.nominal_links, self.values(q))
 
     def poses(self, q: Array) -> tuple[Array, Array]:
         """Positions (n, 3) [m] and orientations (n, 3, 3) of the tip's frame."""
-        motion = self.motion(q)
-        positions = np.ascontiguousarray(motion.position.T)
-        orientations = np.moveaxis(motion.rotation, 2, 0).copy()
+        state = self.state(q)
+        positions = np.ascontiguousarray(state.position.T)
+        orientations = np.moveaxis(state.rotation, 2, 0).copy()
         return positions, orientations
 
     def jacobian(self, q: Array) -> Array:
@@ -144,7 +144,7 @@ class SpatialChain:
         Rows 0 to 2 are velocities of the tip's point [m/rad or 1], rows 3 to 5 angular
         velocities of its frame [1 or 0].
         """
-        twists = np.concatenate(self.motion(q).joints(), axis=1)
+        twists = np.concatenate(self.state(q).joints(), axis=1)
         return twists.transpose(2, 1, 0) @ self.coupling
 
     @cached_property
@@ -204,7 +204,7 @@ class Links:
         )
 
 
-def move(links: Links, values: Array) -> Motion:
+def move(links: Links, values: Array) -> ChainState:
     """Evaluate a chain at the values (m, n) of its joints [rad or m]."""
     m, n = values.shape
     # coordinates come first and rows last, so that every operation runs along the rows
@@ -234,7 +234,9 @@ def move(links: Links, values: Array) -> Motion:
     tip = flange
     if links.tool_rotation is not None:
         tip = _product(flange, links.tool_rotation[..., None])
-    return Motion(position, tip, origins, places, frames, axes, flange, links)
+    return ChainState(
+        position, tip, origins, places, frames, axes, flange, links
+    )
 
 
 def cross(a: Array, b: Array) -> Array:

@@ -23,56 +23,57 @@ from .settings import PLAY
 class Approach:
     """Half the play h of each joint."""
 
-    # [rad or m], 0 where the log shows none
+    # half the play h [rad or m], 0 where the log shows none
     play: Annotated[Array, Shape("dof")]
 
-    def effective(self, q: Array, direction: Array) -> Array:
-        """True values (n, dof) of joints that came from a direction, 1, -1 or 0 (unknown)."""
-        return q - self.play * direction
+    def effective(self, q: Array, side: Array) -> Array:
+        """True values (n, dof) of joints by the sign of their last motion, 0 where unknown."""
+        return q - self.play * side
 
-    def has_direction(self, direction: Array) -> Mask:
-        """Whether the direction (n, dof) of all joints with play is known, (n,)."""
-        is_known = direction != 0.0
+    def has_sides(self, side: Array) -> Mask:
+        """Whether the side (n, dof) of all joints with play is known, (n,)."""
+        is_known = side != 0.0
         is_tight = self.play == 0.0
-        has_direction: Mask = (is_known | is_tight).all(axis=1)
-        return has_direction
+        is_enough: Mask = (is_known | is_tight).all(axis=1)
+        return is_enough
 
 
-class Beside(NamedTuple):
-    """What rows may err by besides plays: k parameters that are estimated together with them."""
+class OtherColumns(NamedTuple):
+    """k parameters that are estimated together with the plays."""
 
     columns: Array  # (n, m, k), derivatives of the position by them, in noises
     precision_root: Array  # (k,), one over their prior standard deviations
-    pull: Array  # (k,), how far they are below their prior mean
+    pull: Array  # (k,), their prior means minus their values
 
 
-def learn_play(
+def learn_half_play(
     residual: Array,
     slope: Array,
-    direction: Array,
-    beside: Beside,
+    side: Array,
+    others: OtherColumns,
     known: Array,
 ) -> Array | None:
-    """Half the play of each joint (dof,), or None where no joint is sure to have some.
+    """Half the play of each joint (dof,), or None where no joint surely has play.
 
-    Once one joint surely has play, others count that are only likely to have some.
+    Once one joint surely has play, others that only likely have play count, too.
 
     residual : (n, m), measured less predicted position in noises, in the order of motion
     slope : (n, m, dof) [1 / rad or m], derivative of the position in noises by the joint values
-    direction : (n, dof), sign of the last motion of each joint
-    known : (dof,), half the play that the predictions are free of [rad or m]
+    side : (n, dof), sign of the last motion of each joint
+    others : parameters that are estimated together with the plays
+    known : (dof,), half the play that the joint values are already without [rad or m]
     """
     n, outputs, dof = slope.shape
-    features = -slope * direction[:, None, :]
+    features = -slope * side[:, None, :]
     residual = residual + features @ known
     # the prior adds a row for each parameter
-    count = len(beside.pull)
-    of_rows = beside.columns.reshape(n * outputs, count)
-    columns = np.vstack([of_rows, np.diag(beside.precision_root)])
-    target = np.append(residual, beside.precision_root * beside.pull)
+    count = len(others.pull)
+    row_columns = others.columns.reshape(n * outputs, count)
+    columns = np.vstack([row_columns, np.diag(others.precision_root)])
+    target = np.append(residual, others.precision_root * others.pull)
     features = features.reshape(n * outputs, dof)
     plays = np.vstack([features, np.zeros((count, dof))])
-    # less what the parameters explain
+    # the parts that the parameters do not explain
     basis, _ = np.linalg.qr(columns)
     target -= basis @ (basis.T @ target)
     plays -= basis @ (basis.T @ plays)
@@ -85,9 +86,9 @@ def learn_play(
     half, _ = _least_squares(plays[:, is_likely], target, outputs)
     if (half < 0.0).any():
         return None
-    play = np.zeros(len(is_likely))
-    play[is_likely] = half
-    return play
+    half_play = np.zeros(len(is_likely))
+    half_play[is_likely] = half
+    return half_play
 
 
 def _least_squares(
@@ -107,10 +108,10 @@ def _least_squares(
     inverse = np.linalg.inv(gram)
     solution = inverse @ features.T @ target
     misfit = target - features @ solution
-    # robust to what the coordinates of a row share
+    # robust to errors that the coordinates of a row share
     starts = np.arange(0, len(target), outputs)
     scores = np.add.reduceat(features * misfit[:, None], starts, axis=0)
     errors = np.linalg.norm(scores @ inverse, axis=0)
-    # where rows hardly tell a play from the parameters, these are as unsure as their priors
+    # where rows hardly separate a play from the parameters, the prior limits its error
     white = np.sqrt(np.diag(inverse))
     return solution, np.maximum(errors, white)

@@ -18,7 +18,7 @@ from .structure import OfStructure, Structure
 from .views import is_camera
 from .words import words_of
 
-_Belief = TypeVar("_Belief", "Body", "Second")
+_Belief = TypeVar("_Belief", "Body", "GuardFit")
 
 _CHUNK = 2000  # rows that a bound is evaluated for at a time
 
@@ -36,19 +36,30 @@ class Parameter(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Second(Gaussian):
+class GuardFit(Gaussian):
     """A second fit with a wider hyperprior of the curves; the bound takes the worse of both."""
 
     beta: Annotated[Array, Shape("parameters")]
-    # its parameters: those of the first fit and the curves
+    # the fitted parameters: those of the first fit and the curves
     active: Annotated[Indices, Shape("k")]
-    # of their covariance
+    # root of their covariance
     root: Annotated[Array, Shape("k", "k", storage=TRIANGLE)]
 
 
 @dataclass(frozen=True)
 class Body(OfStructure):
-    """A Gaussian belief over the parameters of an arm and its sensor."""
+    """A Gaussian belief over the parameters of an arm and its sensor.
+
+    The bound takes the worse of two fits, this one and `second`::
+
+        bound = max(kappa r95(S^2 J C J' + R), |f - f2| + r95(J2 C2 J2' + R))
+        R = residual^2 + noise^2            of readings
+        R = residual^2 + noise^2 - repeat^2 of the true position; residual^2 in a simulation
+
+    with `SHARED` S, predictions f, their derivatives J, covariances C, and the radius r95 that
+    holds 95 % of a Gaussian.  `tau` has no part in it: it is the size of the smooth error that a
+    log of an unchanged arm may show (`calib.change`).
+    """
 
     structure: Structure
     # parameters at the maximum of the posterior
@@ -58,19 +69,19 @@ class Body(OfStructure):
     root: Annotated[Array, Shape("k", "k", storage=TRIANGLE)]
     # noise sd of each output [unit; rad for rotations]
     noise: Annotated[Array, Shape("outputs")]
-    kappa: float  # inflation of the bound by leave-block-out errors, at least 1
-    # (m,), residual sd of the body itself, from leave-block-out errors beyond the noise [unit]
+    kappa: float  # inflation of the bound by held-out errors, at least 1
+    # (m,), sd of the body's own error: held-out errors beyond the noise [unit]
     tau: Annotated[Array, Shape("outputs")]
-    # (m,), sd of a residual that an adaptation could not settle; added to the bound [unit]
+    # (m,), sd of an error that an adaptation could not explain [unit]
     residual: Annotated[Array, Shape("outputs")]
     # prior scales that the evidence chose, by the name of their `Hyper`
     scales: Mapping[str, float] = field(default_factory=dict)
     rows: int = 0  # rows of the fit
-    # whether the rows were exact samples of a simulation
+    # whether the rows were samples of a simulation
     simulated: bool = False
     member: str = ""  # name of the gate's member
-    second: Second | None = None
-    # sd of readings that repeated poses show [unit]; 0 where no pose was repeated
+    second: GuardFit | None = None
+    # sd of readings of one pose [unit]; 0 where no pose was repeated
     repeat: float = 0.0
 
     def with_covariance(self, indices: Indices, covariance: Array) -> Body:
@@ -114,18 +125,18 @@ class Body(OfStructure):
         return np.concatenate(bounds)
 
     def remaining_variance(self, *, noise: bool) -> Array:
-        """Variance (p,) of positions that no parameter explains, of readings or of the truth.
+        """Variance R (p,) of positions that no parameter explains, of readings or of the truth.
 
-        An error of the model that repeats and the noise of readings look alike unless poses are
-        repeated: without these all of a log's residual counts as the model's, with them as much as
-        they show.  A simulation's is the sensor's.
+        Only repeated poses separate the noise of readings from errors of the model: without them
+        all of a log's residual counts as the model's.  That of a simulation is the sensor's.
         """
-        variance = self.noise[self._position] ** 2
+        position = self.structure.position
+        variance = self.noise[position] ** 2
         if not noise:
             variance = np.maximum(variance - self.repeat**2, 0.0)
             if self.simulated:
                 variance = np.zeros_like(variance)
-        return self.residual[self._position] ** 2 + variance
+        return self.residual[position] ** 2 + variance
 
     def spread(self, q: Array) -> Array:
         """Covariance (n, m, m) of the predictions from the parameters alone, without kappa."""
@@ -133,24 +144,19 @@ class Body(OfStructure):
         _, slope = self.structure.linearise(q, self.beta, self.active)
         return spread_of(slope, self.root)
 
-    @property
-    def _position(self) -> slice:
-        """Outputs that are a position, without the orientation of a pose."""
-        return slice(self.structure.blocks[0])
-
     def _bound(self, q: Array, noise: bool) -> Array:
-        positions = self._position
         structure = self.structure
+        position = structure.position
         second = self.second
         remaining = np.diag(self.remaining_variance(noise=noise))
         predicted, slope = structure.linearise(q, self.beta, self.active)
-        spread = SHARED**2 * spread_of(slope[:, positions], self.root)
+        spread = SHARED**2 * spread_of(slope[:, position], self.root)
         bound = self.kappa * radius_95(spread + remaining)
         if second is not None:
             other, slope = structure.linearise(q, second.beta, second.active)
             difference = structure.residual(predicted, other)
-            distance = row_lengths(difference[:, positions])
-            spread = spread_of(slope[:, positions], second.root)
+            distance = row_lengths(difference[:, position])
+            spread = spread_of(slope[:, position], second.root)
             bound_of_second = distance + radius_95(spread + remaining)
             bound = np.maximum(bound, bound_of_second)
         return bound

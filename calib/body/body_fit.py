@@ -13,7 +13,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.rows import median_length, row_lengths
-from .belief import Body, Second
+from .belief import Body, GuardFit
 from .covariance import as_kept, root_of
 from .fit import Fit, Start
 from .gate import Member, pass_gate
@@ -21,12 +21,7 @@ from .held_out import leave_blocks_out
 from .layout import with_all_sensors
 from .parameters import Hyper, Prior
 from .rows import Rows
-from .settings import (
-    FIT,
-    LOG_FLOOR,
-    POSE_FLOOR,
-    SIMULATED_FLOOR,
-)
+from .settings import FIT, LOG_FLOOR, POSE_FLOOR, SIMULATED_FLOOR
 from .starts import best_start, with_other_sensors
 from .structure import Structure
 
@@ -39,19 +34,20 @@ class BodyFit:
     """A fitted body and how well it predicts."""
 
     body: Body
-    # (n, m), residuals of the sensor's contiguous blocks of rows predicted from the others
+    # (n, m), residuals of contiguous blocks of the sensor's rows, each predicted from the others
     held_out: Array
-    # (n,), by which bounds on these are wider than those of the body, which rests on all blocks
+    # (n,), factor on the body's bound for these predictions, which rest on fewer rows
     widening: Array
     notes: tuple[str, ...] = ()  # what the rows cannot determine
     # (n,), held-out errors of orientation, where they were measured
     orientation_errors: Array | None = None
-    beside: tuple[BodyFit, ...] = ()  # the same body as further sensors see it
+    # the body as further sensors see it
+    other_sensors: tuple[BodyFit, ...] = ()
 
     def of_positions(self) -> BodyFit:
-        """A fit to poses as one to positions, which keeps the orientations' errors.
+        """The fit to poses as a fit to positions, with the errors of orientations.
 
-        Parameters that orientations determined stay, the tool's rotation among them.
+        Parameters that only orientations determine stay, such as the tool's rotation.
         """
         body = self.body
         view = "base" if body.structure.view.startswith("base") else "rigid"
@@ -118,11 +114,11 @@ def _fit(
     final = _over_all_rows(member.fit, rows)
     root = as_kept(root_of(final.covariance))
     second = _second_fit(member, chain, gate_rows)
-    first, *beside = [
+    first, *other_sensors = [
         _with_bound(member, final, root, sensor, second)
         for sensor in range(len(rows))
     ]
-    return replace(first, beside=tuple(beside))
+    return replace(first, other_sensors=tuple(other_sensors))
 
 
 def fit_sensors(
@@ -131,14 +127,14 @@ def fit_sensors(
     *,
     seed: int = 0,
 ) -> dict[str, BodyFit]:
-    """Fit one chain to what several sensors saw of it: one belief, as each sensor sees it.
+    """Fit one chain to the rows of several sensors; return the body as each of them sees it.
 
     structures : of each sensor by its name, as it would be alone; the first one's drawing counts
     rows : of each sensor by its name, in the same order
     """
     named = [replace(rows[name], sensor=name) for name in structures]
     first = fit(with_all_sensors(structures), named, seed=seed)
-    fits = (replace(first, beside=()), *first.beside)
+    fits = (replace(first, other_sensors=()), *first.other_sensors)
     return dict(zip(structures, fits, strict=True))
 
 
@@ -177,7 +173,11 @@ def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
 
 
 def _with_bound(
-    member: Member, final: Fit, root: Array, sensor: int, second: Second | None
+    member: Member,
+    final: Fit,
+    root: Array,
+    sensor: int,
+    second: GuardFit | None,
 ) -> BodyFit:
     """The body as one sensor sees it, with its bound and held-out errors.
 
@@ -203,7 +203,7 @@ def _with_bound(
         member=member.name,
         second=second,
     )
-    # where the other blocks determine nothing, they predict their mean
+    # rows that the other blocks do not determine are predicted by the mean
     unknown = readings.z - readings.z.mean(axis=0)
     residual = held_out.residual
     errors = np.where(np.isfinite(residual), residual, unknown)
@@ -212,11 +212,11 @@ def _with_bound(
 
 def _second_fit(
     member: Member, chain: tuple[str, ...], rows: Sequence[Rows]
-) -> Second | None:
-    """A fit of what the member has not, for the bound.
+) -> GuardFit | None:
+    """A fit of blocks that the member lacks, for the bound: whole chain, lens, elasticity, curves.
 
-    The whole chain, lens and elasticity, and larger curves.  None of exact samples, and where the
-    member has them and the evidence is against curves.
+    None for exact samples, and where the member lacks only curves, and the evidence is against
+    them.
     """
     structure = member.fit.structure
     if structure.simulated or structure.zeros_alone:
@@ -235,13 +235,13 @@ def _second_fit(
         ratio = leave_blocks_out(wide).ratio
         share = float(np.clip(ratio, FIT.least_share, 1.0))
     root = as_kept(share * root_of(wide.covariance))
-    return Second(wide.beta, wide.active, root)
+    return GuardFit(wide.beta, wide.active, root)
 
 
 def _wide_prior(member: Member, blocks: set[str]) -> Prior:
     """The prior of the member's own blocks, unchanged, and of further blocks.
 
-    The curves are larger, and some blocks as the structure guards them.
+    Curves have the larger rms of `Structure.wide`, and some blocks the sd of `Structure.guards`.
     """
     first = member.fit
     structure = first.structure

@@ -1,7 +1,7 @@
 """Chains that explain rows of an arm in space without a drawing of its joints.
 
-Damped Gauss-Newton over all joint origins brings random chains to local optima.  Of rows all over
-the range the best of 24 was the best there is in every case tried, of a short path in most.
+Damped Gauss-Newton over all joint origins brings random chains to local optima.  With rows all over
+the range the best of 24 was the global one in every case tried, with a short path in most.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from .spatial import SpatialStructure
 def chains(structure: SpatialStructure, rows: Rows) -> list[Start]:
     """Chains that fit rows, the best first; at their origins the parameters are zero.
 
-    The search begins at the structure's own chain, that of a drawing if there is one, then tries
-    random ones until the best end leaves only the rows' noise, or another one agrees.
+    The search begins at the structure's own chain, such as a drawing's, then tries random ones
+    until the best end leaves only the rows' noise, or another one agrees.
     """
     noise = 0.0
     if rows.noise is not None:
@@ -56,11 +56,11 @@ def _beginnings(
 def _ends(
     begins: Iterable[SpatialStructure], rows: Rows, least: float
 ) -> list[Start]:
-    """Ends of searches that begin at some chains; only the best of these are refined.
+    """Ends of searches from some chains, the best of which get more steps.
 
-    Rows of a short path leave a long valley, so that the best ends get more steps.
+    With rows of a short path an end lies far along a valley.
 
-    least : share of the extents that residuals of a chain have that is exact
+    least : noise of a chain that is exact [extents]
     """
     ends: list[Start] = []
     for begin in begins:
@@ -85,7 +85,7 @@ def _after_steps(start: Start, rows: Rows, steps: int) -> Start:
 
 
 def _agreeing(ends: list[Start], near: float) -> int:
-    """How many ends explain the rows as well as the best of these, but for some nats."""
+    """Number of ends that explain the rows, and within `near` nats of the best."""
     share = START.explained_share
     costs = [end.cost for end in ends if end.noise <= share]
     best = min(costs, default=0.0)
@@ -93,19 +93,19 @@ def _agreeing(ends: list[Start], near: float) -> int:
 
 
 def _with_fitted_chain(end: Start) -> Start:
-    """An end whose nominal chain is where its parameters put origins and tip."""
+    """The end with its fitted origins and tip as the nominal chain."""
     structure = end.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - chains are in space
     zero = np.zeros((structure.chain.joints, 1))
-    motion = structure.move(zero, end.beta)
-    axes = motion.axes[..., 0]
+    state = structure.move(zero, end.beta)
+    axes = state.axes[..., 0]
     lengths = row_lengths(axes)[:, None]
     chain = replace(
         structure.chain,
         axes=axes / lengths,
-        points=motion.origins[..., 0],
-        tip=motion.position[..., 0],
-        rotation=motion.rotation[..., 0],
+        points=state.origins[..., 0],
+        tip=state.position[..., 0],
+        rotation=state.rotation[..., 0],
     )
     fitted = replace(structure, chain=chain)
     return replace(end, structure=fitted, beta=fitted.neutral())

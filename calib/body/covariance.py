@@ -140,7 +140,7 @@ def root_of(covariance: Array) -> Array:
     return root
 
 
-def pack(root: Array) -> _Packed:
+def pack_root(root: Array) -> _Packed:
     """Upper triangular root (k (k + 1) / 2,), row by row, of the covariance of a root (k, r)."""
     k = len(root)
     upper = np.zeros((k, k))
@@ -154,7 +154,7 @@ def pack(root: Array) -> _Packed:
     return packed.astype(np.float32)
 
 
-def unpack(packed: _Packed, size: int) -> Array:
+def unpack_root(packed: _Packed, size: int) -> Array:
     """The lower triangular root (size, size) that was packed."""
     upper = np.zeros((size, size))
     upper[np.triu_indices(size)] = packed
@@ -163,4 +163,4 @@ def unpack(packed: _Packed, size: int) -> Array:
 
 def as_kept(root: Array) -> Array:
     """The triangle (k, k) of a root (k, r) in single precision, as a model file keeps it."""
-    return unpack(pack(root), len(root))
+    return unpack_root(pack_root(root), len(root))

@@ -1,6 +1,6 @@
 """The drawing of a planar arm: lengths, directions and frame of a chain of parallel axes.
 
-Links are complex numbers, directions in the plane; see `planar.PlanarMotion`.
+Links are complex numbers, directions in the plane; see `planar.PlanarState`.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import numpy as np
 from ..common.arrays import Array, Mask
 from .covariance import Factor, autocorrelation_time
 from .parameters import Hyper, Indices, Prior
-from .rows import Readings, Rows
+from .rows import FitReadings, Rows
 from .settings import FIT, SIMULATED_FLOOR, STUDENT
 from .structure import Structure
 
@@ -31,20 +31,21 @@ class Fit:
         All parameters, and the indices of those that are fitted.
     sd : (k,)
         Prior sds, with the scales that the evidence chose.
-    readings : list of Readings
+    readings : list of FitReadings
         Residuals, weights and noise of each sensor.
     """
 
-    # what each block of rows adds to information and gradient
-    grams: Array  # (b, k, k)
-    sensor_grams: list[Array]  # the same (k, k) of each sensor's rows
-    moments: Array  # (b, k)
-    precision: Array  # (k, k), weighted information and prior
+    # set by each step of `maximise` and `search`
+    sensor_grams: list[Array]  # information (k, k) of each sensor's rows
+    precision: Array  # (k, k), information of all rows, and prior
     # (k,), of the log posterior: not quite zero where the steps ended early
     gradient: Array
+    # set at the end of `maximise`
+    grams: Array  # (b, k, k), information of each block of rows
+    moments: Array  # (b, k), what each block adds to the gradient
     # integrated time of the residuals [rows]; 1 for Gaussian noise
     autocorrelation: float
-    evidence: float  # Laplace approximation of the logarithm of the evidence
+    log_evidence: float  # Laplace approximation
 
     def __init__(
         self,
@@ -63,18 +64,17 @@ class Fit:
         self._precision = prior.precision
         self.sd = prior.sd[self.active].copy()
         self.beta = np.where(prior.sd > 0, beta, prior.mean)
-        count = len(self.active)
-        place = np.full(len(prior.sd), -1)
-        place[self.active] = np.arange(count)
-        self.hypers: list[Hyper] = []  # their indices are places in `active`
+        column = np.full(len(prior.sd), -1)  # of each parameter among `active`
+        column[self.active] = np.arange(len(self.active))
+        self.hypers: list[Hyper] = []  # their indices are columns
         for hyper in prior.hypers:
-            index = place[hyper.indices]
+            index = column[hyper.indices]
             if (index >= 0).all():
                 self.hypers.append(hyper._replace(indices=index))
         self.scales = {hyper.name: float(hyper.scale) for hyper in self.hypers}
         blocks = min(blocks, len(rows[0]))
         self.readings = [
-            Readings(structure, rows_of_sensor, self.beta, nu, blocks)
+            FitReadings(structure, rows_of_sensor, self.beta, nu, blocks)
             for rows_of_sensor in rows
         ]
 
@@ -109,11 +109,11 @@ class Fit:
 
     @property
     def information_share(self) -> float:
-        """Share of the rows' information that is left.
+        """Share of the rows' information that counts.
 
-        The Student noise loses some, and residuals that are correlated in the order of the log.
+        Student noise reduces it, and so does correlation of the residuals along the log.
         """
-        p = self.structure.blocks[0]
+        p = self.structure.output_sizes[0]
         share = 1.0 / self.autocorrelation
         if np.isfinite(self.nu):
             freedom = self.nu + p
@@ -127,7 +127,7 @@ class Fit:
         return self.posterior_precision(gram).inverse()
 
     def posterior_precision(self, gram: Array) -> Factor:
-        """Factor of the precision that is left of rows of information `gram` (k, k), and prior."""
+        """Factor of the posterior's precision, by the information `gram` (k, k) of rows."""
         information = self.information_share * gram
         return Factor(information + self.prior_precision)
 
@@ -135,8 +135,8 @@ class Fit:
         """Information (k, k) of all other blocks, and the step (k,) from beta to their maximum."""
         others = np.ones(len(self.grams))
         others[blocks] = 0.0
-        # summed, not subtracted: a parameter that only these blocks determine, such as where a
-        # socket is, has a prior that is lost in the rounding of a difference
+        # the others are summed: by a difference, the prior of a parameter that only these blocks
+        # determine, such as the place of a socket, would be lost in rounding
         gram = np.tensordot(others, self.grams, axes=1)
         gradient = others @ self.moments - self._prior_gradient(self.beta)
         return gram, Factor(gram + self.prior_precision).solve(gradient)
@@ -153,7 +153,7 @@ class Fit:
         # A step that fails is damped: a shorter one would hardly move what the rows determine,
         # since directions that they do not determine, such as the gauge of a chain without a
         # drawing, are the long and curved part of it.
-        dampings = (0.0, *1e-4 * 8.0 ** np.arange(8))
+        dampings = (0.0, *FIT.first_damping * 8.0 ** np.arange(8))
         for step in range(steps):
             self._linearise()
             inverse = Factor(self.precision).inverse()
@@ -164,21 +164,21 @@ class Fit:
             settled = shares.max(initial=0.0) <= tolerance
             if step >= least and settled:
                 break
-            # not even a damped step gains much: the valley's floor
-            if damping > 0 and gain <= 0.05:
+            # not even a damped step gains much
+            if damping > 0 and gain <= FIT.least_gain:
                 break
         self._linearise_blocks()
         self.autocorrelation = 1.0
         if np.isfinite(self.nu):
-            # rows that err together count once for the time that they do
+            # rows that err together count once
             self.autocorrelation = max(
                 map(autocorrelation_time, self.residuals)
             )
-        self.evidence = self._log_evidence()
+        self.log_evidence = self._log_evidence()
         return self
 
     def _log_evidence(self) -> float:
-        """Laplace approximation of the logarithm of the evidence."""
+        """Laplace approximation of the log evidence."""
         prior = -2 * float(np.log(self.sd).sum())
         if self._precision is not None:
             prior = Factor(self._precision).log_determinant()
@@ -186,21 +186,21 @@ class Fit:
         energy = self._energy(self.beta, self.residuals)
         return -energy - 0.5 * shrinkage
 
-    def settle(self, steps: int) -> tuple[Array, float, float]:
-        """Damped steps from anywhere, until one gains next to nothing.
+    def search(self, steps: int) -> tuple[Array, float, float]:
+        """Take damped steps from anywhere, until one gains next to nothing.
 
         Returns beta : (d,)
         Returns cost : negative log posterior with Student noise, of which the scale was fitted
         Returns noise : share of the extents that the residuals have
         """
         linear = np.isin(self.active, self.structure.linear)
-        damping = 1e-3
+        damping = FIT.first_damping_of_search
         for _ in range(steps):
             self._learn_noise()
             self._linearise()
             dampings = damping * 8.0 ** np.arange(8)
             gain, _, damping = self.descend(dampings, linear)
-            if gain < 1e-3:
+            if gain < FIT.least_gain_of_search:
                 break
             damping = max(damping / 10, 1e-12)
         self._learn_noise()
@@ -254,7 +254,7 @@ class Fit:
             return self.structure.after_step(beta, self.active, delta)
 
     def _linear_step(self, beta: Array, linear: Mask) -> Array:
-        """The step (k,) from parameters (d,) to the best of those that outputs are linear in."""
+        """The step (k,) from parameters (d,) to the best values of those marked `linear` (k,)."""
         indices = self.active[linear]
         grams, moment = self._information(beta, indices)
         gram = np.sum(grams, axis=0)
@@ -335,7 +335,7 @@ class Fit:
             scale = float(np.clip(scale, smallest, largest))
             self.scales[hyper.name] = scale
             self.sd[index] = scale * np.sqrt(hyper.shape)
-        # a few precise rows beside many coarse ones determine most of them
+        # a few precise rows determine more than many coarse ones
         by_sensor = np.array(
             [(covariance * gram).sum() for gram in self.sensor_grams]
         )
@@ -344,7 +344,7 @@ class Fit:
             readings.learn_noise(float(count) / readings.z.size)
 
     def _learn_noise(self) -> None:
-        """Find the noise of each sensor, before parameters follow any of the numbers."""
+        """Find the noise of each sensor, as if the parameters had not been fitted to its rows."""
         for readings in self.readings:
             readings.learn_noise(0.0)
 
@@ -384,4 +384,4 @@ class Start:
         fit = Fit(
             self.structure, [rows], self.beta, prior, nu=STUDENT, blocks=1
         )
-        return Start(self.structure, *fit.settle(steps))
+        return Start(self.structure, *fit.search(steps))

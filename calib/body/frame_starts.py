@@ -17,15 +17,15 @@ from ..errors import LogError
 from .fit import Start
 from .parameters import Prior
 from .rows import Rows
-from .sensors import PLACE
+from .sensors import SENSOR_BLOCKS
 from .settings import START
 from .spatial import SpatialStructure
 
 
 def best_frame(structure: SpatialStructure, rows: Rows, arm: Array) -> Start:
-    """An arm whose sensor and tool are fitted from scratch.
+    """The start with sensor and tool fitted from scratch.
 
-    arm : (d,), the arm's parameters, which stay
+    arm : (d,), parameters of the arm, which are kept
     """
     groups = [group for group in structure.frame_groups if group != "lens"]
     sd = structure.prior(groups).sd
@@ -42,11 +42,11 @@ def best_frame(structure: SpatialStructure, rows: Rows, arm: Array) -> Start:
 def frame_of_drawing(structure: SpatialStructure, rows: Rows) -> Array:
     """Parameters (d,) of the nominal arm in the sensor frame that fits rows best.
 
-    Raises LogError where even these leave most of what the rows spread.
+    Raises LogError where the residuals are still large compared with the rows' spread.
     """
     start = best_frame(structure, rows, structure.neutral())
     if structure.camera:
-        # a camera's pose and its focal length help each other
+        # pose, lens and offsets depend on each other: they are fitted together
         free = [*structure.frame_groups, "offset"]
         sd = structure.prior(free).sd
         sd[structure.groups["offset"]] *= 20.0
@@ -92,7 +92,7 @@ def _guesses(
     """Yield rough parameters (d,) from which the sensor's place is fitted."""
     beta = arm.copy()
     neutral = structure.neutral()
-    for group in (*PLACE, "tool", "tool.rotation"):
+    for group in (*SENSOR_BLOCKS, "tool", "tool.rotation"):
         indices = structure.groups[group]
         beta[indices] = neutral[indices]
     points, rotations = structure.pose(rows.q, beta)
@@ -135,7 +135,7 @@ def _trackers(
             _, _, scale = similarity(tip, readings)
         middle = tip.mean(axis=0)
         shift = readings.mean(axis=0) - scale * turn @ middle
-        guess = structure.placed(arm, turn, shift, scale)
+        guess = structure.with_sensor_at(arm, turn, shift, scale)
         guess[structure.groups["tool"]] = tool
         yield _with_tool_turn(structure, guess, turn @ rotations, z)
 
@@ -199,6 +199,6 @@ def _cameras(
         depth = focal / pixels_a_metre
         centre = np.append((mean_pixel - principal) / focal, 1.0) * depth
         shift = centre - turn @ middle
-        guess = structure.placed(arm, turn, shift, structure.metre)
+        guess = structure.with_sensor_at(arm, turn, shift, structure.metre)
         guess[structure.groups["lens"][0]] = focal
         yield guess

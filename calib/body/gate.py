@@ -92,9 +92,11 @@ def _member_of(
         if np.isfinite(nu):
             fit.maximise(steps=10, tolerance=FIT.settled)
         else:
-            # exact rows may be far along a curved valley, such as that of a lens
-            fit.settle(60)
-            fit.maximise(steps=20, tolerance=1e-3)
+            # the maximum of exact rows may be far along a curved valley, such as that of a lens
+            fit.search(FIT.search_steps_of_exact)
+            fit.maximise(
+                steps=FIT.steps_of_exact, tolerance=FIT.settled_of_exact
+            )
         return Member(name, free, fit)
     except np.linalg.LinAlgError:
         return None
@@ -108,11 +110,11 @@ def _wins(richer: Member, simpler: Member) -> bool:
     are too noisy to decide alone; the evidence alone trusts the noise model too much.  Correlated
     residuals count once for their autocorrelation time.
     """
-    evidence = richer.fit.evidence - simpler.fit.evidence
-    evidence /= richer.fit.autocorrelation
+    nats = richer.fit.log_evidence - simpler.fit.log_evidence
+    nats /= richer.fit.autocorrelation
     has_old = np.isfinite(simpler.scores)
     # the scores of richer members, which are not needed then, take half of the time
-    if evidence <= 0 and has_old.any():
+    if nats <= 0 and has_old.any():
         return False
     has_new = np.isfinite(richer.scores)
     if has_new.sum() < has_old.sum():
@@ -122,13 +124,13 @@ def _wins(richer: Member, simpler: Member) -> bool:
     if not len(gains):
         return bool(has_new.any())
     gain = gains.mean()
-    if gain <= 0 or evidence <= 0:
+    if gain <= 0 or nats <= 0:
         return False
     error = np.inf
     if len(gains) > 1:
         deviation = gains.std(ddof=1)
         error = deviation / np.sqrt(len(gains))
-    return bool(gain > error or evidence > NATS)
+    return bool(gain > error or nats > NATS)
 
 
 def _is_exact(fit: Fit) -> bool:
@@ -139,10 +141,10 @@ def _is_exact(fit: Fit) -> bool:
 
 def _doubt_of_curves(best: Member, fitted: Sequence[Member]) -> float:
     """Nats of evidence for the best member against those with joint curves; 0 without any."""
-    evidences = [
-        member.fit.evidence for member in fitted if "curve" in member.free
+    with_curves = [
+        member.fit.log_evidence for member in fitted if "curve" in member.free
     ]
-    gain = best.fit.evidence - max(evidences, default=-np.inf)
+    gain = best.fit.log_evidence - max(with_curves, default=-np.inf)
     if not np.isfinite(gain):
         return 0.0
     return gain / best.fit.autocorrelation

@@ -1,7 +1,7 @@
 """Held-out predictions: what a fit predicts for each block of rows from the others.
 
-The fit is linear near its maximum, so that no block needs another fit: without its rows
-information and gradient give the step to where that fit would end.
+The fit is linear near its maximum, so that no block needs another fit: the information and the
+gradient of the other rows give the step to their maximum.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..common.arrays import Array
 from ..common.rows import row_lengths
 from .covariance import Factor, radius_95
 from .fit import Fit
-from .rows import Readings, RowBlock, edges_of
+from .rows import FitReadings, RowBlock, edges_of
 from .settings import FIT
 
 _PARTITIONS = (2, 5, 10)
@@ -27,16 +27,17 @@ _PARTITIONS = (2, 5, 10)
 class HeldOut:
     """How well a fit predicts each contiguous block of a sensor's rows from the others."""
 
-    residual: Array  # (n, m); NaN where other blocks leave the body open
-    ratio: float  # of errors over their 95 % radius, see `_largest_ratio`
-    tau: Array  # (m,), residual sd of the body itself: errors beyond the noise
+    # (n, m), NaN where the other blocks do not determine the body
+    residual: Array
+    ratio: float  # errors over their 95 % radius, see `_largest_ratio`
+    tau: Array  # (m,), sd of the body's own error: held-out errors beyond the noise
     # (n,), 95 % radius by the other blocks over that of the fit itself, 1 where it was not computed
     widening: Array
 
 
 @dataclass(frozen=True)
-class Prediction:
-    """What a fit predicts of rows: errors, and how large it expects them to be."""
+class HeldOutPrediction:
+    """The errors of a fit's predictions of rows, and how large it expects them to be."""
 
     # (n, m); NaN where the other rows do not determine the body
     residual: Array
@@ -44,17 +45,17 @@ class Prediction:
 
     @property
     def error(self) -> Array:
-        """Distances (n,) of the positions."""
+        """Lengths (n,) of the positions' errors."""
         p = self.spread.shape[1]
         return row_lengths(self.residual[:, :p])
 
     @property
     def radius(self) -> Array:
-        """Radius (n,) that holds 95 % of these."""
+        """Radius (n,) that should hold 95 % of the errors."""
         return radius_95(self.spread)
 
     def negative_log_density(self) -> Array:
-        """Of the errors (n,), as a Student's with 4 degrees of freedom.
+        """Negative log density (n,) of the errors, as a Student's with 4 degrees of freedom.
 
         Up to a constant (p log v + (4 + p) log(1 + e^2 / 4 v)) / 2, with v the mean variance.
         """
@@ -80,7 +81,7 @@ def leave_blocks_out(fit: Fit, *, sensor: int = 0) -> HeldOut:
     wider = finest.radius / in_sample.radius
     return HeldOut(
         residual=finest.residual,
-        # the fit's own residuals may contradict what it states there
+        # the fit's own residuals, too, may be larger than it expects
         ratio=_largest_ratio(readings, [in_sample, *by_others]),
         tau=_tau(readings, finest.residual),
         widening=np.where(wider > 1.0, wider, 1.0),
@@ -109,12 +110,12 @@ def block_scores(fit: Fit) -> Array:
 
 def _prediction(
     fit: Fit,
-    readings: Readings,
+    readings: FitReadings,
     blocks: Sequence[RowBlock],
     count: int,
     *,
     held_out: bool = True,
-) -> Prediction:
+) -> HeldOutPrediction:
     """Predict the rows of each of `count` groups of blocks from the others, or from all rows."""
     positions = readings.outputs[0]
     noise = np.diag(readings.noise[positions] ** 2)
@@ -138,7 +139,7 @@ def _prediction(
             predicted = _predicted_covariance(precision, position_slope)
             thinned = spread[rows]
             thinned[::every] = predicted + noise
-    return Prediction(residual, spread)
+    return HeldOutPrediction(residual, spread)
 
 
 def _predicted_covariance(precision: Factor, slope: Array) -> Array:
@@ -152,13 +153,13 @@ def _predicted_covariance(precision: Factor, slope: Array) -> Array:
 
 
 def _largest_ratio(
-    readings: Readings, predictions: Sequence[Prediction]
+    readings: FitReadings, predictions: Sequence[HeldOutPrediction]
 ) -> float:
     """The largest 95 % quantile of error over radius among predictions, the finest the last.
 
-    Or, if that is more, the mean of the single blocks' quantiles and one standard deviation
-    beyond it, since the next query may be at one of the worse places. `unknown_kappa` where
-    there are too few rows; outliers of the fit do not count.
+    If it is larger, the mean plus one standard deviation of the blocks' quantiles, since the next
+    query may be at one of the worse places; `FIT.unknown_kappa` where there are too few rows.
+    Outliers of the fit do not count.
     """
     outlier = readings.weight[:, 0] <= FIT.outlier
     ratios = [
@@ -181,8 +182,8 @@ def _quantiles(samples: Sequence[Array]) -> list[float]:
     return [float(np.quantile(s, 0.95)) for s in finite if len(s) > least]
 
 
-def _tau(readings: Readings, residual: Array) -> Array:
-    """Residual sd (m,) of the body itself: held-out residuals (n, m) beyond the noise."""
+def _tau(readings: FitReadings, residual: Array) -> Array:
+    """The sd (m,) of the body's own error, by held-out residuals (n, m) beyond the noise."""
     tau = np.empty(len(readings.noise))
     for columns in readings.outputs:
         p = columns.stop - columns.start
@@ -191,9 +192,9 @@ def _tau(readings: Readings, residual: Array) -> Array:
         lengths = lengths[np.isfinite(lengths)]
         square = variance
         if len(lengths):
-            limited = np.minimum(lengths, 4 * np.median(lengths))
+            limited = np.minimum(lengths, FIT.limit * np.median(lengths))
             square = (limited**2).mean()
-        beyond = square / p - 1.3 * variance
-        least = 0.05**2 * variance
+        beyond = square / p - FIT.noise_margin * variance
+        least = FIT.least_tau**2 * variance
         tau[columns] = np.sqrt(max(beyond, least))
     return tau

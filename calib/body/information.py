@@ -46,7 +46,7 @@ def most_telling(body: Body, q: Array, n: int) -> Index:
     Returns (n,), rows of `q`, in the order of choice.
     """
     structure = body.structure
-    p = structure.blocks[0]
+    p = structure.output_sizes[0]
     # what no parameter explains counts as noise
     noise = np.hypot(body.noise, body.tau)
     noise = noise[:p]

@@ -23,7 +23,7 @@ from .sensors import Sensor
 from .settings import PRIOR
 from .views import ArmSize, Measurement
 
-L = TypeVar("L", bound="Layout")
+LayoutT = TypeVar("LayoutT", bound="Layout")
 
 Members = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
@@ -32,7 +32,7 @@ Members = tuple[tuple[str, tuple[str, ...]], ...]
 class Layout:
     """A chain and its sensors by their parameters; see `Structure`.
 
-    `place` numbers the measurement that is predicted, among `sensors` and then `others`.
+    `place` is the number of the measurement that is predicted, among `sensors` and then `others`.
     `viewpoint` is that sensor, or the first one where `place` is no sensor.
 
     ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters, ``c`` joints of the chain.  Joint
@@ -47,7 +47,7 @@ class Layout:
     wide: ClassVar[tuple[float, float]]
     # rows below which held-out errors scale the second fit's spread
     few_rows: ClassVar[int]
-    # prior sds of blocks in the second fit, where they are not the first one's
+    # prior sds of blocks in the second fit, where they differ from the first fit's
     guards: ClassVar[Mapping[str, tuple[float, ...]]] = {}
     joint_names: tuple[str, ...]  # names of the joints, base to tip
     chain_names: tuple[str, ...]  # names of all joints (c,) of the chain
@@ -102,7 +102,7 @@ class Layout:
 
     @property
     def known_scale(self) -> float | None:
-        """What a metre is in its sensor's readings; None where that is fitted."""
+        """Units of its sensor's readings in a metre; None where that is fitted."""
         return None if self.viewpoint.view_kind.has_scale else self.metre
 
     @property
@@ -116,9 +116,14 @@ class Layout:
         return self.measurement.outputs
 
     @property
-    def blocks(self) -> tuple[int, ...]:
-        """Sizes of the outputs that share a unit and a noise: ``(2,)``, ``(3,)``, ``(3, 3)``."""
+    def output_sizes(self) -> tuple[int, ...]:
+        """Numbers of outputs that share a unit and a noise: ``(2,)``, ``(3,)``, ``(3, 3)``."""
         return (3, 3) if self.outputs == 6 else (self.outputs,)
+
+    @property
+    def position(self) -> slice:
+        """Outputs that are a position, without the orientation of a pose."""
+        return slice(self.output_sizes[0])
 
     @property
     def extents(self) -> Array:
@@ -127,13 +132,13 @@ class Layout:
 
     @property
     def tool(self) -> Hyper | None:
-        """What is known of the tool; one sensor that measures lengths is enough to determine it."""
+        """Prior scale of the tool; None where a sensor that measures lengths determines it."""
         tools = [sensor.tool for sensor in self.others[:1] or self.sensors]
         return None if None in tools else tools[0]
 
     @property
     def frame_groups(self) -> tuple[str, ...]:
-        """Blocks that every member of the gate fits: those of its sensor, and of all others."""
+        """Blocks that every member of the gate fits: of its viewpoint and of all other sensors."""
         groups: list[str] = []
         for number, sensor in enumerate(self.sensors):
             blocks = [*sensor.groups]
@@ -148,7 +153,7 @@ class Layout:
 
     @property
     def scale_groups(self) -> tuple[str, ...]:
-        """Blocks of the scales of all sensors in metres but the first: they may disagree."""
+        """Scale blocks of all sensors in metres but the first, which may disagree with it."""
         metric = [sensor for sensor in self.sensors if sensor.is_metric]
         return tuple(
             self._group_of(sensor, "view.scale") for sensor in metric[1:]
@@ -173,10 +178,7 @@ class Layout:
         return self.with_fields(sensors=tuple(sensors))
 
     def as_seen_by(self, sensor: str | Measurement | None) -> Self:
-        """The structure as one of its sensors, by name, or of its measurements sees it.
-
-        None is the only sensor.
-        """
+        """The structure that predicts a measurement, a sensor by its name, or its only sensor."""
         place = self.place
         if isinstance(sensor, str):
             names = [sight.name for sight in self.sensors]
@@ -192,10 +194,10 @@ class Layout:
 
     @property
     def first_free(self) -> int:
-        """The first joint with an offset and an origin of its own.
+        """Number of the first joint with an offset and an origin of its own.
 
-        In a free frame the first turning joint's offset and a turn of the frame about its axis
-        are one, and the first origin's place is the frame's own.
+        In a free frame the first joint has none: a turn of the frame about its axis has the effect
+        of an offset, and a move of the frame that of an origin.
         """
         based = any(sensor.view.startswith("base") for sensor in self.sensors)
         floating = any(other.floating for other in self.others)
@@ -205,7 +207,7 @@ class Layout:
 
     @property
     def arm_size(self) -> ArmSize:
-        """What the prior of a sensor rests on."""
+        """Size and place of the arm, for the priors of sensors."""
         raise NotImplementedError
 
     @property
@@ -215,7 +217,7 @@ class Layout:
 
     @property
     def linear(self) -> Indices:
-        """Parameters that the outputs are linear in, all others staying as they are."""
+        """Parameters that the outputs are linear in where all others are constant."""
         return np.zeros(0, dtype=int)
 
     def turn_parameters(self, turn: Array) -> Array:
@@ -223,7 +225,7 @@ class Layout:
         raise NotImplementedError
 
     def undrawn(self) -> Self | None:
-        """The structure without a drawing that rows may contradict, None where it needs one."""
+        """The structure without its drawing; None where it has none, or cannot do without."""
         return None
 
     def geometry(self) -> Sequence[Block]:
@@ -254,7 +256,7 @@ class Layout:
 
     @property
     def blocks_but_curves(self) -> list[str]:
-        """All blocks that some member frees but the curves."""
+        """All blocks that some member frees, except the curves."""
         blocks: dict[str, None] = {}
         for _, freed in self.members():
             blocks.update(dict.fromkeys(freed))
@@ -313,7 +315,7 @@ class Layout:
             out[self.groups[block.name]] = block.mean
         return out
 
-    def placed(
+    def with_sensor_at(
         self, beta: Array, turn: Array, shift: Array, scale: float
     ) -> Array:
         """Parameters (d,) with the sensor that reads ``scale turn p + shift`` of a point p [m]."""
@@ -367,7 +369,7 @@ class Layout:
             yield block
 
 
-def with_all_sensors(structures: Mapping[str, L]) -> L:
+def with_all_sensors(structures: Mapping[str, LayoutT]) -> LayoutT:
     """The first structure with the sensors of all structures, which share one chain."""
     first, *further = structures.values()
     if any(type(structure) is not type(first) for structure in further):

@@ -31,8 +31,8 @@ class Hyper(NamedTuple):
     The prior variance of parameter ``indices[k]`` is ``scale**2 * shape[k]``.
     """
 
-    name: str  # of the scale, as `Body.scales` keeps it: ``"length"``, ``"curve.0"``
-    # where the evidence starts; also that of the pseudo-observations
+    name: str  # name of the scale in `Body.scales`: ``"length"``, ``"curve.0"``
+    # initial scale, and scale of the pseudo-observations
     scale: float
     # times `scale`, between which the evidence looks
     within: tuple[float, float] = (0.0, np.inf)

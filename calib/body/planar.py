@@ -15,13 +15,13 @@ from .curves import curve_shape
 from .drawing import Complex, PlanarDrawing
 from .parameters import Block, Hyper, Indices
 from .sensors import InPlane
-from .settings import FIT, PRIOR, SHIFT, TURN
-from .structure import Moving, Structure, constants_at
+from .settings import DRAWN_SHIFT_SD, DRAWN_TURN_SD, FIT, PRIOR
+from .structure import Structure, TipMotions, constants_at
 from .views import ArmSize, TipMotion
 
 
 @dataclass(frozen=True, eq=False)
-class PlanarMotion:
+class PlanarState:
     """Where a planar chain is at n rows, as complex numbers: the angles of parallel axes add up."""
 
     direction: Complex  # (dof, n), of each link or slide
@@ -144,7 +144,7 @@ class PlanarStructure(Structure):
 
     @cached_property
     def loads(self) -> Mapping[str, PlanarLoads]:
-        """What bends the joints, by the block of elasticity that has a parameter for each."""
+        """Loads that bend the joints, by the block of elasticity with a parameter for each."""
         turns = np.multiply(self.signs, self.revolute)
         return {"elastic": PlanarLoads(turns)}
 
@@ -168,7 +168,7 @@ class PlanarStructure(Structure):
 
     @property
     def arm_size(self) -> ArmSize:
-        """What the prior of a sensor rests on."""
+        """Size and place of the arm, for the priors of sensors."""
         unit = self._unit_of_lengths
         drawing = self.nominal
         if drawing is None:
@@ -209,9 +209,9 @@ class PlanarStructure(Structure):
         """Lengths, offsets and gains near those of a drawing."""
         of_joints = partial(Block.of, joints=self.joint_names)
         unit = self._unit_of_lengths
-        size = Hyper("length", SHIFT, PRIOR.wider)
+        size = Hyper("length", DRAWN_SHIFT_SD, PRIOR.wider)
         has_offset = slice(self.first_free, None)
-        zero = Hyper("offset", TURN, PRIOR.servos, indices=has_offset)
+        zero = Hyper("offset", DRAWN_TURN_SD, PRIOR.servos, indices=has_offset)
         length = np.array(drawing.lengths)
         offset = np.array(drawing.offsets)
         return (
@@ -250,7 +250,7 @@ class PlanarStructure(Structure):
         return Block("elastic", labels, scales=(scale,))
 
     def offsets(self, beta: Array) -> Array:
-        """What is added to the joints' values (dof,); a slide's offset is its direction."""
+        """Offsets that are added to the joints' values (dof,); a slide's is its direction."""
         offsets = beta[self.groups["offset"]]
         return np.where(self.revolute, offsets, 0.0)
 
@@ -262,7 +262,7 @@ class PlanarStructure(Structure):
         slide_angle = np.where(turning, 0.0, offset)
         return length, slide_angle, turning
 
-    def move(self, values: Array, beta: Array) -> PlanarMotion:  # type: ignore[override]
+    def move(self, values: Array, beta: Array) -> PlanarState:  # type: ignore[override]
         """Where the chain is at the true values (dof, n) of its joints."""
         length, slide_angle, turning = constants_at(self, beta).links
         if not all(self.revolute):
@@ -270,15 +270,15 @@ class PlanarStructure(Structure):
             values = np.where(turning, values, 0.0)
         angles = values.cumsum(axis=0) + slide_angle
         direction = np.exp(1j * angles)
-        return PlanarMotion(direction, direction * length, turning)
+        return PlanarState(direction, direction * length, turning)
 
-    def moving(self, motion: PlanarMotion) -> Moving:  # type: ignore[override]
+    def tip_motions(self, state: PlanarState) -> TipMotions:  # type: ignore[override]
         """How the tip moves with each part of the geometry."""
-        yield self.groups["length"], lambda: (_pairs(motion.direction), None)
+        yield self.groups["length"], lambda: (_pairs(state.direction), None)
         # turning a slide's direction turns no other link
         slides = np.flatnonzero(~self.is_revolute)
         offsets = self.groups["offset"][slides]
-        yield offsets, lambda: (_pairs(1j * motion.terms[slides]), None)
+        yield offsets, lambda: (_pairs(1j * state.terms[slides]), None)
 
     def turn_parameters(self, turn: Array) -> Array:
         """Angle (1,) of the sensor's turn (2, 2)."""

@@ -85,14 +85,14 @@ def side_and_frame(
     """
     if structure.view == "base":
         return structure, arm
-    motion, _ = structure.motion_and_sight(rows.q, arm)
+    state, _ = structure.state_and_sight(rows.q, arm)
     turn, shift, scale = similarity(
-        motion.position.T,
+        state.position.T,
         rows.z,
         mirrored=True,
         scale=structure.known_scale,
     )
-    beta = structure.placed(arm, turn, shift, scale)
+    beta = structure.with_sensor_at(arm, turn, shift, scale)
     side = 1 if np.linalg.det(turn) > 0 else -1
     return structure.with_sensor(mirror=side), beta
 
@@ -111,9 +111,9 @@ def _linear_fit(structure: PlanarStructure, rows: Rows) -> Array:
     beta = structure.neutral()
     beta[groups["length"]] = revolute
     values = structure.joint_values(rows.q, beta)
-    motion = structure.move(values, beta)
+    state = structure.move(values, beta)
     ones = np.ones(len(rows))
-    columns = np.vstack([motion.terms, ones])
+    columns = np.vstack([state.terms, ones])
     number = np.array([1, 1j * mirror])
     tip: Complex = rows.z @ number
     *links, shift = _shared_solution(columns.T, tip)

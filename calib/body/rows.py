@@ -1,4 +1,4 @@
-"""Rows of sensors: what each saw of one chain, how much a row counts, and how rows add up."""
+"""Rows of sensors: readings of one chain, the weights of rows, and the sums over them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..common.arrays import Array
 from ..common.rows import spread_rows
 from .parameters import Indices
 from .settings import FIT
-from .structure import S, Structure
+from .structure import Structure, StructureT
 from .views import Measurement
 
 
@@ -22,8 +22,8 @@ class Rows:
     """What one sensor measured: n rows of m outputs."""
 
     q: Array  # (n, dof + a), joint values [rad or m], and further facts of a row for the sensor
-    z: Array  # (n, m), what it saw
-    # how it measures, or its name where the structure has several; None: the structure's own
+    z: Array  # (n, m), readings
+    # the measurement, or the sensor's name where the structure has several; None: its only one
     sensor: Measurement | str | None = None
     floor: Array | float = 0.0  # (m,), least noise [unit]
     noise: Array | float | None = None  # (m,), noise to start from
@@ -43,7 +43,9 @@ class Rows:
         return self.take(spread_rows(len(self), count))
 
 
-def with_measurements(structure: S, rows: Sequence[Rows]) -> S:
+def with_measurements(
+    structure: StructureT, rows: Sequence[Rows]
+) -> StructureT:
     """The structure with the measurements of all rows, which predicts the first of them."""
     others = tuple(
         rows_of_sensor.sensor
@@ -78,11 +80,11 @@ class RowBlock(NamedTuple):
         return flat @ flat.T, flat @ misfit.ravel()
 
 
-class Readings:
+class FitReadings:
     """Rows of one sensor within a fit: residuals, noise, and weights under Student noise.
 
     nu : degrees of freedom of the noise; infinite for Gaussian
-    blocks : contiguous blocks of rows that are kept apart
+    blocks : number of contiguous blocks of rows
     """
 
     residual: Array  # (n, m), at the fit's parameters
@@ -100,7 +102,7 @@ class Readings:
         self.q = rows.q
         self.z = rows.z
         self.nu = nu
-        sizes = self.structure.blocks
+        sizes = self.structure.output_sizes
         self.outputs = [slice(3 * k, 3 * k + p) for k, p in enumerate(sizes)]
         self.edges = edges_of(len(rows), blocks)
         stated = self.structure.measurement.noise
@@ -127,7 +129,7 @@ class Readings:
             return structure.residual(self.z, predicted)
 
     def by_blocks(self, beta: Array, active: Indices) -> Iterator[RowBlock]:
-        """Each block of rows, linearised at parameters (d,) by some of these (k,)."""
+        """Each block of rows, linearised at `beta` (d,) by the parameters `active` (k,)."""
         for part in self.in_parts(beta, active):
             if len(self.q) > FIT.rows_at_once:
                 yield part
@@ -163,7 +165,7 @@ class Readings:
     def learn_noise(self, share: float) -> None:
         """Find the most probable noise (m,).
 
-        share : of all numbers, that parameters follow; the others determine the noise
+        share : share of the numbers that the parameters absorb; the others determine the noise
         """
         if self.stated:
             return
@@ -184,7 +186,7 @@ class Readings:
 
     @property
     def weight(self) -> Array:
-        """Weights (n, m), the same of a row's block of outputs."""
+        """Weights (n, m), equal for outputs that share a noise."""
         weight = np.empty_like(self.residual)
         for columns, p, squares in self._squares(self.residual):
             ratios = squares / self.noise[columns.start] ** 2

@@ -19,12 +19,12 @@ from ..common.rows import row_lengths
 from ..common.wording import with_interval
 from .covariance import Z95
 from .parameters import Gaussian, Indices
-from .sensors import PLACE
+from .sensors import SENSOR_BLOCKS
 from .spatial import SpatialStructure
 from .structure import OfStructure, Structure
 
 _ALIKE = 0.05
-"""A gauge is one where parameters move the tip as it does, but for this share."""
+"""A motion is a gauge where parameters reproduce it up to this relative residual."""
 
 _POSES = 60
 _STEP = 1e-6  # of parameters, in derivatives
@@ -68,7 +68,7 @@ def _pose_of_hand(
 def _pose_at_encoder(
     structure: SpatialStructure, beta: Array
 ) -> tuple[Array, Array]:
-    """The same, with the effect of the last joint's own deviations."""
+    """Pose of the thing in the hand, with the effect of the last joint's own deviations."""
     last = _last_of_chain(structure)
     zero = np.zeros((1, structure.dof))
     (tip,), (frame,) = structure.pose(zero, structure.neutral())
@@ -212,13 +212,13 @@ def without_gauge(
     if not size:
         motions.append(arm)
     count = len(motions)
-    wanted = np.reshape(motions, (count, -1)).T
-    # of independent standard normals
-    flat = slope.reshape(len(wanted), -1)
+    targets = np.reshape(motions, (count, -1)).T
+    # derivatives by independent standard normals
+    flat = slope.reshape(len(targets), -1)
     columns = flat @ belief.root[of_arm]
-    combinations, *_ = np.linalg.lstsq(columns, wanted, rcond=1e-9)
-    misfit = columns @ combinations - wanted
-    sizes = np.linalg.norm(wanted, axis=0)
+    combinations, *_ = np.linalg.lstsq(columns, targets, rcond=1e-9)
+    misfit = columns @ combinations - targets
+    sizes = np.linalg.norm(targets, axis=0)
     is_gauge = np.linalg.norm(misfit, axis=0) < _ALIKE * sizes
     combinations, _ = np.linalg.qr(combinations[:, is_gauge])
     gauge = (belief.root @ combinations) @ combinations.T
@@ -228,7 +228,7 @@ def without_gauge(
 
 def sensor_of(structure: Structure) -> Indices:
     """Indices of the sensor's parameters."""
-    return np.concatenate([structure.groups[name] for name in PLACE])
+    return np.concatenate([structure.groups[name] for name in SENSOR_BLOCKS])
 
 
 def without_sensor(

@@ -14,10 +14,10 @@ from typing import ClassVar
 import numpy as np
 
 from ..arm.rotations import exponential
-from ..arm.spatial_chain import Motion
+from ..arm.spatial_chain import ChainState
 from ..common.arrays import Array
 from .parameters import Block, Hyper
-from .settings import FREE, PRIOR
+from .settings import FLAT_SD, PRIOR
 from .views import (
     PLANAR,
     SPATIAL,
@@ -29,10 +29,10 @@ from .views import (
     is_camera,
 )
 
-PLACE = ("view.rotation", "view.shift", "view.scale", "lens")
+SENSOR_BLOCKS = ("view.rotation", "view.shift", "view.scale", "lens")
 """Blocks of the place of a sensor in space, and of its lens."""
 
-Lens = tuple[float, float, float, float]
+LensValues = tuple[float, float, float, float]
 """Focal length, centre [px] and k1 of a camera."""
 
 
@@ -69,18 +69,18 @@ class Sensor(Measurement):
         """The blocks that every member of the gate fits: its place, the tip that it sees."""
         return self.view_kind.groups
 
-    def place(self, beta: Mapping[str, Array]) -> Projection:
+    def projection(self, beta: Mapping[str, Array]) -> Projection:
         """The sensor at its parameters, by block."""
         raise NotImplementedError
 
     def look(
         self,
         blocks: Mapping[str, Array],
-        motion: Motion,
+        state: ChainState,
         row_facts: Array,  # noqa: ARG002
     ) -> Sight:
         """See the tip."""
-        return self.place(blocks).look(motion)
+        return self.projection(blocks).look(state)
 
     def parameters_with_name(
         self, arm: ArmSize, *, further: bool
@@ -101,8 +101,8 @@ class InSpace(Sensor):
     kinds = SPATIAL
     marked = True
     # of a camera, known or assumed, and how sure that is: 0 for a lens that is known
-    lens: Lens = (900.0, 640.0, 360.0, 0.0)
-    lens_sd: Lens = (300.0, 50.0, 50.0, 0.3)
+    lens: LensValues = (900.0, 640.0, 360.0, 0.0)
+    lens_sd: LensValues = (300.0, 50.0, 50.0, 0.3)
 
     @property
     def camera(self) -> bool:
@@ -140,12 +140,12 @@ class InSpace(Sensor):
         )
         return (
             Block.of("view.rotation", "rad", "xyz", sd=100.0),
-            Block.of("view.shift", unit, "xyz", sd=FREE * size),
+            Block.of("view.shift", unit, "xyz", sd=FLAT_SD * size),
             Block.of("view.scale", "1", sd=100.0),
             lens,
         )
 
-    def place(self, beta: Mapping[str, Array]) -> Projection:
+    def projection(self, beta: Mapping[str, Array]) -> Projection:
         """The sensor with its place, its scale and its lens."""
         scale = float(np.exp(beta["view.scale"][0]))
         if not self.camera:
@@ -184,7 +184,7 @@ class InPlane(Sensor):
         if self.view == "base":
             rotation = arm.rotation
             shift = self.metre * np.asarray(arm.shift)
-        anywhere = FREE * self.extent
+        anywhere = FLAT_SD * self.extent
         slope = f"1/{arm.unit}"
         middle = ("radial", "centre x", "centre y")
         return (
@@ -196,7 +196,7 @@ class InPlane(Sensor):
             Block.of("lens", "1", middle, sd=0.5),
         )
 
-    def place(self, beta: Mapping[str, Array]) -> Projection:
+    def projection(self, beta: Mapping[str, Array]) -> Projection:
         """The plane as a picture, or without tilt and bend positions as they are."""
         radial, *bend = beta["lens"].tolist()
         (angle,) = beta["view.rotation"].tolist()

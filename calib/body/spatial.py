@@ -16,15 +16,15 @@ import numpy as np
 from ..arm.arm import PlanarArm, SpatialArm
 from ..arm.gravity import GRAVITY, Loads
 from ..arm.rotations import logarithm
-from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
+from ..arm.spatial_chain import ChainState, Deviations, Links, SpatialChain
 from ..common.arrays import Array, Mask
 from ..common.rows import row_lengths
 from ..common.scale import METRES
 from .curves import curve_shape
 from .parameters import Block, Hyper, Indices
 from .sensors import InSpace
-from .settings import FIT, PRIOR, SHIFT, TURN
-from .structure import Moving, Structure
+from .settings import DRAWN_SHIFT_SD, DRAWN_TURN_SD, FIT, PRIOR
+from .structure import Structure, TipMotions
 from .views import ArmSize, Measurement, compose
 
 
@@ -68,7 +68,7 @@ class SpatialStructure(Structure):
 
     @property
     def arm_size(self) -> ArmSize:
-        """What the prior of a sensor rests on."""
+        """Size and place of the arm, for the priors of sensors."""
         return ArmSize(self._reach, "m")
 
     @property
@@ -82,12 +82,12 @@ class SpatialStructure(Structure):
 
     @property
     def shifts(self) -> Indices:
-        """Those (c, 3) that shift them."""
+        """Parameters (c, 3) that shift the joint origins."""
         return self.placements[:, 0]
 
     @property
     def turns(self) -> Indices:
-        """Those (c, 3) that turn them."""
+        """Parameters (c, 3) that turn the joint origins."""
         return self.placements[:, 1]
 
     @property
@@ -103,7 +103,7 @@ class SpatialStructure(Structure):
     def geometry(self) -> Sequence[Block]:
         """Blocks of the tip, the joint origins and the joints."""
         # parts of the tool that one orientation does not determine are held
-        turn = TURN if self.sensors[0].view == "base pose" else 3.0
+        turn = DRAWN_TURN_SD if self.sensors[0].view == "base pose" else 3.0
         tools = (self.tool,) if self.tool and self.informed else ()
         names = self.joint_names
         indices = np.flatnonzero(self._has_motor_before)
@@ -138,8 +138,10 @@ class SpatialStructure(Structure):
             shifts = places[:, 0].ravel()
             turns = places[:, 1].ravel()
             scales = (
-                Hyper("placement.shift", SHIFT, within, indices=shifts),
-                Hyper("placement.turn", TURN, within, indices=turns),
+                Hyper(
+                    "placement.shift", DRAWN_SHIFT_SD, within, indices=shifts
+                ),
+                Hyper("placement.turn", DRAWN_TURN_SD, within, indices=turns),
             )
         else:
             shift_and_turn = np.repeat((self._reach, 3.0), 3)
@@ -158,8 +160,8 @@ class SpatialStructure(Structure):
         angles = np.flatnonzero(free & turning)
         lengths = np.flatnonzero(free & ~turning)
         scales = (
-            Hyper("offset", TURN, PRIOR.servos, indices=angles),
-            Hyper("offset.slide", SHIFT, PRIOR.wider, indices=lengths),
+            Hyper("offset", DRAWN_TURN_SD, PRIOR.servos, indices=angles),
+            Hyper("offset.slide", DRAWN_SHIFT_SD, PRIOR.wider, indices=lengths),
         )
         units = np.where(turning, "rad", "m").tolist()
         names = self.joint_names
@@ -269,17 +271,17 @@ class SpatialStructure(Structure):
         """The chain's links."""
         return Links.of(self.chain, self.deviations(beta))
 
-    def moving(self, motion: Motion) -> Moving:
+    def tip_motions(self, state: ChainState) -> TipMotions:
         """How the tip moves with each part of the geometry."""
-        no_motion = np.zeros((3, *motion.position.shape))
+        no_motion = np.zeros((3, *state.position.shape))
         groups = self.groups
         for tool in groups.keys() & {"tool", "marker"}:
-            yield groups[tool], lambda: (_axes(motion.flange), None)
+            yield groups[tool], lambda: (_axes(state.flange), None)
         tool_turn = groups["tool.rotation"]
-        yield tool_turn, lambda: (no_motion, _axes(motion.rotation))
-        frames = motion.frames[:-1]
+        yield tool_turn, lambda: (no_motion, _axes(state.rotation))
+        frames = state.frames[:-1]
         yield self.shifts, lambda: (_axes(frames), None)
-        yield self.turns, motion.turns
+        yield self.turns, state.turns
 
     def retract(self, beta: Array, delta: Array) -> Array:
         """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""
@@ -325,10 +327,10 @@ class SpatialStructure(Structure):
     def pose(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Position (n, 3) [m] and orientation (n, 3, 3) of the tip in the arm's root frame."""
         values = self.joint_values(q, beta)
-        motion = self.move(values, beta)
+        state = self.move(values, beta)
         # rows first and contiguous, or every product that follows would copy
-        position = np.ascontiguousarray(motion.position.T)
-        rotation = np.moveaxis(motion.rotation, 2, 0)
+        position = np.ascontiguousarray(state.position.T)
+        rotation = np.moveaxis(state.rotation, 2, 0)
         return position, rotation.copy()
 
 

@@ -19,7 +19,7 @@ from .frame_starts import best_frame, frame_of_drawing
 from .planar import PlanarStructure
 from .planar_starts import planar_starts, side_and_frame
 from .rows import Rows
-from .sensors import PLACE
+from .sensors import SENSOR_BLOCKS
 from .settings import START
 from .spatial import SpatialStructure
 from .structure import Structure
@@ -44,7 +44,7 @@ def best_start(
         ]
         refined.sort(key=lambda start: start.cost)
         starts = refined[: START.runs]
-    # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
+    # a planar arm that turns the other way, seen from behind, fits equally well
     most = starts[0].cost + START.tied_nats
     tied = [start for start in starts if not start.cost > most]
     return min(tied, key=lambda start: start.structure.reversals)
@@ -117,7 +117,7 @@ def _with_sensor(structure: SpatialStructure, rows: Rows, arm: Array) -> Array:
     groups = structure.groups
     fitted = best_frame(structure, rows, arm).beta
     beta = arm.copy()
-    for block in PLACE:
+    for block in SENSOR_BLOCKS:
         beta[groups[block]] = fitted[groups[block]]
     tool = groups["tool"]
     marker = groups["marker"]

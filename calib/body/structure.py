@@ -4,8 +4,8 @@ The fit, the gate, the bound, ``check`` and ``adapt`` know a body only through `
 steps lead from logged joint values q to outputs z::
 
     joints   v_i = gain s q_i + offset + coupling q_(i-1) + curve_i(q_i) + sum_e elastic_e load_e(q)
-    chain    motion = chain(v), with the tip's position and orientation
-    sensor   z = sight(motion)
+    chain    state = chain(v), with the tip's position and orientation
+    sensor   z = sight(state)
 
 with directions s = 1, -1 and loads ``load_e = gravity . lever_e(q)``.  Derivatives are products of
 those of the steps; ``chain_slope`` is dz/dv, of all joints of the chain.
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from ..arm.spatial_chain import Motion, move
+from ..arm.spatial_chain import ChainState, move
 from ..common.arrays import Array
 from .curves import (
     HARMONICS,
@@ -35,17 +35,17 @@ from .parameters import Gaussian, Indices
 from .sensors import InSpace, Sensor
 from .views import Projection, Sight, TipMotion, compose
 
-Moving = Iterator[tuple[Indices, Callable[[], TipMotion]]]
-"""Parameters of a chain's geometry, and how the tip moves with each of them."""
+TipMotions = Iterator[tuple[Indices, Callable[[], TipMotion]]]
+"""Parameters of a chain's geometry, and how the tip moves with them."""
 
 _BELIEFS = 16  # whose constants are remembered
 _STEP = 1e-4  # of a sensor's parameters, in derivatives
 
-S = TypeVar("S", bound="Structure")
+StructureT = TypeVar("StructureT", bound="Structure")
 
 
 class Constants(NamedTuple):
-    """What follows from the parameters alone, whatever the joints are."""
+    """Numbers that follow from the parameters alone, not from the joints."""
 
     gain: Array  # (dof, 1), with each joint's direction
     offset: Array  # (dof, 1) [rad or m]
@@ -78,7 +78,7 @@ class Structure(Layout):
         return (1,) * self.dof
 
     def offsets(self, beta: Array) -> Array:
-        """What is added to the joints' values (dof,)."""
+        """Offsets that are added to the joints' values (dof,)."""
         return beta[self.groups["offset"]]
 
     def chain_values(self, values: Array) -> Array:
@@ -90,16 +90,16 @@ class Structure(Layout):
         return chain_slope
 
     def links(self, beta: Array) -> Any:
-        """What `move` needs of the parameters."""
+        """The links of the chain at its parameters, for `move`."""
         raise NotImplementedError
 
-    def moving(self, motion: Motion) -> Moving:
+    def tip_motions(self, state: ChainState) -> TipMotions:
         """How the tip moves with each part of the geometry."""
         raise NotImplementedError
 
     @property
     def loads(self) -> Mapping[str, BendingLoads]:
-        """What bends the joints, by the block of elasticity that has a parameter for each."""
+        """Loads that bend the joints, by the block of elasticity with a parameter for each."""
         raise NotImplementedError
 
     @property
@@ -152,24 +152,24 @@ class Structure(Layout):
         """Loads (e, n) of a block of elasticity at rows (n, dof + a)."""
         return loads_at(self.loads[block], q[:, : self.dof], gravity)
 
-    def move(self, values: Array, beta: Array) -> Motion:
+    def move(self, values: Array, beta: Array) -> ChainState:
         """Where the chain is at the true values (c, n) of its joints."""
         return move(constants_at(self, beta).links, values)
 
-    def motion_and_sight(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
-        """Where the chain is at rows (n, dof + a), and what the sensor sees of it.
+    def state_and_sight(
+        self, q: Array, beta: Array
+    ) -> tuple[ChainState, Sight]:
+        """The chain's state at rows (n, dof + a), and its reading by the sensor.
 
-        Columns after the joints are facts of the row for its measurement.
+        The columns after the joints are further facts of a row, for its measurement.
         """
         constants = constants_at(self, beta)
         values = self.joint_values(q, beta)
-        motion = self.move(values, beta)
+        state = self.move(values, beta)
         if isinstance(self.measurement, Sensor):
-            return motion, constants.sensor.look(motion)
+            return state, constants.sensor.look(state)
         row_facts = q[:, self.dof :]
-        return motion, self.measurement.look(
-            constants.blocks, motion, row_facts
-        )
+        return state, self.measurement.look(constants.blocks, state, row_facts)
 
     def sensor(self, beta: Array) -> Projection:
         """The sensor with its place, its scale and its lens."""
@@ -177,17 +177,17 @@ class Structure(Layout):
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
-        _, sight = self.motion_and_sight(q, beta)
+        _, sight = self.state_and_sight(q, beta)
         return sight.values
 
     def residual(self, z: Array, predicted: Array) -> Array:
-        """Residuals (n, m) of observed against predicted outputs.
+        """Residuals (n, m): observed minus predicted outputs.
 
         Of a pose, the last three are the rotation vector, in the sensor's frame, that turns the
         predicted orientation into the observed one.
         """
         out = np.asarray(z - predicted)
-        if len(self.blocks) == 2:
+        if len(self.output_sizes) == 2:
             observed = z[:, 3:]
             back = -predicted[:, 3:]
             out[:, 3:] = compose(observed, back)
@@ -211,14 +211,14 @@ class Structure(Layout):
         self, q: Array, beta: Array, active: Indices | None = None
     ) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
-        motion, sight = self.motion_and_sight(q, beta)
+        state, sight = self.state_and_sight(q, beta)
         n, outputs = sight.values.shape
         if active is None:
             active = np.arange(self.size)
         column = np.full(self.size, -1)  # of each parameter in the derivative
         column[active] = np.arange(len(active))
         slopes = np.zeros((len(active), outputs, n))
-        for indices, derivative in self._columns(q, beta, motion, sight):
+        for indices, derivative in self._columns(q, beta, state, sight):
             places = column[indices.ravel()]
             is_active = places >= 0
             if is_active.any():
@@ -228,20 +228,20 @@ class Structure(Layout):
         return sight.values, slopes.transpose(2, 1, 0)
 
     def _columns(
-        self, q: Array, beta: Array, motion: Motion, sight: Sight
+        self, q: Array, beta: Array, state: ChainState, sight: Sight
     ) -> Iterator[tuple[Indices, Callable[[], Array]]]:
         """Parameters, and how outputs (..., m, n) move with them."""
         groups = self.groups
-        placing: Mapping[str, TipMotion] = {}
+        motions: Mapping[str, TipMotion] = {}
         if isinstance(self.measurement, InSpace):
-            placing = self.sensor(beta).placing(motion.position)
-        for name, motions in placing.items():
-            yield groups[name], partial(sight.push, *motions)
+            motions = self.sensor(beta).tip_motions(state.position)
+        for name, motion in motions.items():
+            yield groups[name], partial(sight.push, *motion)
         for name in self.sensor_blocks:
-            if name not in placing:
-                by_sensor = partial(self._by_sensor, name, q, motion, beta)
+            if name not in motions:
+                by_sensor = partial(self._by_sensor, name, q, state, beta)
                 yield groups[name], by_sensor
-        chain_slope = sight.push(*motion.joints())
+        chain_slope = sight.push(*state.joints())
         for block in self.loads:
             by_loads = partial(self._by_loads, block, q, beta, chain_slope)
             yield groups[block], by_loads
@@ -256,7 +256,7 @@ class Structure(Layout):
         signed = (joints * self.directions).T
         yield groups["offset"], lambda: joint_slope
         yield groups["gain"], lambda: joint_slope * signed[:, None]
-        for indices, tip_motion in self.moving(motion):
+        for indices, tip_motion in self.tip_motions(state):
             yield indices, partial(_by_tip, sight, tip_motion)
         for k in range(self.dof):
             by_curve = partial(_by_curve, joints[:, k], joint_slope[k])
@@ -278,7 +278,7 @@ class Structure(Layout):
         return slopes
 
     def _by_sensor(
-        self, block: str, q: Array, motion: Motion, beta: Array
+        self, block: str, q: Array, state: ChainState, beta: Array
     ) -> Array:
         """How outputs (k, m, n) move with a block of the sensor's parameters, by differences."""
         blocks = constants_at(self, beta).blocks
@@ -288,7 +288,7 @@ class Structure(Layout):
         def outputs_after(index: int, step: float) -> Array:
             moved = self.after_step(beta, index, step)[indices]
             stepped = {**blocks, block: moved}
-            return self.measurement.look(stepped, motion, row_facts).values
+            return self.measurement.look(stepped, state, row_facts).values
 
         slopes: list[Array] = []
         for index in indices.tolist():
@@ -303,8 +303,8 @@ class Structure(Layout):
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
-        motion, sight = self.motion_and_sight(q, beta)
-        chain_slope = sight.push(*motion.joints())
+        state, sight = self.state_and_sight(q, beta)
+        chain_slope = sight.push(*state.joints())
         slope = self.by_joints(q, beta, chain_slope)
         return sight.values, slope
 
@@ -349,7 +349,7 @@ def _by_curve(q: Array, joint_slope: Array) -> Array:
 
 
 def constants_at(structure: Structure, beta: Array) -> Constants:
-    """What follows from parameters (d,) alone, remembered."""
+    """The constants of a structure at parameters (d,), remembered."""
     return _constants(structure, beta.tobytes())
 
 
@@ -377,7 +377,7 @@ def _constants(structure: Structure, parameters: bytes) -> Constants:
         elastic=elastic,
         gravity=structure.gravity_at(beta),
         links=structure.links(beta),
-        sensor=structure.viewpoint.place(blocks),
+        sensor=structure.viewpoint.projection(blocks),
         blocks=blocks,
     )
 

@@ -13,23 +13,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arm.rotations import similarity
-from ..arm.spatial_chain import Motion
+from ..arm.spatial_chain import ChainState
 from ..common.arrays import Array
 from ..samples.sockets import SocketFact
 from .belief import Body
 from .body_fit import BodyFit, fit
 from .parameters import Block, Gaussian, Hyper, Indices
 from .rows import Rows, with_measurements
-from .settings import FINER, FIT, FREE, PRIOR
+from .settings import FINER, FIT, FLAT_SD, PRIOR
 from .spatial import SpatialStructure
 from .views import ArmSize, Measurement, Sight
 
 _POSTURES = 400
-"""Postures all over the range, of which the mean motion is that of the whole arm."""
+"""Number of postures all over the range; their mean motion is the motion of the whole arm."""
 
 DRAWN_SIZE = 2e-3
-"""Sd of an arm's size over that of its drawing: machined links, and a frame of aluminium that is
-20 deg warmer than the drawing grows by .5 of a thousandth."""
+"""Sd of an arm's size over that of its drawing: links are machined, and an aluminium frame 20 deg
+warmer than the drawing is .5 of a thousandth larger."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Touch(Measurement):
     """The tip less the socket that it is in [m]; a row also has the socket's number."""
 
     count: int  # sockets
-    within: tuple[float, float] = FINER  # doubt of joint origins
+    within: tuple[float, float] = FINER  # factor on the sd of joint origins
 
     outputs = 3
     floating = True
@@ -47,23 +47,23 @@ class Touch(Measurement):
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
         """The sockets."""
         names = [f"{k}.{axis}" for k in range(self.count) for axis in "xyz"]
-        return (Block.of("point", "m", names, sd=FREE * arm.reach),)
+        return (Block.of("point", "m", names, sd=FLAT_SD * arm.reach),)
 
     def look(
-        self, blocks: Mapping[str, Array], motion: Motion, row_facts: Array
+        self, blocks: Mapping[str, Array], state: ChainState, row_facts: Array
     ) -> Sight:
-        """See the tip in its sockets."""
+        """The tips minus their sockets."""
         places = blocks["point"].reshape(-1, 3)
         number = row_facts[:, 0].astype(int)
-        miss = motion.position.T - places[number]
+        miss = state.position.T - places[number]
         return Sight(miss, lambda: np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
-class Facts(Measurement):
-    """What is known of sockets, over its tolerance: a row for each distance and point of a plane.
+class SocketFacts(Measurement):
+    """Facts about sockets over their tolerances: a row for each distance and point of a plane.
 
-    The joints have no part in it.
+    They do not depend on the joints.
     """
 
     facts: tuple[SocketFact, ...]
@@ -74,10 +74,10 @@ class Facts(Measurement):
     def look(
         self,
         blocks: Mapping[str, Array],
-        motion: Motion,  # noqa: ARG002
+        state: ChainState,  # noqa: ARG002
         row_facts: Array,
     ) -> Sight:
-        """See how far the sockets are off."""
+        """The sockets' misfits."""
         places = blocks["point"].reshape(-1, 3)
         misfit = np.concatenate(
             [fact.misfit(places) / fact.tolerance for fact in self.facts]
@@ -88,15 +88,15 @@ class Facts(Measurement):
 
 
 def rows_of_touches(
-    q: Array, point: Indices, known: Sequence[SocketFact], x: Array
+    q: Array, point: Indices, facts: Sequence[SocketFact], x: Array
 ) -> list[Rows]:
-    """Touches, positions, and what is known of sockets, each a measurement.
+    """The rows of touches, positions, and facts about sockets, each a measurement.
 
     The parameters are those of `fit_touches`.
     """
     touched = point >= 0
     measured = ~touched
-    has_distance = any(fact.value is not None for fact in known)
+    has_distance = any(fact.value is not None for fact in facts)
     within = PRIOR.touches
     if measured.any() or has_distance:
         within = PRIOR.sized_touches
@@ -108,41 +108,41 @@ def rows_of_touches(
     rows = [Rows(numbered, miss, touch)]
     if measured.any():
         rows.append(Rows(q[measured], x[measured]))
-    if known:
-        rows.append(_rows_of_facts(known, q.shape[1]))
+    if facts:
+        rows.append(_rows_of_facts(facts, q.shape[1]))
     return rows
 
 
-def _rows_of_facts(known: Sequence[SocketFact], dof: int) -> Rows:
+def _rows_of_facts(facts: Sequence[SocketFact], dof: int) -> Rows:
     """One row of each distance, and of each point of a plane; its joints do not matter."""
     count = 0
-    for fact in known:
+    for fact in facts:
         count += 1 if fact.value is not None else len(fact.points)
     still = np.zeros((count, dof + 1))
     still[:, -1] = np.arange(count)
     misfit = np.zeros((count, 1))
-    return Rows(still, misfit, Facts(tuple(known)))
+    return Rows(still, misfit, SocketFacts(tuple(facts)))
 
 
 def fit_touches(
     structure: SpatialStructure,
     q: Array,
     point: Indices,
-    known: Sequence[SocketFact],
+    facts: Sequence[SocketFact],
     *,
     lower: Array,
     upper: Array,
     x: Array,
     seed: int,
 ) -> tuple[BodyFit, Array]:
-    """Fit an arm to touches; return the sockets' places (p, 3) [m] in the sensor's frame, too.
+    """Fit an arm to touches; also return the sockets' places (p, 3) [m] in the sensor's frame.
 
     structure : the arm with its drawing as prior: in its base frame (view ``"base"``), or before
         the sensor that measured some rows (``"rigid"``)
     q : (n, dof), joint values [rad or m]
     point : (n,), the number of the socket that each row touched, from 0; negative where it was
         none, and a sensor measured `x`
-    known : distances and planes; without a distance the arm's size stays as drawn
+    facts : distances and planes; without a distance the arm's size stays as drawn
     lower, upper : (dof,), the joints' range: bounds are of motions within it
     x : (n, 3), what the sensor measured [m]
     """
@@ -150,21 +150,21 @@ def fit_touches(
     variance = tip.var(axis=0).sum()
     extent = float(np.sqrt(variance))
     workspace = structure.with_sensor(extent=extent)
-    rows = rows_of_touches(q, point, known, x)
+    rows = rows_of_touches(q, point, facts, x)
     with_sockets = with_measurements(workspace, rows)
     begin = _beginning(with_sockets, tip, point, x)
     joint_fit = fit(with_sockets, rows, begin=begin, seed=seed)
     body = in_structure(joint_fit.body, structure)
     if (point < 0).any():
         # bounds are of touches and of readings
-        of_sensor = joint_fit.beside[0].body
+        of_sensor = joint_fit.other_sensors[0].body
         body = replace(body, noise=np.maximum(body.noise, of_sensor.noise))
     else:
         rng = np.random.default_rng(seed)
         size = (_POSTURES, len(lower))
         postures = rng.uniform(lower, upper, size)
         body = without_whole_motion(body, postures)
-    # where a block has most touches of a socket, the others do not determine its place
+    # not as fitted: other blocks hardly determine a socket whose touches are mostly in one block
     no_widening = np.ones(len(q))
     held_out = _held_out(joint_fit, point)
     fitted = replace(
@@ -179,7 +179,7 @@ def _held_out(joint_fit: BodyFit, point: Indices) -> Array:
     held_out = np.empty((len(point), 3))
     held_out[touched] = _about_means(joint_fit.held_out, point[touched])
     if not touched.all():
-        held_out[~touched] = joint_fit.beside[0].held_out
+        held_out[~touched] = joint_fit.other_sensors[0].held_out
     return held_out
 
 
@@ -206,14 +206,14 @@ def _beginning(
         turn, shift, scale = similarity(
             tip[measured], x[measured], scale=structure.metre
         )
-        begin = structure.placed(begin, turn, shift, scale)
+        begin = structure.with_sensor_at(begin, turn, shift, scale)
     return begin
 
 
 def _about_means(residual: Array, point: Indices) -> Array:
-    """Held-out residuals, about their mean where a block has most touches of a socket.
+    """Held-out residuals, minus their mean where a block has most touches of a socket.
 
-    What the other blocks show of the arm does not place such a socket.
+    The other blocks determine the arm, but hardly the place of such a socket.
     """
     out = residual.copy()
     counts = np.bincount(point)
@@ -228,7 +228,7 @@ def _about_means(residual: Array, point: Indices) -> Array:
 
 
 def in_structure(body: Body, structure: SpatialStructure) -> Body:
-    """The belief in another structure of the same arm, without what that does not have."""
+    """The belief in another structure of the arm, without parameters that this does not have."""
     before = [label.name for label in body.structure.labels]
     after = [label.name for label in structure.labels]
     _, shared, places = np.intersect1d(before, after, return_indices=True)
@@ -244,10 +244,11 @@ def in_structure(body: Body, structure: SpatialStructure) -> Body:
 
 
 def without_whole_motion(body: Body, q: Array) -> Body:
-    """The belief without what moves the arm as a whole, on average over `q` (n, dof).
+    """The belief without the uncertainty of the whole arm's motion, on average over `q` (n, dof).
 
-    No touch constrains a motion of the whole arm: it stays as drawn, and intervals and bounds omit
-    it.  The first joint's origin moves the arm as a whole, so that it takes the opposite part.
+    Touches do not determine where the whole arm is: it stays as drawn, and intervals and bounds
+    omit it.  Each uncertain parameter is combined with the move of the first joint's origin that
+    cancels its motion of the whole arm.
     """
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone
@@ -269,10 +270,10 @@ def without_whole_motion(body: Body, q: Array) -> Body:
 
 
 def with_size(body: Body, sd: float) -> Body:
-    """The belief of an arm whose size is known to a relative `sd` alone.
+    """The belief with the arm's size uncertain by a relative `sd`.
 
-    Growing by one factor, arm and sockets together, leaves every touch as it was.  The drawing
-    knows the size to some `DRAWN_SIZE`, and so does a distance of sockets that somebody stated.
+    No touch changes if arm and sockets grow by one factor: only a drawing (`DRAWN_SIZE`) or a
+    stated distance of sockets determines the size.
     """
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone

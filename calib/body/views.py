@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arm.rotations import exponential, logarithm
-from ..arm.spatial_chain import Motion, cross
+from ..arm.spatial_chain import ChainState, cross
 from ..common.arrays import Array
 from .parameters import Block, Hyper
 from .settings import PRIOR
@@ -114,7 +114,7 @@ def _product(slope: Array, motions: Array) -> Array:
 
 
 class ArmSize(NamedTuple):
-    """What the prior of a sensor rests on: the arm's size, and the place of its drawing."""
+    """The arm's size and the place of its drawing, for the priors of sensors."""
 
     reach: float  # [unit]
     unit: str  # of its lengths
@@ -142,12 +142,12 @@ class Measurement:
         return ()
 
     def look(
-        self, blocks: Mapping[str, Array], motion: Motion, row_facts: Array
+        self, blocks: Mapping[str, Array], state: ChainState, row_facts: Array
     ) -> Sight:
         """See the chain at n rows.
 
         blocks : all parameters, by block
-        motion : where the chain is
+        state : where the chain is
         row_facts : (n, g), further facts of a row: which point was touched, which corner was seen
         """
         raise NotImplementedError
@@ -172,7 +172,7 @@ class Projection:
         """What it reads of the origin (w,)."""
         return self.matrix[:, -1]
 
-    def placing(self, position: Array) -> Mapping[str, TipMotion]:
+    def tip_motions(self, position: Array) -> Mapping[str, TipMotion]:
         """Motions of a tip (3, n) [m] that look like each parameter of its place in space."""
         axes = np.broadcast_to(self.rotation[..., None], (3, *position.shape))
         return {
@@ -181,17 +181,17 @@ class Projection:
             "view.scale": (position[None], None),
         }
 
-    def look(self, motion: Motion) -> Sight:
+    def look(self, state: ChainState) -> Sight:
         """See the tip of a chain."""
         linear = self.matrix[:, :-1]
-        point = linear @ motion.position
+        point = linear @ state.position
         point += self.shift[:, None]
         if self.lens is not None:
             return pixels(self.lens, point, linear)
         if not self.has_orientation:
             values = np.ascontiguousarray(point.T)
             return Sight(values, lambda: linear)
-        orientation = np.moveaxis(motion.rotation, 2, 0)
+        orientation = np.moveaxis(state.rotation, 2, 0)
         turn = logarithm(self.rotation @ orientation)
         values = np.concatenate([point.T, turn], axis=1)
         apart = np.zeros((3, 3))

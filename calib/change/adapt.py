@@ -1,4 +1,4 @@
-"""Adapting: a model and a log in, a re-calibrated model out, or the word that it did not help."""
+"""Adapting: a model and a log in, a re-calibrated model out, or the old one if that is better."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ..stream.follow import BLOCK, HORIZON, OnlineAdapter
 from ..training.options import Progress
 from ..training.residuals import error_sizes
 from .adaptation import (
-    ADAPTING,
+    ADAPTATION,
     ARM_AND_SENSOR,
     Adaptation,
     adaptation_with,
@@ -67,8 +67,7 @@ def adapt(
     cause : {"sensor", "joints"}, optional
         What is known about the change.
     free : {"all", "offsets"}
-        With "offsets" the geometry is as the model has it; the joints' zeros and the sensor's
-        frame are fitted.
+        With "offsets" only the joints' zeros and the sensor's frame are fitted.
     progress : callable, optional
         Called with the share of the work done, the stage and the current error.
 
@@ -89,18 +88,18 @@ def adapt(
     of_sensor = model.by(log.sensor)
     report = progress or (lambda *_: None)
     report(0.0, "causes", math.nan)
-    learn = method == "few-shot"
+    is_few_shot = method == "few-shot"
     verdict = judge(
         of_sensor,
         log,
         cause=cause,
         free=free,
-        learn=learn,
-        progress=progress if learn else None,
+        learn=is_few_shot,
+        progress=progress if is_few_shot else None,
     )
     with guarded_algebra():
-        adapted = _few_shot if learn else _online
-        adaptation = adapted(verdict, report)
+        adapt_by = _few_shot if is_few_shot else _online
+        adaptation = adapt_by(verdict, report)
     if not model.others:
         return adaptation
     if adaptation.model is of_sensor:
@@ -109,15 +108,15 @@ def adapt(
 
 
 def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
-    """Return the verdict's belief as a model, where held-out rows show that it is better."""
+    """Adapt the model to the verdict's belief, where held-out rows show that this is better."""
     update = verdict.update
     evidence = verdict.evidence
     if update is None or evidence is None:
         why = "maps without a body learn from a stream alone: give `method=online`"
-        missed = verdict.rows.distance
-        unchanged = unchanged_adaptation(verdict, missed, missed, "nothing")
+        distance = verdict.rows.distance
+        unchanged = unchanged_adaptation(verdict, distance, distance, "nothing")
         return unchanged.with_note(why)
-    unchanged = _without_model(verdict, evidence, update)
+    unchanged = _not_adapted(verdict, evidence, update)
     if not (update.improved or evidence.is_explained):
         return unchanged.with_note(evidence.why_not())
 
@@ -131,23 +130,24 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
         unchanged = unchanged.with_note(TOO_WIDE)
     if not update.improved or not answers:
         bound = verdict.bound
-        # noise alone is no error of the model
+        # noise is no error of the model
         is_wrong = bound.beyond > CONTRADICTED and not bound.may_be_noise
         if verdict.changed or is_wrong:
             return _with_wider_bound(verdict, unchanged, model)
         return unchanged
 
-    # the equations are linear and the model is not: what is written has to keep the promise
+    # the update's equations are linear: the model itself has to keep their promise
     measured = rows.in_sockets_of(model).log
-    error = row_lengths(measured.x - Prediction(model, measured).value)
-    error = error[update.rows]
-    if error.mean() >= _promise(evidence, update):
-        unchanged = replace(unchanged, after=error_sizes(error))
-        if error.mean() >= ADAPTING.clearly_better * update.before.mean():
+    distance = row_lengths(measured.x - Prediction(model, measured).value)
+    held_out_distance = distance[update.rows]
+    error = held_out_distance.mean()
+    if error >= _promise(evidence, update):
+        unchanged = replace(unchanged, after=error_sizes(held_out_distance))
+        if error >= ADAPTATION.clearly_better * update.before.mean():
             return unchanged.with_note(PROMISE_BROKEN)
     improved = replace(unchanged, improved=True)
     if not improved.everywhere:
-        improved = improved.with_note(_where(improved, model))
+        improved = improved.with_note(_improved_region(improved, model))
     frame = None
     if evidence.is_attributed and FRAME[0] in update.explanation.groups:
         frame = frame_between(evidence, update.body.beta)
@@ -158,10 +158,10 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
     )
 
 
-def _without_model(
+def _not_adapted(
     verdict: Verdict, evidence: Evidence, update: Update
 ) -> Adaptation:
-    """Notes of the update on the rows, before there is a model of it."""
+    """The adaptation that keeps the old model, with the errors of the update."""
     if evidence.is_attributed:
         correction = update.explanation.name
         kept = _groups_kept(evidence, update.explanation.groups)
@@ -181,7 +181,7 @@ def _without_model(
 def _groups_kept(
     evidence: Evidence, changed: tuple[str, ...]
 ) -> tuple[str, ...]:
-    """What an adaptation leaves as it was, in words."""
+    """Names of the groups that an adaptation leaves as they were."""
     structure = evidence.reference.structure
     names = []
     for name, group in GROUPS.items():
@@ -194,15 +194,15 @@ def _groups_kept(
 
 
 def _promise(evidence: Evidence, update: Update) -> float:
-    """Mean distance of the rows up to which a model is what the equations promised [unit]."""
+    """Largest mean distance of held-out rows that agrees with the linear update [unit]."""
     rounding = LEAST_RESIDUAL * float(evidence.reference.structure.extents[0])
-    return ADAPTING.consistent * float(update.after.mean()) + rounding
+    return ADAPTATION.consistent * float(update.after.mean()) + rounding
 
 
-def _where(improved: Adaptation, model: Model) -> str:
-    """Where a model is better, in words; of further changes a corner says nothing."""
-    unit = model.about.unit
-    bound = quantity(float(np.median(model.model_bounds)), unit)
+def _improved_region(improved: Adaptation, model: Model) -> str:
+    """The note that the model improved at the rows only: elsewhere it may have changed further."""
+    median = float(np.median(model.model_bounds))
+    bound = quantity(median, model.about.unit)
     return (
         f"improved at the rows, {100 * improved.coverage:.0f} % of the learned range: unknown "
         f"elsewhere, where the position is known to {bound} (median of the bound) if nothing "
@@ -213,18 +213,18 @@ def _where(improved: Adaptation, model: Model) -> str:
 def _with_wider_bound(
     verdict: Verdict, unchanged: Adaptation, updated: Model
 ) -> Adaptation:
-    """The old model with wider bounds, where the rows contradict its own and nothing mends it.
+    """The old model with wider bounds, where the rows contradict them and no update is better.
 
-    updated : what the rows made of the model, although it is no better at them
+    updated : the model after the update, which is not better
     """
     rows = verdict.rows
     model = rows.model
     u = model.motor.units_in_box
     difference = updated.predictor.value(u) - model.predictor.value(u)
-    missed = float(np.quantile(rows.distance, 0.95))
+    error = float(np.quantile(rows.distance, 0.95))
     bound = row_lengths(difference) + updated.model_bounds
-    bound = np.maximum(bound, missed)
-    # bounds at more than three joints are the body's own
+    bound = np.maximum(bound, error)
+    # with more than three joints the bound is computed from the body
     residual = float(np.median(bound)) / RADIUS_95
     body = replace(rows.body, residual=np.maximum(rows.body.residual, residual))
     wider = replace(
@@ -233,7 +233,7 @@ def _with_wider_bound(
         bounds=np.maximum(model.bounds, bound),
         model_bounds=np.maximum(model.model_bounds, bound),
     )
-    size = quantity(missed, rows.unit)
+    size = quantity(error, rows.unit)
     words = (
         f"the rows are missed by {size} (95 %), and no correction is clearly better than none: "
         "the prediction stays, with a wider bound"
@@ -242,20 +242,20 @@ def _with_wider_bound(
 
 
 def _online(verdict: Verdict, report: Progress) -> Adaptation:
-    """Show a log to the online rule, again and again where it is short."""
+    """Adapt the maps by the online rule; a short log is repeated."""
     rows = verdict.rows
     u = rows.u
     q = rows.q
     x = rows.x
-    # every tenth block is held out to judge by
+    # every tenth block is held out
     count = max(10, len(u) // BLOCK)
     held_out = np.concatenate(blocks(len(u), count)[4::10])
-    shown = np.setdiff1d(np.arange(len(u)), held_out)
-    adapter = OnlineAdapter(rows.model, max(HORIZON, len(shown)), force=True)
-    times = -(-HORIZON // len(shown))  # a short stream is shown again
+    learned = np.setdiff1d(np.arange(len(u)), held_out)
+    adapter = OnlineAdapter(rows.model, max(HORIZON, len(learned)), force=True)
+    times = -(-HORIZON // len(learned))
     for k in range(times):
-        step = adapter.feed(q[shown], x[shown])
-        share = min(1.0, (k + 1) * len(shown) / HORIZON)
+        step = adapter.feed(q[learned], x[learned])
+        share = min(1.0, (k + 1) * len(learned) / HORIZON)
         report(0.9 * share, "online", step.error)
     model = adapter.model()
     residual = x[held_out] - model.predictor.value(u[held_out])
@@ -264,7 +264,7 @@ def _online(verdict: Verdict, report: Progress) -> Adaptation:
     correction = "maps and Hebbian links trained online"
     unchanged = unchanged_adaptation(verdict, before, after, correction, ())
     if times > 1:
-        note = f"{len(shown)} samples were shown {times} times"
+        note = f"{len(learned)} samples were shown {times} times"
         unchanged = unchanged.with_note(note)
     answered = np.isfinite(model.expected_error(q[held_out]))
     if not better(after, before) or answered.mean() <= 0.5:

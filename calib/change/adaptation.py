@@ -34,26 +34,26 @@ from .verdict import Verdict
 
 @dataclass(frozen=True)
 class AdaptationSettings:
-    """When an adaptation is written."""
+    """When an adaptation is written, and what it is evaluated on."""
 
-    # times the promised error that a model may miss its rows by
+    # largest error of a model at the rows, over the one that the linear update promised
     consistent: float = 1.2
-    # share of the error before: a model that misses rows by less is written although the linear
-    # equations promised more.  Exact rows after a lens: 1e-5 mm promised, 20 mm before.
+    # largest error over the one before that is enough although the linear update promised less:
+    # exact rows after a lens, 1e-5 mm promised, 20 mm before
     clearly_better: float = 0.01
-    # least spread of rows in any direction, over that of the learned range
+    # `LogRows.least_relative_spread` of rows that span the learned range
     wide: float = 0.5
     # cells along each joint, for the share of the range that a log measured
     cells: int = 5
-    # imagined samples that set what is usual after an adaptation
+    # random joint values that the new baseline is computed at
     baseline: int = 6000
     # rows that the readouts are evaluated on
     evaluated: int = 500
 
 
-ADAPTING = AdaptationSettings()
+ADAPTATION = AdaptationSettings()
 ARM_AND_SENSOR = ("the arm and the sensor",)
-"""What is kept where nothing changed."""
+"""`Adaptation.kept` where nothing changed."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,7 +78,7 @@ class Adaptation:
     changed : tuple of Cause
         What changed, as `check` reports of the same log.
     kept : tuple of str
-        What was left as it was.
+        What was kept as it was.
     coverage : float
         Share of the learned range that the log measured.
     notes : tuple of str
@@ -86,7 +86,7 @@ class Adaptation:
     everywhere : bool
         Whether the rows span the learned range; otherwise `improved` concerns their own region.
     left_out : int
-        Rows of the log that are wrong, or outside of what the model has learned.
+        Outliers, and rows of the log outside of what the model has learned.
     verdict : Verdict
         The verdict of the log on the old model.
     """
@@ -107,7 +107,7 @@ class Adaptation:
     verdict: Verdict
 
     def with_note(self, note: str) -> Adaptation:
-        """The same with one more note."""
+        """The adaptation with one more note."""
         return replace(self, notes=(*self.notes, note))
 
     def __repr__(self) -> str:
@@ -130,9 +130,10 @@ def unchanged_adaptation(
     correction: str,
     kept: tuple[str, ...] = ARM_AND_SENSOR,
 ) -> Adaptation:
-    """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit].
+    """An adaptation that keeps the old model.
 
-    kept : what was left as it was, in words
+    before, after : distances (k,) of held-out rows from the old model, and from the update [unit]
+    kept : what was kept as it was, in words
     """
     rows = verdict.rows
     changed = [cause for cause in verdict.causes if cause.group != "noise"]
@@ -148,21 +149,21 @@ def unchanged_adaptation(
         kept=kept,
         coverage=_coverage(rows),
         notes=verdict.notes,
-        everywhere=rows.across > ADAPTING.wide,
+        everywhere=rows.least_relative_spread > ADAPTATION.wide,
         left_out=verdict.left_out,
         verdict=verdict,
     )
 
 
 def _coverage(rows: LogRows) -> float:
-    """Share of the learned range that rows visit: of cells of a fifth, over pairs of joints."""
+    """Share of the learned range that rows visit: mean share of cells, over pairs of joints."""
     visited = _cells(rows.u)
     learned = None if rows.learned_u is None else _cells(rows.learned_u)
     joints = visited.shape[1]
     shares = []
     for pair in combinations(range(joints), min(joints, 2)):
         cells = {*map(tuple, visited[:, pair].tolist())}
-        count = ADAPTING.cells ** len(pair)
+        count = ADAPTATION.cells ** len(pair)
         if learned is not None:
             cells_of_model = {*map(tuple, learned[:, pair].tolist())}
             cells &= cells_of_model
@@ -172,9 +173,9 @@ def _coverage(rows: LogRows) -> float:
 
 
 def _cells(u: Array) -> Index:
-    """Cells (n, dof) along each joint of points of the unit box (n, dof)."""
+    """Number of the cell (n, dof) along each joint of points of the unit box (n, dof)."""
     inside = np.clip(u, 0.0, 1.0 - 1e-12)
-    return (inside * ADAPTING.cells).astype(int)
+    return (inside * ADAPTATION.cells).astype(int)
 
 
 def adaptation_with(
@@ -185,17 +186,17 @@ def adaptation_with(
     method: str,
     frame: Alignment | None = None,
 ) -> Adaptation:
-    """The adaptation with the new model, its facts, its baseline and the history of the old one.
+    """The adaptation with the new model, its facts, its baseline and its history.
 
-    held_out_q, held_out_residual : (k, dof), (k, m) [unit], of rows that it did not learn from
-    frame : of the sensor that was moved, in that of the old model
+    held_out_q, held_out_residual : (k, dof), (k, m) [unit], of held-out rows
+    frame : new frame of a sensor that was moved, in the old one
     """
     rows = improved.verdict.rows.in_sockets_of(model)
     old = rows.model
     learned = MeasuredRows.of(rows.log.q, rows.x)
-    if len(held_out_residual) == len(learned):  # of all rows that are kept
+    if len(held_out_residual) == len(learned):
         learned = replace(learned, held_out=held_out_residual)
-    # a camera that was moved sees another picture
+    # a moved camera sees another picture
     photo = old.photo if method == "few-shot" and frame is None else None
     event = _event(improved, method, frame)
     model = replace(
@@ -215,21 +216,21 @@ def _facts(
     held_out_q: Array,
     held_out_residual: Array,
 ) -> About:
-    """The facts of the new model, by held-out rows (k, dof), (k, m) [unit]."""
+    """The facts of the new model, by joints and residuals of held-out rows (k, dof), (k, m)."""
     verdict = improved.verdict
     rows = verdict.rows
     distance = row_lengths(held_out_residual)
-    of_old_bound = verdict.bound.words(changed=verdict.score > 1.0)
+    note_on_old_bound = verdict.bound.words(changed=verdict.score > 1.0)
     facts = rows.model.about.by_readings(
         samples=improved.samples,
         unit=verdict.unit,
         errors=_errors(model, rows.in_sockets_of(model), held_out_residual),
-        notes=tuple(note for note in improved.notes if note != of_old_bound),
+        notes=tuple(n for n in improved.notes if n != note_on_old_bound),
         tested=len(distance),
         left_out=improved.left_out,
         within={},
     )
-    # a simulated arm's bound was that on the true position
+    # by the new facts: the bound of a simulated arm was on the true position
     bound = replace(model, about=facts).expected_error(held_out_q)
     is_within = distance <= np.nan_to_num(bound) + 1e-12
     within = {
@@ -240,13 +241,13 @@ def _facts(
 
 
 def _baseline(model: Model, learned: MeasuredRows, distance: Array) -> Baseline:
-    """What is usual of the new model, by its distances (k,) from held-out rows [unit]."""
-    shape = (ADAPTING.baseline, learned.q.shape[1])
+    """The baseline of the new model, by distances (k,) of held-out rows [unit]."""
+    shape = (ADAPTATION.baseline, learned.q.shape[1])
     points = np.random.default_rng(0).random(shape)
     baseline = learn_baseline(
         model.association, points, model.predictor.value(points), distance
     )
-    if model.body is None:  # maps that followed these rows know no others
+    if model.body is None:  # maps alone are valid at these rows only
         scale = model.motor.scale
         places = RowPlaces.of(scale, scale.to_unit(learned.q))
         baseline = replace(baseline, seen=places)
@@ -256,8 +257,8 @@ def _baseline(model: Model, learned: MeasuredRows, distance: Array) -> Baseline:
 def _event(
     improved: Adaptation, method: str, frame: Alignment | None
 ) -> Document:
-    """The record of an adaptation in a model's history, next to what the model was before."""
-    old = improved.model  # still the old one
+    """The record of an adaptation in a model's history, with facts of the old model."""
+    old = improved.model  # not replaced yet
     about = old.about
     usual = about.errors.get(old.default_readout)
     return {
@@ -283,9 +284,9 @@ def _event(
 
 
 def _errors(model: Model, rows: LogRows, residual: Array) -> ErrorTable:
-    """Errors of all readouts; held-out residuals (k, m) give those of the default one."""
+    """Errors of all readouts, of the default one by held-out residuals (k, m) [unit]."""
     readout = model.default_readout
-    evaluated = spread_rows(len(rows), ADAPTING.evaluated)
+    evaluated = spread_rows(len(rows), ADAPTATION.evaluated)
     motion = Motion(rows.q[evaluated])
     errors = summarise(evaluate_residuals(model, motion, rows.x[evaluated]))
     if readout != "body":
@@ -302,8 +303,8 @@ def model_around(
 ) -> Model:
     """The model with an updated body, maps that follow it, and new bounds.
 
-    u : (n, dof), joints in the unit box of the rows of the update
-    at_rows : the body by whose bound the rows' neighbourhood is known, where it is another
+    u : (n, dof), joints of the log's rows in the unit box
+    at_rows : the body whose bound holds near the rows, where it is another one
     """
     motor = old.motor
     nodes = motor.units_in_box
@@ -312,12 +313,12 @@ def model_around(
     sensory = _sensory_map(old, old.predictor.value(nodes), after)
     reading, position = bounds_of_nodes(motor, body)
     if at_rows is not None and nodes.shape[1] <= MOST_BLENDED:
-        # near the rows, what no cause explains may be taken for noise: their true position, too,
-        # is known as well as a reading
-        there, _ = bounds_of_nodes(motor, at_rows)
-        share = _away(motor.scale, u, nodes)
-        reading = np.minimum(reading, there + share * (reading - there))
-        position = np.minimum(position, there + share * (position - there))
+        # near the rows the error that no cause explains counts as noise, so that one bound holds
+        # for readings and for true positions
+        near, _ = bounds_of_nodes(motor, at_rows)
+        share = _relative_distance(motor.scale, u, nodes)
+        reading = np.minimum(reading, near + share * (reading - near))
+        position = np.minimum(position, near + share * (position - near))
     return replace(
         old,
         association=replace(old.association, sensory=sensory),
@@ -331,18 +332,18 @@ def model_around(
     )
 
 
-def _away(scale: Scale, u: Array, nodes: Array) -> Array:
-    """How far nodes (k, dof) are from rows (n, dof): 0 among them, 1 where nothing is known, (k,).
+def _relative_distance(scale: Scale, u: Array, nodes: Array) -> Array:
+    """Distance (k,) of nodes (k, dof) from rows (n, dof), over half the width of the rows' region.
 
-    A change without a name carries on as far as the region of the rows is wide.
+    It is 0 among the rows, and at most 1: as far away, a change without a name says nothing.
     """
-    region = 0.5 * float(np.ptp(u, axis=0).mean())
-    beside = RowPlaces.of(scale, u).beside(scale, nodes)
-    return np.minimum(beside / max(region, 1e-9), 1.0)
+    half_width = 0.5 * float(np.ptp(u, axis=0).mean())
+    distance = RowPlaces.of(scale, u).beside(scale, nodes)
+    return np.minimum(distance / max(half_width, 1e-9), 1.0)
 
 
 def _local_models_around(old: Model, body: Body) -> LocalModels:
-    """The local models of a model, their offsets carried to an updated body by `offset_after`."""
+    """The local models, their offsets carried over to an updated body by `offset_after`."""
     models = old.predictor.models
     if old.body is None or models.degree < 0:
         return NO_MODELS
@@ -355,9 +356,9 @@ def _local_models_around(old: Model, body: Body) -> LocalModels:
 
 
 def _sensory_map(old: Model, before: Array, after: Array) -> Map:
-    """The sensory map, each node moved by the mean of the motor nodes that it is linked with.
+    """The sensory map, each node moved by the mean move of its partners among the motor nodes.
 
-    before, after : (motor nodes, m) [unit], what was and what is predicted at the motor nodes
+    before, after : (motor nodes, m) [unit], old and new predictions at the motor nodes
     """
     sensory = old.sensory
     total = np.asarray(old.links.sum(axis=0)).ravel()
@@ -366,11 +367,12 @@ def _sensory_map(old: Model, before: Array, after: Array) -> Map:
         """Mean (sensory nodes, m) over the links of each sensory node."""
         return np.asarray(old.links.T @ x / np.maximum(total, 1e-300)[:, None])
 
-    # an affine map of the means, so that what a node differs from its partners is mapped too
+    # by an affine map and the means' deviation from it, so that a node keeps its place among its
+    # partners
     frame = Alignment.between(before, after)
-    moved = frame.apply(sensory.weights)
+    weights = frame.apply(sensory.weights)
     shift = mean_of_partners(after) - frame.apply(mean_of_partners(before))
-    linked = total > 0
-    moved[linked] += shift[linked]
-    scale = Scale.of_data(np.concatenate([moved, after]))
-    return Map(scale.to_unit(moved), sensory.lattice, scale, sensory.history)
+    is_linked = total > 0
+    weights[is_linked] += shift[is_linked]
+    scale = Scale.of_data(np.concatenate([weights, after]))
+    return Map(scale.to_unit(weights), sensory.lattice, scale, sensory.history)

@@ -1,13 +1,12 @@
 """Causes: what may have changed between a belief and a log, by how much, and in which words.
 
-They know an arm only by the groups of its structure's parameters: one table serves all arms.
+They refer to an arm only by the groups of its structure's parameters: one table serves all arms.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
-from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,32 +14,31 @@ import numpy as np
 from ..body.belief import Body
 from ..body.covariance import root_of
 from ..body.parameters import Indices
-from ..body.settings import FIT, SHIFT, TURN
+from ..body.settings import DRAWN_SHIFT_SD, DRAWN_TURN_SD, FIT
 from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
 from ..common.arrays import Array
 
 CREEP_WAVES = 0.01  # sd of a joint's curve that may creep between two logs, over that of its prior
-# the same of an arm as it was built
-BUILT_CURVE = 0.3
+BUILT_CURVE = 0.3  # sd of the curves of a simulated arm once it is built, over that of their prior
 LEAST_MISFIT = 1e-4
 """Least residual sd of an arm that may have changed, beyond the noise [extents]: also of samples
 without noise."""
-# Times the standard deviation of a freed frame: to a radian and an extent
+# Factor on the sd of a free frame that makes it about one radian and one extent
 ANYWHERE = 20.0
-CALM_WAVES = 0.7
-# of an arm that is exactly as it was simulated: without the tolerances of its making, too
+CALM_WAVES = 0.7  # largest sd of waves that an unchanged arm may show, over that of their prior
+# Size of waves of an arm exactly as it was simulated, without the tolerances of making it
 AS_SIMULATED = 0.0
 WAVE_SIZES = (CREEP_WAVES, CALM_WAVES, 4.0)
-"""Joints' waves, of unknown size, that a log may show besides any change: sd of their curves, over
-that of its prior.  With the least alone, waves of 2 mrad along a line were taken for lengths and a
-lens.  Each is as likely before: a prior uniform in the logarithm of a size (Jeffreys).  An arm that
-has not changed may show calm ones: .25 mrad are what a model of 400 rows had not learned of a real
-UR10, and did harm where they were taken for a change.  A larger smooth residual as well (4 times
-the usual) left an error of .64 mm on rows of another day, for .29."""
+"""Sizes of joints' waves that a log may show besides any change: sd of their curves, over that of
+their prior.  With the smallest alone, waves of 2 mrad along a line were taken for lengths and a
+lens.  All are equally likely a priori: uniform in the logarithm of the size (Jeffreys).  An
+unchanged arm may show calm ones: a model of 400 rows had not learned waves of .25 mrad of a real
+UR10, and taking these for a change did harm.  With a larger smooth residual as well (4 times the
+usual) the error on rows of another day was .64 mm instead of .29."""
 
 FRAME = ("view.rotation", "view.shift")
-"""Groups that move when the sensor is put elsewhere; always freed together."""
+"""Groups that change when the sensor is put elsewhere; they are always free together."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class Cause:
     unit: str = ""  # unit of the value
 
     def within(self, half: float) -> Cause:
-        """The same with half the width of its 95 % interval."""
+        """The cause with a 95 % interval of this half-width around its value."""
         middle = self.value or 0.0
         return replace(self, interval=(middle - half, middle + half))
 
@@ -70,107 +68,109 @@ class Cause:
 
 
 class Group(NamedTuple):
-    """How far the parameters of a group may move (standard deviations), and its words."""
+    """Standard deviations by which the parameters of a group move, and the group's words."""
 
-    freed: float  # of one that has changed
-    creep: float = 0.0  # between two logs of an arm that has not
-    built: float = 0.0  # of an arm as it was built, from its drawing
-    # of what an adaptation leaves unchanged; "" without a note
+    change_sd: float  # by a change
+    creep_sd: float = 0.0  # between two logs of an arm that has not changed
+    tolerance_sd: float = 0.0  # of a built arm, from its drawing
+    # in the list of what an adaptation kept; "" where that omits the group
     name: str = ""
-    changed: str = "{name} changed by {size}"
+    template: str = "{name} changed by {size}"  # sentence on a change
     whole: bool = False  # whether all of its parameters are one cause
 
 
 _DEGREE = float(np.radians(1.0))
 GROUPS = {
-    # [rad], about the frame that fits the log best; of the extents
-    "view.rotation": Group(freed=0.05, name="the sensor's frame"),
-    "view.shift": Group(freed=0.05),
+    # [rad] and [extents], about the frame that fits the log best
+    "view.rotation": Group(change_sd=0.05, name="the sensor's frame"),
+    "view.shift": Group(change_sd=0.05),
     "view.scale": Group(
-        freed=0.3,
+        change_sd=0.3,
         name="the sensor's scale",
-        changed="the sensor's scale changed by {size}",
+        template="the sensor's scale changed by {size}",
         whole=True,
     ),
     "view.shear": Group(
-        freed=0.1,
-        changed="the sensor's axes are stretched or sheared",
+        change_sd=0.1,
+        template="the sensor's axes are stretched or sheared",
         whole=True,
     ),
-    # over the chain's length
+    # [1 / length of the chain]
     "view.tilt": Group(
-        freed=0.3,
+        change_sd=0.3,
         name="the camera's tilt",
-        changed="the camera is tilted",
+        template="the camera is tilted",
         whole=True,
     ),
     "lens": Group(
-        freed=0.2,
+        change_sd=0.2,
         name="the lens",
-        changed="the sensor's frame is bent, as by a lens",
+        template="the sensor's frame is bent, as by a lens",
         whole=True,
     ),
-    # of the mean length; as built [m]
+    # [mean length of a link], the tolerance [m]
     "length": Group(
-        freed=0.15,
-        creep=1e-4,
-        built=1e-3,
+        change_sd=0.15,
+        creep_sd=1e-4,
+        tolerance_sd=1e-3,
         name="the links' lengths",
-        changed="the link of {joint} is {share} ({length}) {longer}",
+        template="the link of {joint} is {share} ({length}) {longer}",
     ),
     "offset": Group(
-        freed=5 * _DEGREE,
-        creep=0.02 * _DEGREE,
-        built=0.1 * _DEGREE,
+        change_sd=5 * _DEGREE,
+        creep_sd=0.02 * _DEGREE,
+        tolerance_sd=0.1 * _DEGREE,
         name="the joints' offsets",
-        changed="{joint} is off by {size}",
+        template="{joint} is off by {size}",
     ),
     "gain": Group(
-        freed=0.03,
-        creep=1e-4,
-        built=1e-3,
+        change_sd=0.03,
+        creep_sd=1e-4,
+        tolerance_sd=1e-3,
         name="the joints' gains",
-        changed="{joint} moves {size} further than its encoder reads",
+        template="{joint} moves {size} further than its encoder reads",
     ),
     "coupling": Group(
-        freed=0.03,
-        creep=1e-4,
-        built=1e-3,
+        change_sd=0.03,
+        creep_sd=1e-4,
+        tolerance_sd=1e-3,
         name="the joints' coupling",
-        changed="{joint} moves with the joint before it, by {size} more",
+        template="{joint} moves with the joint before it, by {size} more",
     ),
     "elastic": Group(
-        freed=0.02,
-        creep=2e-5,
-        built=1e-4,
+        change_sd=0.02,
+        creep_sd=2e-5,
+        tolerance_sd=1e-4,
         name="elasticity",
-        changed="{joint} bends under load, by up to {most} deg",
+        template="{joint} bends under load, by up to {most} deg",
         whole=True,
     ),
     "payload": Group(
-        freed=0.02,
-        creep=2e-5,
-        built=1e-4,
+        change_sd=0.02,
+        creep_sd=2e-5,
+        tolerance_sd=1e-4,
         name="the payload",
-        changed="a payload bends {joint}, by up to {most} deg",
+        template="a payload bends {joint}, by up to {most} deg",
         whole=True,
     ),
-    # over the prior of a robot
+    # [prior sd of a drawing]
     "placement": Group(
-        freed=5.0,
-        creep=0.1,
-        built=1.0,
+        change_sd=5.0,
+        creep_sd=0.1,
+        tolerance_sd=1.0,
         name="the joints' placements",
-        changed="{joint} sits elsewhere, {name} by {size}",
+        template="{joint} sits elsewhere, {name} by {size}",
     ),
-    # [rad], of the two parameters of a wave
+    # [rad], of both parameters of a wave
     "curve": Group(
-        freed=0.02,
-        changed="{joint} errs by a wave of {size}, {order} a turn: a gear, or its encoder's disc",
+        change_sd=0.02,
+        template="{joint} errs by a wave of {size}, {order} a turn: a gear, or its encoder's disc",
     ),
-    "tool": Group(freed=0.1, creep=1e-4, built=1e-3, name="the tool"),  # [m]
+    "tool": Group(
+        change_sd=0.1, creep_sd=1e-4, tolerance_sd=1e-3, name="the tool"
+    ),  # [m]
     "tool.rotation": Group(
-        freed=0.3, creep=0.02 * _DEGREE, built=0.1 * _DEGREE
+        change_sd=0.3, creep_sd=0.02 * _DEGREE, tolerance_sd=0.1 * _DEGREE
     ),
 }
 
@@ -194,7 +194,7 @@ _SENSORS = {
     "tilt": (*_CAMERA, *FRAME),
     "lens": ("lens", "view.scale", "view.shear", *FRAME),
 }
-"""Groups of each cause of the sensor, its own first."""
+"""Groups of each cause of the sensor; it has a cause if it has the first of its groups."""
 
 SETS = (
     ("offset",),
@@ -203,7 +203,7 @@ SETS = (
     (*_ARM, *FRAME),
     (*_ARM, *_CAMERA, "lens", *FRAME),
 )
-"""Groups of which all parameters may have changed together."""
+"""Sets of groups of which all parameters may have changed together."""
 
 
 def single_causes(
@@ -215,11 +215,11 @@ def single_causes(
 ) -> dict[str, Indices]:
     """Return the parameters of each cause that may occur alone.
 
-    cause : {"sensor", "joints", "offsets"}, if it is known that only these may have changed;
-        "offsets" are the joints' zeros and the frame
+    cause : {"sensor", "joints", "offsets"}, where only these may have changed; "offsets" are the
+        joints' zeros and the frame
     waves : parameters of joints' waves that a log shows
-    by_touch : whether touches alone show them: no sensor, no first joint's offset, and not where
-        its origin is
+    by_touch : whether all rows are touches, which show no sensor, and neither offset nor origin of
+        the first joint
     """
     if by_touch and cause != "offsets":
         cause = "joints"
@@ -244,10 +244,10 @@ def single_causes(
         label = structure.labels[index]
         is_first = label.joint == first
         if label.group == "placement" and is_first and cause != "joints":
-            continue  # the first origin's place is the sensor's frame
+            continue  # the sensor's frame moves it as well
         if label.group in ("elastic", "payload") and label.unit == "m":
-            continue  # the pull on a slide hardly changes with the posture: its offset
-        name = f"{kind_of(label.group)}:{label.joint}"
+            continue  # the load on a slide hardly depends on the posture: it is an offset
+        name = f"{cause_kind(label.group)}:{label.joint}"
         if label.joint is None or label.group in ("elastic", "payload"):
             name = label.group  # a payload bends all joints at once
         others = causes.get(name, np.zeros(0, np.intp))
@@ -259,13 +259,13 @@ def single_causes(
 
 
 def frame_twin(body: Body) -> Indices:
-    """The first joint's offset (k,) where a free frame does the same: a belief frees one."""
+    """The first joint's offset (k,), where a free sensor frame has its effect, else none (0,)."""
     first = indices_of(body.structure, ("offset",))[:1]
     return first[~np.isin(first, body.active)]
 
 
-def kind_of(group: str) -> str:
-    """The kind of cause of a group of parameters: of all joints' curves it is one."""
+def cause_kind(group: str) -> str:
+    """The kind of cause of a group of parameters; "curve" for the curve of any joint."""
     return "curve" if group.startswith("curve.") else group
 
 
@@ -275,7 +275,7 @@ def is_sensors(group: str) -> bool:
 
 
 def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
-    """Parameters (k,) of some groups; those that the structure does not have are left out."""
+    """Parameters (k,) of some groups, as far as the structure has them; "curve" is all curves."""
     parts = [np.zeros(0, np.intp)]
     for group in groups:
         for name, indices in structure.groups.items():
@@ -286,16 +286,18 @@ def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
 
 def sd_if_changed(body: Body) -> Array:
     """Standard deviation (d,) by which parameters may have changed."""
-    return _sd_of_groups(body, body.structure.groups, attrgetter("freed"))
+    return _sd_of_groups(
+        body, body.structure.groups, lambda group: group.change_sd
+    )
 
 
 def sd_of_creep(body: Body, wave_size: float = CREEP_WAVES) -> Array:
     """Standard deviation (d,) by which the arm's own parameters may have crept.
 
-    wave_size : that of the joints' curves over their prior's; beyond `CREEP_WAVES` of those too
-        that the belief leaves out
+    wave_size : sd of the joints' curves over that of their prior; beyond `CREEP_WAVES` the curves
+        that the belief leaves out creep, too
     """
-    sd = _sd_of_arm(body, attrgetter("creep"), wave_size)
+    sd = _sd_of_arm(body, lambda group: group.creep_sd, wave_size)
     creeping = body.active
     if wave_size > CREEP_WAVES:
         curves = indices_of(body.structure, ("curve",))
@@ -306,28 +308,31 @@ def sd_of_creep(body: Body, wave_size: float = CREEP_WAVES) -> Array:
 
 
 def as_built(body: Body) -> Body:
-    """The belief that a changed arm starts from: of a simulation, that of an arm as it is built."""
+    """The belief before a change; that of a simulated arm has the tolerances of a built one."""
     structure = body.structure
     least = LEAST_MISFIT * np.asarray(structure.extents)
     body = replace(body, tau=np.maximum(body.tau, least))
     if not body.simulated:
         return body
-    sd = _sd_of_arm(body, attrgetter("built"), BUILT_CURVE, link=1.0)
-    # the first origin's place is the frame's own
+    sd = _sd_of_arm(
+        body, lambda group: group.tolerance_sd, BUILT_CURVE, link=1.0
+    )
+    # the sensor's frame moves the first origin
     if isinstance(structure, SpatialStructure):
         sd[structure.shifts[0]] = 0.0
         sd[structure.turns[0]] = 0.0
-    # What samples did not determine stays correlated: along the gauge of a chain without a drawing,
-    # deviations alone, of radians, would look as if nothing was learned.
-    wrong = np.flatnonzero(sd)
+    # added to the covariance, whose correlations matter: along the gauge of a chain without a
+    # drawing, sds alone are radians, as if nothing had been learned
+    uncertain = np.flatnonzero(sd)
     body = replace(body, second=None)
-    return body.with_covariance(wrong, np.diag(sd[wrong] ** 2))
+    return body.with_covariance(uncertain, np.diag(sd[uncertain] ** 2))
 
 
 def with_chain_in_doubt(body: Body) -> Body:
-    """The belief with the doubt of the second fit, where few rows left the chain as it is drawn.
+    """The belief with the covariance of the second fit, where few rows left the chain as drawn.
 
-    Such models of 16 rows of two joints took a third of unchanged arms for drifted, of 60 none.
+    Without it, models of 16 rows of two joints took a third of unchanged arms for drifted; of 60
+    rows none.
     """
     second = body.second
     if second is None or body.rows >= FIT.guarded_rows:
@@ -339,20 +344,20 @@ def with_chain_in_doubt(body: Body) -> Body:
     curves = indices_of(body.structure, ("curve",))
     is_chain = ~np.isin(second.active, curves)
     active = second.active[is_chain]
-    apart = (second.beta - body.beta)[active]
-    root = np.column_stack([second.root[is_chain], apart])
+    difference = (second.beta - body.beta)[active]
+    root = np.column_stack([second.root[is_chain], difference])
     return replace(body, active=active, root=root)
 
 
 def as_drawn(body: Body) -> Body:
-    """The belief that all but the joints' zeros and the sensor's frame is as the model has it."""
+    """The belief with only the joints' zeros and the sensor's frame uncertain."""
     body = as_built(body)
     groups = [
         g for g in body.structure.groups if g == "offset" or is_sensors(g)
     ]
-    loose = np.isin(body.active, indices_of(body.structure, groups))
-    root = root_of(body.covariance[np.ix_(loose, loose)])
-    return replace(body, active=body.active[loose], root=root, second=None)
+    is_free = np.isin(body.active, indices_of(body.structure, groups))
+    root = root_of(body.covariance[np.ix_(is_free, is_free)])
+    return replace(body, active=body.active[is_free], root=root, second=None)
 
 
 def _sd_of_arm(
@@ -361,7 +366,10 @@ def _sd_of_arm(
     curve: float,
     link: float | None = None,
 ) -> Array:
-    """Standard deviation (d,) of the arm's own parameters, but of what a free frame does."""
+    """Standard deviation (d,) of the arm's own parameters, except what a free frame covers.
+
+    The arguments are those of `_sd_of_groups`.
+    """
     groups = [g for g in body.structure.groups if not is_sensors(g)]
     sd = _sd_of_groups(body, groups, size, curve, link)
     sd[frame_twin(body)] = 0.0
@@ -375,16 +383,17 @@ def _sd_of_groups(
     curve: float = 0.0,
     link: float | None = None,
 ) -> Array:
-    """Standard deviation (d,) of the parameters of some groups by their sizes, else 0.
+    """Standard deviation (d,) of the parameters of some groups, 0 of all others.
 
-    curve : that of the joints' curves, over their prior's
-    link : what lengths are counted in, the mean of the links where not given
+    size : which standard deviation of a `Group`
+    curve : sd of the joints' curves, over that of their prior
+    link : unit of the sizes of lengths, by default the mean length of the links
     """
     structure = body.structure
     extent = float(structure.extents[0])
     lengths = indices_of(structure, ("length",))
     links = np.abs(body.beta[lengths])
-    # what is tilted is the chain, in its own unit: a log may be in another
+    # a tilt is per length of the chain, which may have another unit than the log
     chain = float(links.sum()) or extent
     if link is None:
         link = float(links.mean()) if len(links) else 1.0
@@ -398,16 +407,16 @@ def _sd_of_groups(
             sd[indices] = size(GROUPS[name]) * units.get(name, 1.0)
         if name == "offset":
             slides = [structure.labels[k].unit != "rad" for k in indices]
-            sd[indices[slides]] *= SHIFT / TURN  # [m]
+            sd[indices[slides]] *= DRAWN_SHIFT_SD / DRAWN_TURN_SD  # [m]
         if isinstance(structure, SpatialStructure) and name == "placement":
-            # A chain without a drawing has flat priors of its joint origins.  What was learned has
-            # taken their place: shares of them let origins creep by a tenth of the reach.
+            # not by the flat priors of a chain without a drawing: shares of these let origins creep
+            # by a tenth of the reach
             is_turn = np.isin(indices, structure.turns)
-            most = np.where(is_turn, TURN, SHIFT)
+            most = np.where(is_turn, DRAWN_TURN_SD, DRAWN_SHIFT_SD)
             prior = structure.prior((name,)).sd[indices]
             sd[indices] *= np.minimum(prior, most)
-    # what a free frame already covers: the first length
-    loose = np.isin(lengths, body.active)
-    if loose[1:].any() and not loose[0]:
+    # a free frame already covers the first length
+    is_free = np.isin(lengths, body.active)
+    if is_free[1:].any() and not is_free[0]:
         sd[lengths[0]] = 0.0
     return sd

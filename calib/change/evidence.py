@@ -1,6 +1,6 @@
 """Evidence: the tests, the bound and the explanations of a log, weighed together.
 
-Orientations then show how the tool is turned.
+Orientations show how the tool is turned, where the log has them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..body.covariance import Z95
 from ..body.fit import Fit
 from ..body.parameters import Prior
 from ..body.rows import Rows
-from ..body.settings import FREE, STUDENT
+from ..body.settings import FLAT_SD, STUDENT
 from ..body.structure import Structure
 from ..common.arrays import Array
 from ..common.rows import median_length
@@ -35,20 +35,19 @@ from .significance import BoundTest, GroupTests
 from .steps import Step
 from .system import Nuisance, System
 
-TOOL = "tool"  # the group of where it is
+TOOL = "tool"  # group of the tool's position
 
 
 @dataclass(frozen=True)
 class EvidenceSettings:
     """When a log is explained."""
 
-    # share of the positions' spread: a log that is further off from every hypothesis is explained
-    # by none
+    # share of the positions' spread: no hypothesis explains a log that is further off from all
     unexplained: float = 0.1
-    # score of a mirror, another sense or unit, or a change within the log: no matter of chance
+    # score of a discrete change, or of one within the log
     discrete: float = 2.0
-    # sizes of a change that no cause names, over what the rows are missed by
-    unnamed: tuple[float, ...] = (1.0, 2.0, 4.0)
+    # sizes of a change that no cause names, over the residuals
+    unnamed_sizes: tuple[float, ...] = (1.0, 2.0, 4.0)
     # most rows used to find how the tool is turned
     tool_rows: int = 600
 
@@ -60,7 +59,7 @@ EVIDENCE = EvidenceSettings()
 class ToolTurn:
     """How the tool of a log is turned, relative to a belief."""
 
-    # statistic over its threshold; 0 where nothing can be compared
+    # statistic over its threshold; 0 where there are no orientations
     score: float = 0.0
     # (3,) [rad], in the tool's own axes
     turn: Array = field(default_factory=lambda: np.zeros(3))
@@ -68,7 +67,7 @@ class ToolTurn:
 
     @property
     def cause(self) -> Cause:
-        """A tool that is turned about its own tip."""
+        """The turn of the tool about its own tip as a cause."""
         angle = float(np.linalg.norm(self.turn))
         variance = self.turn @ self.covariance @ self.turn
         half = Z95 * float(np.sqrt(variance)) / angle
@@ -78,7 +77,7 @@ class ToolTurn:
         return cause.within(half)
 
     def of(self, body: Body) -> Body:
-        """A belief with the tool turned."""
+        """The belief with the tool turned."""
         structure = body.structure
         tool = structure.groups["tool.rotation"]
         root = body.root.copy()
@@ -96,32 +95,32 @@ def tool_turn(
 ) -> ToolTurn:
     """Compare orientations with those that parameters (d,) predict.
 
-    deviation : (d,), standard deviations of the parameters, which may turn the tool, too; the
-        sensor may be turned then: positions show that less well
+    deviation : (d,), standard deviations of the parameters; where they are given, the sensor may be
+        turned, too, since positions show that less well
     """
     from scipy.special import chdtri
 
     old = rows.body
-    rows = rows.some(EVIDENCE.tool_rows)
+    rows = rows.at_most(EVIDENCE.tool_rows)
     if rows.log.orientation is None or not knows_orientation(old):
         return ToolTurn()
     tool = structure.groups["tool.rotation"]
     sd = np.zeros(len(beta))
     if deviation is not None:
         sd = deviation.copy()
-        sd[structure.groups["view.rotation"]] = FREE
-    sd[tool] = FREE
+        sd[structure.groups["view.rotation"]] = FLAT_SD
+    sd[tool] = FLAT_SD
     fit = _fit_to_poses(rows, rows.log.orientation, structure, Prior(beta, sd))
     before, after = exponential(np.stack([beta[tool], fit.beta[tool]]))
     turn = logarithm(before.T @ after)
-    place = np.searchsorted(fit.active, tool)
-    covariance = fit.covariance[np.ix_(place, place)]
-    # the model knows its own tool as well as it does
-    place = np.searchsorted(old.active, tool)
-    prior = old.kappa**2 * old.covariance[np.ix_(place, place)]
+    indices = np.searchsorted(fit.active, tool)
+    covariance = fit.covariance[np.ix_(indices, indices)]
+    # how well the model knows its own tool
+    indices = np.searchsorted(old.active, tool)
+    prior = old.kappa**2 * old.covariance[np.ix_(indices, indices)]
     square = float(turn @ np.linalg.solve(covariance + prior, turn))
     by_chance = square / float(chdtri(3, FALSE_ALARM))
-    # what the chain leaves over differs between regions of the workspace by about its scatter
+    # the chain's own errors differ between regions of the workspace by about their scatter
     scatter = np.sqrt(3) * fit.noise[-1]
     by_scatter = float(np.linalg.norm(turn) / scatter)
     score = min(by_chance, by_scatter)
@@ -131,10 +130,10 @@ def tool_turn(
 def _fit_to_poses(
     rows: LogRows, orientation: Array, structure: Structure, prior: Prior
 ) -> Fit:
-    """The parameters by the rows' orientations alone, without their positions."""
+    """Fit the parameters to the rows' orientations alone, without their positions."""
     turns = logarithm(matrix_of(orientation))
     poses = np.hstack([rows.x, turns])
-    floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)
+    floor = np.repeat([FLAT_SD**2 * structure.extent, 1e-9], 3)
     measured = [Rows(rows.q, poses, floor=floor)]
     poser = structure.with_sensor(view="pose")
     fit = Fit(poser, measured, prior.mean, prior, nu=STUDENT)
@@ -145,22 +144,24 @@ def _fit_to_poses(
 class Evidence:
     """The evidence of a log about a belief.
 
-    Its properties follow from one another in their order; those below `best` need explanations.
+    The properties build on one another in their order; those from `best` on need explanations.
     """
 
+    # rows of the log that do not contradict the others, predicted by body and maps
     rows: LogRows
     # {"sensor", "joints", "offsets"} or None, what is known about the change
     cause: str | None
     prior: Body  # the belief that a changed arm starts from
-    reference: Reference  # the same in the frame of the log
+    reference: Reference  # the prior in the frame of the log
+    # the rows as a body alone is compared with them: without the maps' offset, and with the joints
+    # at their true values under `play`
     observations: LogRows
     tests: GroupTests
     bound: BoundTest
-    unnamed: float  # evidence of a smooth change that no cause names [nats]
-    play: Play | None = None  # of a joint, which the observations are freed of
+    unnamed_log_evidence: float  # of a smooth change that no cause names [nats]
+    play: Play | None = None  # of a joint, beyond what the model knows
     explanations: tuple[Explanation, ...] = ()  # the best first
-    # of a change within the log, its row as the file counts
-    step: Step | None = None
+    step: Step | None = None  # a change within the log
 
     @property
     def unit(self) -> str:
@@ -178,7 +179,7 @@ class Evidence:
 
     @property
     def fired(self) -> bool:
-        """Whether causes are worth a search."""
+        """Whether a test fired, so that causes are searched."""
         return self.test_score > 1.0 or not self.bound.holds
 
     @property
@@ -188,57 +189,60 @@ class Evidence:
 
     @property
     def change(self) -> Array:
-        """Change (d,) of the parameters by that."""
+        """Change (d,) of the parameters by the best explanation."""
         return self.best.beta - self.prior.beta
 
     @cached_property
     def misfit(self) -> float:
-        """Typical distance of the rows from the best explanation, over that from their middle."""
+        """Median distance of the rows from the best explanation, over that from their middle."""
         spread = median_length(self.rows.x - np.median(self.rows.x, axis=0))
         return median_length(self.best.residual) / max(spread, 1e-300)
 
     @cached_property
     def is_explained(self) -> bool:
-        """Whether the best explanation is near the rows: to a part of their spread, or the bound.
+        """Whether the best explanation is near the rows, measured by their spread or the bound.
 
-        Of rows that lag, or whose joints are exchanged, those at each jump are left out as wrong.
+        The bound counts only where few rows are strays: of rows that lag, or whose joints are
+        exchanged, those at each jump are left out as strays.
         """
         if self.misfit < EVIDENCE.unexplained:
             return True
         distance = median_length(self.best.residual)
-        return self.rows.few_wrong and distance < self.bound.usual < np.inf
+        return self.rows.has_few_strays and distance < self.bound.usual < np.inf
 
     @cached_property
     def is_one_place(self) -> bool:
         """Whether the tip hardly moves compared with the noise of the rows' mean."""
         predicted = self.rows.predicted
-        moved = median_length(predicted - np.median(predicted, axis=0))
+        spread = median_length(predicted - np.median(predicted, axis=0))
         noise = median_length(self.best.residual) / math.sqrt(len(predicted))
-        return moved < noise
+        return spread < noise
 
     @cached_property
     def is_better(self) -> bool:
-        """Whether a change explains the rows, clearly better than none does.
+        """Whether a change explains the rows clearly better than no change does.
 
-        log p(y | best change) - log p(y | no change) > MARGIN, and not clearly worse than a change
-        without a name.
+        log p(y | best change) - log p(y | no change) > MARGIN, and the change is not clearly worse
+        than one without a name.
         """
         if not self.is_explained or self.is_one_place:
             return False
         if self.reference.has_discrete_cause:
             return True
-        evidence = self.best.evidence
-        no_change = [e.evidence for e in self.explanations if e.is_no_change]
-        gain = evidence - max(no_change, default=-np.inf)
-        return gain > MARGIN and evidence > self.unnamed - MARGIN
+        best = self.best.log_evidence
+        no_change = [
+            e.log_evidence for e in self.explanations if e.is_no_change
+        ]
+        gain = best - max(no_change, default=-np.inf)
+        return gain > MARGIN and best > self.unnamed_log_evidence - MARGIN
 
     @cached_property
     def score(self) -> float:
-        """Above 1 the arm or its sensor changed.
+        """Score of the whole evidence; above 1 the arm or its sensor changed.
 
-        A log that nothing explains has the score 1 + misfit, one that a change explains better
-        than none, or whose rows repeat what they are missed by, 1 + share of the rows beyond a
-        bound that fails.
+        A log that nothing explains has a score of at least 1 + misfit.  One that contradicts the
+        bound has at least 1 + the share of the rows beyond it: where errors repeat, or where a
+        change explains the rows better than none.
         """
         score = self.test_score
         if self.fired and not self.is_explained:
@@ -259,7 +263,7 @@ class Evidence:
 
     @cached_property
     def tool(self) -> ToolTurn:
-        """How the tool is turned given the best explanation of the positions, as far as sure."""
+        """How the tool is turned, given the explanation of the positions if there is one."""
         structure = self.reference.structure
         if self.is_attributed:
             best = self.best
@@ -267,7 +271,7 @@ class Evidence:
         return tool_turn(self.rows, structure, self.rows.body.beta)
 
     def why_not(self) -> str:
-        """One line on a log that nothing explains."""
+        """Why nothing explains the log, in one line."""
         reference = self.reference
         q = self.rows.q
         predicted = reference.structure.predict(q, reference.beta)
@@ -281,31 +285,30 @@ class Evidence:
         )
 
 
-def evidence_of_unnamed(system: System) -> float:
-    """Evidence of a smooth change that no cause names, of its most likely size [nats].
+def unnamed_log_evidence(system: System) -> float:
+    """Log evidence of a smooth change that no cause names, of its most likely size [nats].
 
-    A sensor that was put elsewhere is no such change.
+    Infinitely small where the sensor's frame was fitted to the log: that change has a name.
     """
     if system.reference.is_fitted:
         return -np.inf
-    missed = np.sqrt((system.y**2).mean()) * system.reference.sizes
-    evidences = []
-    for times in EVIDENCE.unnamed:
-        nuisance = Nuisance(system, residual_sd=times * missed)
+    rms = np.sqrt((system.y**2).mean()) * system.reference.expected_noise
+    likelihoods = []
+    for size in EVIDENCE.unnamed_sizes:
+        nuisance = Nuisance(system, residual_sd=size * rms)
         statistics = nuisance.statistics(system.y)
         _, likelihood = statistics.noises()
-        evidences.append(float(likelihood.max()))
-    return max(evidences) / system.observations.correlation_time
+        likelihoods.append(float(likelihood.max()))
+    return max(likelihoods) / system.observations.correlation_time
 
 
 def with_orientations(
     evidence: Evidence, systems: Sequence[System]
 ) -> Evidence:
-    """Evidence whose best explanation orientations do not contradict, as far as there is one.
+    """The evidence, its best explanation one that the orientations support, if there is one.
 
-    A camera that is turned moves what it sees: positions alone may call that a joint's offset,
-    which the tool would have to be turned back by.  An offset of the last joint turns the tool, and
-    hardly moves it: positions alone may call that no change.
+    Positions alone may take a turned camera for a joint's offset, which would turn the tool, too.
+    An offset of the last joint turns the tool but hardly moves it: positions alone may not show it.
     """
     if evidence.score <= 1.0 or evidence.tool.score <= 1.0:
         return evidence
@@ -320,24 +323,24 @@ def with_orientations(
 
 
 def _by_orientations(evidence: Evidence) -> tuple[Explanation, ...]:
-    """The explanations, first the best change that explains the tool's turn, too."""
+    """The explanations, with the best change that also explains the tool's turn moved first."""
     structure = evidence.reference.structure
     changes = [e for e in evidence.explanations if e.causes]
-    least = evidence.best.evidence - MARGIN
+    least = evidence.best.log_evidence - MARGIN
     for change in changes:
         tool = tool_turn(
             evidence.rows, structure, change.beta, change.deviation
         )
-        if change.evidence > least and tool.score <= 1.0:
+        if change.log_evidence > least and tool.score <= 1.0:
             others = [other for other in changes if other is not change]
             return (change, *others)
     return evidence.explanations
 
 
 def frame_between(evidence: Evidence, beta: Array) -> Alignment:
-    """The sensor's new frame, of parameters (d,), as an affine map of the old one.
+    """The sensor's new frame at parameters (d,), as an affine map of the old one.
 
-    Its lens is as it was: one that a corner's rows bend may fold over elsewhere.
+    The lens stays as it was: one that is bent by a corner's rows may fold over elsewhere.
     """
     structure = evidence.reference.structure
     probes = evidence.rows.probes
@@ -347,5 +350,5 @@ def frame_between(evidence: Evidence, beta: Array) -> Alignment:
     mixed[sensors] = beta[sensors]
     before = evidence.rows.body.predict(probes)
     after = structure.predict(probes, mixed)
-    places = slice(structure.blocks[0])
-    return Alignment.between(before[:, places], after[:, places])
+    position = structure.position
+    return Alignment.between(before[:, position], after[:, position])

@@ -1,12 +1,12 @@
 """Explaining: which sets of causes account for a log, each with its evidence.
 
-The evidence of a set whose causes free parameters of standard deviations sd is Laplace's::
+The log evidence of a set whose causes free parameters of standard deviations sd is Laplace's::
 
     log p(y | causes) = log p(y | d) + log p(d) - 1/2 log |A| - cost,    A = I + sd X' C^-1 X sd
 
 at the best d / sd.  The likelihood is raised to the power 1 / correlation time of the observations:
-rows that resemble their neighbours count for less than their number.  Each cause pays the logarithm
-of how many there are.
+rows that resemble their neighbours count for less than their number.  Each cause costs the
+logarithm of the number of causes.
 
 `Search.best_candidates` adds causes one by one in the linear system, `Search.explanation_of` fits
 the best sets to convergence, and where that leads far the system is linearised again there.
@@ -25,16 +25,11 @@ import numpy as np
 from ..body.covariance import Factor
 from ..body.parameters import Indices
 from ..common.arrays import Array
-from .causes import (
-    FRAME,
-    SETS,
-    frame_twin,
-    indices_of,
-)
-from .explanation import Explanation, Place, climb
+from .causes import FRAME, SETS, frame_twin, indices_of
+from .explanation import Explanation, Iterate, climb
 from .system import System
 
-# Nats by which a change must be better than none, and within which a fit is as good as promised
+# Nats that decide: a change gains as many over none, and two values within them count as equal
 MARGIN = 5.0
 
 
@@ -46,19 +41,19 @@ class SearchSettings:
     causes: int = 3
     # sets of causes to which further ones are added
     beam: int = 4
-    # nats by which one more cause must better the evidence: without it waves of 8 mrad in a corner
-    # were an offset and a gain
+    # nats that one more cause must gain: without it waves of 8 mrad in a corner were an offset and
+    # a gain
     nats_better: float = 1.0
-    # nats by which two causes must better it of which neither does alone, as a joint's zero and its
+    # nats that two causes must gain together where neither gains alone, as a joint's zero and its
     # gain that nearly cancel in the log's part of the range: waves of 8 mrad in a corner gain 6.2
     nats_of_pair: float = 10.0
-    # most times that sets are compared, each after a new linearisation
+    # most rounds of comparing sets, each with a new linearisation
     rounds: int = 3
     # most explanations of a round that are fitted to convergence
     fits: int = 8
     # nats from the best within which explanations are fitted
     nats_near: float = 10.0
-    # sizes of the noise from one that is compared to the next: sets share it nearly
+    # every third size of the noise is compared: the best one hardly depends on the set
     noise_stride: int = 3
 
 
@@ -71,59 +66,60 @@ class Candidate(NamedTuple):
     causes: tuple[str, ...]
     wave_size: float  # of `Reference.wave_sizes`
     indices: Indices  # (p,), parameters that are free
-    evidence: float  # [nats]
+    log_evidence: float  # [nats]
     normals: Array  # (p,), their best changes over the standard deviations by which they are free
 
 
 def _order(candidate: Candidate | Explanation) -> tuple[float, tuple[str, ...]]:
     """What sorts sets of causes: the greatest evidence first."""
-    return -candidate.evidence, candidate.causes
+    return -candidate.log_evidence, candidate.causes
 
 
 class Information(NamedTuple):
     """Information of rows about k parameters over their sds, for l sizes of the noise.
 
-    All is divided by the correlation_time.
+    All of it is divided by the rows' correlation time.
     """
 
-    likelihood: Array  # (l,), where none of them changed [nats]
+    likelihood: Array  # (l,), where none of the parameters changed [nats]
     matrices: Array  # (l, k, k), sd X' C^-1 X sd
     vectors: Array  # (l, k), sd X' C^-1 y
 
-    def evidence(self, places: Indices) -> tuple[Array, Array]:
-        """Evidence (l,) of freeing p of the parameters [nats], and their best changes (p,).
+    def log_evidence(self, indices: Indices) -> tuple[Array, Array]:
+        """Log evidence (l,) of freeing p of the parameters [nats], and their best changes (p,).
 
         log p(y) = likelihood + b' A^-1 b / 2 - log |A| / 2, with A = I + matrix, b = vector; the
         changes A^-1 b are those of the best size of the noise.
         """
-        a = self.matrices[:, places[:, None], places] + np.eye(len(places))
-        b = self.vectors[:, places]
+        count = len(indices)
+        a = self.matrices[:, indices[:, None], indices] + np.eye(count)
+        b = self.vectors[:, indices]
         root = np.linalg.cholesky(a)
         white = np.linalg.solve(root, b[..., None])[..., 0]
         gain = 0.5 * (white**2).sum(axis=1)
         diagonal = np.diagonal(root, axis1=1, axis2=2)
         half_determinant = np.log(diagonal).sum(axis=1)
-        evidence = self.likelihood + gain - half_determinant
-        best = int(np.argmax(evidence))
-        return evidence, np.linalg.solve(a[best], b[best])
+        log_evidence = self.likelihood + gain - half_determinant
+        best = int(np.argmax(log_evidence))
+        return log_evidence, np.linalg.solve(a[best], b[best])
 
 
 @dataclass(frozen=True, eq=False)
-class PlaceOfSet(Place):
-    """Changes of the freed parameters of a set, over their standard deviations."""
+class SetIterate(Iterate):
+    """Changes of a set's free parameters, over their standard deviations."""
 
     residual: Array  # (n, m) [unit]
-    noise: float  # of the greatest likelihood, in `Reference.sizes`
+    noise: float  # of the greatest likelihood, in `Reference.expected_noise`
 
 
 class Search:
     """Sets of causes of a log against a reference.
 
-    free_groups : those free in every set: a frame that was fitted to the log, a turned tool
+    free_groups : groups free in every set: a frame that was fitted to the log, a turned tool
     sd : (d,), by which the parameters may have changed
-    beta : (d,), parameters at which the system is linear
+    beta : (d,), parameters about which the system is linearised
     always_free : parameters of `free_groups`
-    free : those that are free in any set
+    free : (k,), parameters that are free in some set
     """
 
     def __init__(
@@ -149,7 +145,7 @@ class Search:
         self.linearise(reference.beta)
 
     def _cause_sets(self, singles: Mapping[str, Indices]) -> dict[str, Indices]:
-        """Parameters of each cause, and of sets that belong together, that may be free."""
+        """Free parameters of each single cause, and of each set in `SETS`."""
         reference = self.system.reference
         sets = dict(singles)
         for groups in SETS:
@@ -167,12 +163,12 @@ class Search:
         return free_sets
 
     def linearise(self, beta: Array) -> None:
-        """Compare sets of causes in the system as it is linear at parameters (d,)."""
+        """Linearise the system about parameters (d,)."""
         self.beta = beta
         self.information = cache(self._information)
 
     def _information(self, wave_size: float) -> Information:
-        """Information of rows about all that may be free, given waves of a size."""
+        """Information of the rows about all of `free`, given waves of a size."""
         residual, columns = self.system.residual(self.beta, self.free)
         change = (self.beta - self.system.reference.beta)[self.free]
         y = self.system.whiten(residual) + columns @ change
@@ -192,21 +188,23 @@ class Search:
         """Return a set of causes with each size of waves, the best first."""
         parts = [self.cause_sets[cause] for cause in causes]
         indices = np.unique(np.concatenate([self.always_free, *parts]))
-        places = np.searchsorted(self.free, indices)
+        among_free = np.searchsorted(self.free, indices)
         cost = self.cost * len(causes)
         candidates = []
         for wave_size in self.system.reference.wave_sizes:
-            evidence, normals = self.information(wave_size).evidence(places)
-            best = float(evidence.max()) - cost
+            information = self.information(wave_size)
+            log_evidence, normals = information.log_evidence(among_free)
+            best = float(log_evidence.max()) - cost
             candidates.append(
                 Candidate(causes, wave_size, indices, best, normals)
             )
         return sorted(candidates, key=_order)
 
     def fits(self, *, calm: bool) -> Iterable[Explanation]:
-        """Fits of nothing, and unless all is `calm` of the best sets.
+        """Fit no cause and, unless all is `calm`, the best sets of causes.
 
-        Where the best fit is not as it was promised, sets are compared again as they are there.
+        Where the best fit is not as good as its linear system promised, the system is linearised
+        there and sets are compared again.
         """
         fits: dict[tuple[tuple[str, ...], float], Explanation] = {}
         candidates = self.candidates_of(())
@@ -219,14 +217,14 @@ class Search:
                     fits[key] = self.explanation_of(candidate)
             best = min(fits.values(), key=_order)
             promise = min(candidates, key=_order)
-            if calm or abs(best.evidence - promise.evidence) < MARGIN:
+            if calm or abs(best.log_evidence - promise.log_evidence) < MARGIN:
                 break
             self.linearise(best.beta)
             candidates = []
         return fits.values()
 
     def best_candidates(self) -> list[Candidate]:
-        """Sets that belong together, and causes added one by one: those near the best."""
+        """The best of the sets in `SETS` and of those that grow cause by cause."""
         best = self.candidates_of(())[0]
         tried = [best]
         for name in self.cause_sets.keys() - self.single_names:
@@ -244,7 +242,8 @@ class Search:
             # neither of two causes helps alone, but both together may
             is_pair = count > 1 and not best.causes
             gain = SEARCH.nats_of_pair if is_pair else SEARCH.nats_better
-            is_better = bool(beam) and beam[0].evidence >= best.evidence + gain
+            least = best.log_evidence + gain
+            is_better = bool(beam) and beam[0].log_evidence >= least
             if is_pair and not is_better:
                 break
             tried += chain(*sets)
@@ -253,19 +252,17 @@ class Search:
             elif best.causes:
                 break
         tried.sort(key=_order)
-        least = tried[0].evidence - SEARCH.nats_near
-        near = [candidate for candidate in tried if candidate.evidence > least]
-        return [
-            candidate for candidate in near[: SEARCH.fits] if candidate.causes
-        ]
+        least = tried[0].log_evidence - SEARCH.nats_near
+        near = [tested for tested in tried if tested.log_evidence > least]
+        return [tested for tested in near[: SEARCH.fits] if tested.causes]
 
     def explanation_of(self, candidate: Candidate) -> Explanation:
-        """Fit a set by damped Gauss-Newton steps, its evidence by Laplace."""
-        place = climb(partial(self._place, candidate), candidate.normals)
+        """Fit a set by damped Gauss-Newton steps; its log evidence is Laplace's."""
+        iterate = climb(partial(self._iterate, candidate), candidate.normals)
         free = candidate.indices
-        sd = np.zeros(len(place.beta))
+        sd = np.zeros(len(iterate.beta))
         sd[free] = self.sd[free]
-        precision = Factor(place.precision)
+        precision = Factor(iterate.precision)
         deviation = sd.copy()
         deviation[free] *= np.sqrt(np.diag(precision.inverse()))
         half_determinant = 0.5 * precision.log_determinant()
@@ -275,18 +272,20 @@ class Search:
             wave_size=candidate.wave_size,
             reference=self.system.reference,
             indices=free,
-            beta=place.beta,
+            beta=iterate.beta,
             sd=sd,
-            evidence=place.fit - half_determinant - cost,
+            log_evidence=iterate.fit - half_determinant - cost,
             deviation=deviation,
-            noise=place.noise,
-            residual=self.system.observations.about_sockets(place.residual),
+            noise=iterate.noise,
+            residual=self.system.observations.about_sockets(iterate.residual),
         )
 
-    def _place(self, candidate: Candidate, normals: Array) -> PlaceOfSet | None:
-        """Compare the rows with changes (p,) of a set's parameters, None without a prediction.
+    def _iterate(
+        self, candidate: Candidate, normals: Array
+    ) -> SetIterate | None:
+        """The iterate at changes (p,) of a set's parameters, None without a prediction.
 
-        The posterior is log p(y | d) / correlation time - normals' normals / 2, d = sd * normals.
+        log posterior = log p(y | d) / correlation time - normals' normals / 2,  d = sd * normals
         """
         free = candidate.indices
         sd = self.sd[free]
@@ -299,7 +298,7 @@ class Search:
         noise = statistics.most_likely_noise()
         likelihood = float(statistics.likelihood(noise)[0])
         matrix, vector = statistics.information(noise)
-        return PlaceOfSet(
+        return SetIterate(
             normals=normals,
             beta=beta,
             fit=likelihood / self.correlation_time
@@ -320,10 +319,10 @@ def explain(
 ) -> tuple[Explanation, ...]:
     """Return sets of causes with their evidence, the best first.
 
-    systems : the log against the old belief, and in the frame that fits the log best where
-        that is far
-    calm : whether no test fired: the causes are not searched then
-    certain_groups : those that changed for sure: orientations show that the tool has moved
+    systems : of the log in the frame of the old belief, and in the frame fitted to the log if that
+        is far from it; one or both of them
+    calm : whether no test fired, so that causes are not searched
+    certain_groups : groups that certainly changed, such as the tool that orientations show to move
     """
     explanations: list[Explanation] = []
     for system in systems:

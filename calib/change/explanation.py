@@ -1,12 +1,12 @@
 """An explanation: a set of causes that accounts for a log, and the posterior under it.
 
-`climb` finds where a posterior is greatest: that of a set's parameters (`explain`), or of all
-parameters u and of a residual w of this log alone::
+`climb` maximises a posterior: that of a set's parameters (`explain`), or that of all parameters u
+and of a residual w of this log alone::
 
     z = h(beta) + W w + e,    beta = beta_0 + R u,    u, w ~ N(0, I),    e ~ N(0, scale^2)
 
-R is the root of the old posterior, inflated as its bound is and loosened where the explanation
-frees parameters; W w is a smooth residual of this log alone, whose size stays in the new bound.
+R is the root of the old posterior's covariance, inflated by the bound's kappa and widened where the
+explanation frees parameters; W w is a smooth residual, whose size stays in the new bound.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ..body.covariance import Factor, root_of
 from ..body.parameters import Indices
 from ..body.settings import NATS
 from ..common.arrays import Array
-from .causes import CALM_WAVES, CREEP_WAVES, FRAME, kind_of
+from .causes import CALM_WAVES, CREEP_WAVES, FRAME, cause_kind
 from .frame import Reference
 from .rows import LogRows
 from .system import System, prior_columns
@@ -32,47 +32,46 @@ from .system import System, prior_columns
 
 @dataclass(frozen=True)
 class ClimbSettings:
-    """How the greatest posterior is found."""
+    """How a posterior is maximised."""
 
     # most steps
     steps: int = 12
     # nats that a step must gain
     enough: float = 5e-3
-    # share of each parameter's information that is added where a step does not gain, and of it
-    # after a step that does
+    # first damping after a step without a gain, and its factor after a step with one
     damping: float = 1e-4
-    bolder: float = 1.0 / 8.0
+    relaxation: float = 1.0 / 8.0
 
 
 CLIMB = ClimbSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
-    """Changes of parameters over their standard deviations, and the posterior there."""
+class Iterate:
+    """One iterate of `climb`: changes of parameters, and the posterior there."""
 
-    normals: Array  # (k,)
-    beta: Array  # (d,), parameters that have changed so
+    normals: Array  # (k,), changes over their standard deviations
+    beta: Array  # (d,), the changed parameters
     fit: float  # log posterior [nats]
     gradient: Array  # (k,), of the log posterior
     precision: Array  # (k, k), Gauss and Newton's
 
 
-P = TypeVar("P", bound=Place)
+IterateT = TypeVar("IterateT", bound=Iterate)
 
 
 def climb(
-    place_at: Callable[[Array], P | None],
+    iterate_at: Callable[[Array], IterateT | None],
     start: Array,
-) -> P:
-    """The place of the greatest posterior, by damped steps (Levenberg 1944, Marquardt 1963).
+) -> IterateT:
+    """The iterate of the greatest posterior, by damped steps (Levenberg 1944, Marquardt 1963).
 
     (precision + damping diag(precision)) step = gradient
 
-    place_at : the place at normals (k,), None where no prediction is a number
-    start : (k,)
+    iterate_at : the iterate at normals (k,), None where predictions are not finite
+    start : (k,), normals to begin with
     """
-    best = place_at(start) or place_at(np.zeros_like(start))
+    best = iterate_at(start) or iterate_at(np.zeros_like(start))
     if best is None:
         raise np.linalg.LinAlgError("no prediction is a number")
     damping = 0.0
@@ -82,15 +81,15 @@ def climb(
         step = Factor(damped).solve(best.gradient)
         if 0.5 * float(best.gradient @ step) < CLIMB.enough:
             break
-        place = place_at(best.normals + step)
-        if place is not None and place.fit > best.fit:
-            gain = place.fit - best.fit
-            best = place
-            damping *= CLIMB.bolder
+        iterate = iterate_at(best.normals + step)
+        if iterate is not None and iterate.fit > best.fit:
+            gain = iterate.fit - best.fit
+            best = iterate
+            damping *= CLIMB.relaxation
             if gain < CLIMB.enough:
                 break
         else:
-            damping = max(damping / CLIMB.bolder, CLIMB.damping)
+            damping = max(damping / CLIMB.relaxation, CLIMB.damping)
     return best
 
 
@@ -99,36 +98,36 @@ class Explanation:
     """A set of causes that accounts for a log, fitted to it."""
 
     causes: tuple[str, ...]
-    wave_size: float  # of `Reference.wave_sizes`, that the joints may have
+    wave_size: float  # one of `Reference.wave_sizes`
     reference: Reference
     indices: Indices  # parameters that are free
     beta: Array  # (d,), parameters of the greatest evidence
-    sd: Array  # (d,), standard deviations by which they were free to change
-    evidence: float  # logarithm of the tempered evidence [nats]
+    sd: Array  # (d,), prior standard deviations of the changes, zero where not free
+    log_evidence: float  # [nats], tempered by the correlation time
 
-    # (d,), posterior standard deviations of those that are free, zero elsewhere
+    # (d,), posterior standard deviations of the changes, zero where not free
     deviation: Array
-    noise: float  # noise of the log, in `Reference.sizes`
-    # (n, m) [unit], measured less predicted outputs of the rows compared
+    noise: float  # noise of the log, in `Reference.expected_noise`
+    # (n, m) [unit], measured minus predicted outputs of the rows compared
     residual: Array
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Groups of the parameters that are free, in their order."""
+        """Groups of the free parameters, in their order."""
         labels = self.reference.structure.labels
         names = [labels[k].group for k in self.indices.tolist()]
         return tuple(dict.fromkeys(names))
 
     @property
     def is_no_change(self) -> bool:
-        """Whether arm and sensor are unchanged in it."""
+        """Whether arm and sensor are unchanged under it."""
         return self.wave_size <= CALM_WAVES and not len(self.indices)
 
     @property
     def name(self) -> str:
-        """Such as "frame, length", or what it is where nothing is freed."""
+        """Its groups, as in "frame, length"; without any, what else it consists of."""
         names = [
-            kind_of(group).removeprefix("view.")
+            cause_kind(group).removeprefix("view.")
             for group in self.groups
             if group not in FRAME
         ]
@@ -140,25 +139,25 @@ class Explanation:
 
 
 def with_least_waves(explanations: Sequence[Explanation]) -> Explanation:
-    """The best, with the least waves that the evidence hardly distinguishes from its own."""
+    """The best explanation, with the least waves among those of nearly its evidence."""
     best = explanations[0]
-    least = best.evidence - NATS
-    alike = [
+    least = best.log_evidence - NATS
+    rivals = [
         other
         for other in explanations
-        if other.causes == best.causes and other.evidence > least
+        if other.causes == best.causes and other.log_evidence > least
     ]
-    return min(alike, key=attrgetter("wave_size"))
+    return min(rivals, key=attrgetter("wave_size"))
 
 
 @dataclass(frozen=True)
 class PosteriorSettings:
-    """What a posterior keeps, and how it is judged."""
+    """How a posterior is judged."""
 
-    # contiguous blocks of rows that are held out in turn, each of which gives a gain
+    # contiguous blocks of rows that are held out in turn
     blocks: int = 5
-    # inflation of the bound of an arm that was only simulated: nothing has shown yet how it holds;
-    # of 30 rows with waves of 2 mrad it covered 94.4 % without
+    # least inflation of a simulated arm's bound, which no row has tested yet; without it the bound
+    # of 30 rows with waves of 2 mrad covered 94.4 %
     simulated_kappa: float = 1.2
 
 
@@ -166,23 +165,23 @@ POSTERIOR = PosteriorSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class PlaceOfRows(Place):
-    """Normals (u, w), and the rows as they are linear about them: y = A (u, w) + e."""
+class RowIterate(Iterate):
+    """An iterate of normals (u, w), with the rows linearised there: y = A (u, w) + e."""
 
     columns: Array  # (n m, k), A = (dh/dbeta R, W) over the scale of e
-    rest: Array  # (n m,), (z - h(beta) - W w) over the scale of e
+    residual: Array  # (n m,), (z - h(beta) - W w) over the scale of e
 
 
 class Posterior:
     """The posterior of u and w after a log.
 
-    residual : (m,), standard deviation of the log's own smooth residual [unit]
+    residual_sd : (m,), of the log's own smooth residual [unit]
     system : the rows against the reference
-    scale : standard deviation of e, of rows that err together, in `Reference.sizes`
+    scale : standard deviation of e, in `Reference.expected_noise`; larger where rows err together
     active : (p,), parameters that u changes
     r : (p, number of u), R
-    w_columns : (n m, number of w), W over `Reference.sizes`
-    place : where the posterior is greatest
+    w_columns : (n m, number of w), W over `Reference.expected_noise`
+    iterate : the maximum of the posterior
     """
 
     def __init__(
@@ -192,7 +191,7 @@ class Posterior:
         residual_scale: float,
     ) -> None:
         reference = explanation.reference
-        self.residual = residual_scale * reference.residual_sd
+        self.residual_sd = residual_scale * reference.residual_sd
         self.explanation = explanation
         self.reference = reference
         self.system = System(reference, observations)
@@ -200,93 +199,92 @@ class Posterior:
         self.scale = math.sqrt(time) * explanation.noise
         self.active, self.r = prior_columns(
             reference,
-            # what was simulated stands for an arm that is built
+            # a simulated arm stands for one that is built, whose joints have waves
             wave_size=max(explanation.wave_size, CREEP_WAVES),
             change_sd=explanation.sd,
         )
-        # without kappa, by which the bound inflates the residual as well
-        self.w_columns = self.system.log_columns(self.residual)
+        # without kappa, which inflates the residual in the bound
+        self.w_columns = self.system.log_columns(self.residual_sd)
 
-        # from the explanation: R u = its change
+        # it starts at the explanation: R u = its change
         self.size = self.r.shape[1]
         start = np.zeros(self.size + self.w_columns.shape[1])
         change = (explanation.beta - reference.beta)[self.active]
         start[: self.size] = np.linalg.pinv(self.r, rcond=1e-12) @ change
-        self.place = climb(self._place, start)
+        self.iterate = climb(self._iterate, start)
 
-    def _place(self, normals: Array) -> PlaceOfRows | None:
-        """Compare the rows with (u, w), None without a prediction.
+    def _iterate(self, normals: Array) -> RowIterate | None:
+        """The iterate at (u, w), None without a prediction.
 
-        log p(u, w | z) = -(|rest|^2 + |u|^2 + |w|^2) / 2
+        log p(u, w | z) = -(|y - A (u, w)|^2 + |u|^2 + |w|^2) / 2
         """
         u = normals[: self.size]
         w = normals[self.size :]
-        beta, residual, moves = self.system.after_step(self.active, self.r @ u)
-        if not np.isfinite(residual).all():
+        beta, misfit, moves = self.system.after_step(self.active, self.r @ u)
+        if not np.isfinite(misfit).all():
             return None
         columns = np.concatenate([moves @ self.r, self.w_columns], axis=1)
         columns /= self.scale
-        rest = self.system.whiten(residual) / self.scale
-        rest -= columns[:, self.size :] @ w
-        return PlaceOfRows(
+        residual = self.system.whiten(misfit) / self.scale
+        residual -= columns[:, self.size :] @ w
+        return RowIterate(
             normals=normals,
             beta=beta,
-            fit=-0.5 * float(rest @ rest + normals @ normals),
-            gradient=columns.T @ rest - normals,
+            fit=-0.5 * float(residual @ residual + normals @ normals),
+            gradient=columns.T @ residual - normals,
             precision=columns.T @ columns + np.eye(len(normals)),
             columns=columns,
-            rest=rest,
+            residual=residual,
         )
 
     @property
-    def evidence(self) -> float:
-        """Laplace approximation of the logarithm of the evidence, up to a constant."""
-        volume = Factor(self.place.precision).log_determinant()
-        return self.place.fit - 0.5 * volume
+    def log_evidence(self) -> float:
+        """Laplace approximation of the log evidence, up to a constant."""
+        log_determinant = Factor(self.iterate.precision).log_determinant()
+        return self.iterate.fit - 0.5 * log_determinant
 
     @property
     def body(self) -> Body:
-        """The belief: parameters, their covariance R cov(u) R', noise and residual of the log."""
+        """The belief of parameters with covariance R cov(u) R', and of the log's noise."""
         old = self.reference.body
-        inverse = Factor(self.place.precision).inverse()
-        of_u = inverse[: self.size, : self.size]
-        root = root_of(self.r @ of_u @ self.r.T)
+        inverse = Factor(self.iterate.precision).inverse()
+        u_covariance = inverse[: self.size, : self.size]
+        root = root_of(self.r @ u_covariance @ self.r.T)
         kappa = old.kappa
         if old.simulated:
             kappa = max(kappa, POSTERIOR.simulated_kappa)
         return replace(
             old,
-            beta=self.place.beta,
+            beta=self.iterate.beta,
             active=self.active,
-            # the bound inflates by kappa what is kept here without it
-            root=root / old.kappa,
+            root=root / old.kappa,  # the bound multiplies it by kappa
             kappa=kappa,
-            noise=self.explanation.noise * self.reference.sizes,
-            residual=np.maximum(old.residual, self.residual),
+            noise=self.explanation.noise * self.reference.expected_noise,
+            residual=np.maximum(old.residual, self.residual_sd),
             second=None,
         )
 
     def cross_residual(self) -> Array:
-        """Residuals (n, m) of blocks of rows that are left out in turn [unit].
+        """Held-out residuals (n, m) of blocks of rows that are left out in turn [unit].
 
-        Without a block A_b, y_b the solution needs no fit::
+        The solution without a block A_b, y_b needs no other fit::
 
             (u, w) = (A'A + I - A_b'A_b)^-1 (A'y - A_b'y_b),    residual = y_b - A_b (u, 0)
 
-        Of w the places of sockets count.
+        The part of w that places sockets is kept, too.
         """
         count = self.size + self.system.sockets.shape[2]
-        place = self.place
-        y = place.rest + place.columns @ place.normals
-        vector = place.columns.T @ y
+        iterate = self.iterate
+        y = iterate.residual + iterate.columns @ iterate.normals
+        vector = iterate.columns.T @ y
         residual = np.empty_like(self.system.observations.x)
         outputs = residual.shape[1]
         for block in np.array_split(np.arange(len(residual)), POSTERIOR.blocks):
             rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
-            a_block = place.columns[rows]
+            a_block = iterate.columns[rows]
             y_block = y[rows]
-            others = Factor(place.precision - a_block.T @ a_block)
+            others = Factor(iterate.precision - a_block.T @ a_block)
             normals = others.solve(vector - a_block.T @ y_block)
-            rest = y_block - a_block[:, :count] @ normals[:count]
-            residual[block] = rest.reshape(-1, outputs)
-        return residual * self.scale * self.reference.sizes
+            misfit = y_block - a_block[:, :count] @ normals[:count]
+            residual[block] = misfit.reshape(-1, outputs)
+        return residual * self.scale * self.reference.expected_noise

@@ -1,7 +1,7 @@
 """The frame: an old belief brought into the frame of a new log.
 
-A camera that was hung elsewhere, mirrored or read in other units moves every position by far
-more than anything else; so the frame comes first, and small changes after it.
+A camera that hangs elsewhere, is mirrored or has another unit moves every position far more than
+any other change does; so the frame comes first, and small changes after it.
 """
 
 from __future__ import annotations
@@ -35,83 +35,85 @@ from .causes import (
     sd_if_changed,
 )
 
-# Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm
+# Least sd of a log's own smooth residual [extents]; 1e-4 hid a sensor that was moved by .1 mm
 LEAST_RESIDUAL = 1e-7
 
 
 @dataclass(frozen=True)
-class FrameSettings:
-    """When a log is looked at in another frame."""
+class FrameSearchSettings:
+    """When and how another frame of the sensor is searched."""
 
-    # misfit, of the extents, from which another one is looked for
+    # misfit from which another frame is searched [extents]
     far: float = 0.05
-    # largest share of it that a mirror, another sense or another unit may leave
+    # largest share of the misfit that a mirror, a reversed joint or another unit may leave
     better: float = 0.5
     # ratios of size beyond which positions are in another unit
     scales: tuple[float, float] = (0.5, 2.0)
-    # most rows that a frame is looked for with
+    # most rows of the search
     rows: int = 200
-    # noise that is always allowed, of the extents
+    # least expected noise [extents]
     least: float = 1e-4
-    # misfit, of the extents, that is none
+    # misfit that counts as zero [extents]
     exact: float = 1e-6
-    # step from angle to angle that is tried for a joint that is stuck [rad]
+    # step between the angles at which a joint may be stuck [rad]
     angle: float = 0.1
 
 
-PLACING = FrameSettings()
+FRAME_SEARCH = FrameSearchSettings()
 
 
 @dataclass(frozen=True)
 class Reference:
     """The old belief, in the frame of a log."""
 
-    # the old belief with the structure of the log: mirrored, or with a joint turned round
+    # the old belief with the structure of the log: mirrored, or with a joint reversed
     body: Body
-    beta: Array  # (d,), its parameters, the view's moved
-    # a mirror, a joint that turns the other way, another unit: what is no matter of degree;
-    # where there is one only hypotheses with a free frame make sense
+    beta: Array  # (d,), the old parameters with the view's refitted
+    # discrete changes: a mirror, a reversed joint, another unit; where there is one, the frame is
+    # free in every hypothesis
     causes: tuple[Cause, ...] = ()
-    # size of positions over what it was; 1 where they are in the old unit
+    # new over old unit of the positions
     scale: float = 1.0
-    # (g,), parameters of the view whose old posterior does not count any more
-    void: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    # (g,), view parameters that were refitted to the log: their old posterior is dropped
+    refitted: Indices = field(
+        default_factory=lambda: np.zeros(0, dtype=np.intp)
+    )
     # (w,), parameters of joints' waves that the log shows
     waves: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    # the old belief without the tolerances of an arm's making, where it was only simulated
+    # the old belief of a simulated arm, without the tolerances of making an arm
     simulated: Body | None = None
 
     @property
     def wave_sizes(self) -> tuple[float, ...]:
-        """Sizes of the joints' waves that are compared."""
+        """Sizes of the joints' waves that are compared, over the prior of their curves."""
         if self.simulated is None:
             return WAVE_SIZES
         return (AS_SIMULATED, *WAVE_SIZES)
 
     @property
     def has_discrete_cause(self) -> bool:
-        """Whether something changed that is no matter of degree: the frame has no posterior."""
+        """Whether there is a discrete change, after which the frame has no posterior."""
         return bool(self.causes)
 
     @property
     def is_fitted(self) -> bool:
         """Whether the frame was fitted to the log."""
-        return len(self.void) > 0
+        return len(self.refitted) > 0
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether the old frame may explain the log as well as the one that was fitted."""
+        """Whether the old frame may explain the log as well as the fitted one."""
         return self.is_fitted and not self.has_discrete_cause
 
     def sd_if_changed(self) -> Array:
         """Standard deviation (d,) by which parameters and waves may have changed.
 
-        Of a frame that was fitted to the log a narrow prior would count rows twice.
+        A frame that was fitted to the log gets a wide one: a narrow prior would count rows twice.
         """
         sd = sd_if_changed(self.body)
         frame = indices_of(self.structure, FRAME)
-        sd[np.intersect1d(frame, self.void)] *= ANYWHERE
-        sd[self.waves] = GROUPS["curve"].freed
+        sd[np.intersect1d(frame, self.refitted)] *= ANYWHERE
+        sd[self.waves] = GROUPS["curve"].change_sd
         return sd
 
     @property
@@ -120,9 +122,9 @@ class Reference:
         return self.body.structure
 
     @property
-    def sizes(self) -> Array:
-        """What residuals of each output are divided by, (m,) [unit]: the noise that is expected."""
-        least = PLACING.least * np.asarray(self.structure.extents)
+    def expected_noise(self) -> Array:
+        """Expected noise (m,) of each output [unit], which residuals are divided by."""
+        least = FRAME_SEARCH.least * np.asarray(self.structure.extents)
         return np.maximum(self.body.noise, least)
 
     @property
@@ -135,88 +137,89 @@ class Reference:
 def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     """Bring the old belief into the frame of a log of rows (n, dof), (n, m)."""
     structure = body.structure
-    rows = spread_rows(len(q), PLACING.rows)
+    rows = spread_rows(len(q), FRAME_SEARCH.rows)
     q = q[rows]
     z = z[rows]
-    if _is_near(structure, body.beta, q, z):
+    residual = z - structure.predict(q, body.beta)
+    far = FRAME_SEARCH.far * float(structure.extents[0])
+    if median_length(residual[:, structure.position]) < far:
         return Reference(body, body.beta)
     if isinstance(structure, SpatialStructure) and is_camera(structure.view):
         start = _camera_anew(structure, body.beta, q, z)
         beta = _frame_fit(structure, q, z, start, FRAME)
-        return Reference(body, beta, void=indices_of(structure, FRAME))
-    return _by_best_sense(body, q, z, unit)
+        return Reference(body, beta, refitted=indices_of(structure, FRAME))
+    return _by_best_variant(body, q, z, unit)
 
 
-def _is_near(structure: Structure, beta: Array, q: Array, z: Array) -> bool:
-    """Whether a log needs no other frame than that of the parameters (d,)."""
-    residual = z - structure.predict(q, beta)
-    positions = residual[:, : structure.blocks[0]]
-    far = PLACING.far * float(structure.extents[0])
-    return median_length(positions) < far
-
-
-def _by_best_sense(body: Body, q: Array, z: Array, unit: str) -> Reference:
-    """The belief with the axes, the joints and the unit that come nearest to a log."""
-    # which axes, joints and unit come nearest?
+def _by_best_variant(body: Body, q: Array, z: Array, unit: str) -> Reference:
+    """The belief in the variant of axes, joints and unit that comes nearest to a log."""
     placement = _best_placement(body, q, z)
-    sense = placement.sense
+    variant = placement.variant
     scale = 1.0
     fitted: tuple[str, ...] = FRAME
     if placement.in_other_unit:
         scale = placement.ratio
-        sense = _in_other_unit(sense, scale, z, unit)
+        variant = _in_other_unit(variant, scale, z, unit)
         fitted = (*FRAME, "view.scale")
 
-    # where is their frame?
-    structure = sense.structure
+    # the frame: its rotation is that of the placement, its shift is linear and fitted
+    structure = variant.structure
     turn = structure.turn_parameters(placement.turn)
     rotation = structure.groups["view.rotation"]
-    # its shift is linear, and fitted
-    start = structure.after_step(sense.beta, rotation, turn)
+    start = structure.after_step(variant.beta, rotation, turn)
     beta = _frame_fit(structure, q, z, start, fitted)
 
-    # what of the old belief holds on?
-    void: tuple[str, ...] = FRAME
-    if sense.causes:
-        void = tuple(filter(is_sensors, structure.groups))
-    causes = list(sense.causes)
+    # which groups lose their old posterior?
+    refitted: tuple[str, ...] = FRAME
+    if variant.causes:
+        refitted = tuple(filter(is_sensors, structure.groups))
+    causes = list(variant.causes)
     if causes and causes[0].cause == "mirror":
         before = body.predict(q)
         after = structure.predict(q, beta)
         if Alignment.between(before, after).is_swapped:
             words = "x and y of the log are exchanged, compared with the model"
             causes[0] = replace(causes[0], words=words)
+    scaled = replace(
+        body,
+        structure=structure,
+        noise=scale * body.noise,
+        tau=scale * body.tau,
+        residual=scale * body.residual,
+    )
     return Reference(
-        body=_scaled(body, structure, scale),
+        body=scaled,
         beta=beta,
         causes=tuple(causes),
         scale=scale,
-        void=indices_of(structure, void),
+        refitted=indices_of(structure, refitted),
     )
 
 
 def _best_placement(body: Body, q: Array, z: Array) -> _Placement:
-    """The sense of axes and joints that comes nearest to a log, and how it is placed."""
+    """The variant of axes and joints that comes nearest to a log, with its placement."""
     structure = body.structure
     extent = float(structure.extents[0])
-    positions = z[:, : structure.blocks[0]]
-    predicted = structure.predict(q, body.beta)[:, : structure.blocks[0]]
-    moved = median_length(predicted - np.median(predicted, axis=0))
-    if moved < PLACING.far * extent:
-        # rows of one place come as near in any sense and unit
-        plain = _Sense(structure, body.beta, unit_is_open=False)
+    positions = z[:, structure.position]
+    predicted = structure.predict(q, body.beta)[:, structure.position]
+    spread = median_length(predicted - np.median(predicted, axis=0))
+    if spread < FRAME_SEARCH.far * extent:
+        # rows of one place are as near in every variant and unit
+        plain = _Variant(structure, body.beta, unit_is_open=False)
         return _Placement.of(plain, q, positions)
-    senses = [
-        *_senses(structure, body.beta),
-        *_stuck(structure, body.beta),
+    variants = [
+        *_variants(structure, body.beta),
+        *_stuck_variants(structure, body.beta),
     ]
-    placements = [_Placement.of(sense, q, positions) for sense in senses]
+    placements = [_Placement.of(variant, q, positions) for variant in variants]
     return min(placements, key=lambda placement: placement.cost(extent))
 
 
-def _in_other_unit(sense: _Sense, factor: float, z: Array, unit: str) -> _Sense:
-    """A sense in the unit of positions (n, m), which are `factor` times the model's."""
-    structure = sense.structure
+def _in_other_unit(
+    variant: _Variant, factor: float, z: Array, unit: str
+) -> _Variant:
+    """The variant in the unit of positions (n, m), which are `factor` times the model's."""
+    structure = variant.structure
     hint = unit_hint(factor, structure.unit)
     words = f"the log's positions are {factor:.4g} times the model's{hint}"
     cause = Cause("scale", "view.scale", words, factor, unit="1")
@@ -226,29 +229,18 @@ def _in_other_unit(sense: _Sense, factor: float, z: Array, unit: str) -> _Sense:
         middle = z.mean(axis=0)
         structure = structure.with_sensor(centre=tuple(middle.tolist()))
     structure = structure.with_sensor(extent=extent, unit=name)
-    beta = sense.beta.copy()
+    beta = variant.beta.copy()
     beta[indices_of(structure, ("view.scale",))] += np.log(factor)
-    return _Sense(structure, beta, (*sense.causes, cause))
-
-
-def _scaled(body: Body, structure: Structure, factor: float) -> Body:
-    """The belief with the structure of a log, and its noises in the unit of that."""
-    return replace(
-        body,
-        structure=structure,
-        noise=factor * body.noise,
-        tau=factor * body.tau,
-        residual=factor * body.residual,
-    )
+    return _Variant(structure, beta, (*variant.causes, cause))
 
 
 def offset_after(
     old: Body, new: Body, beta: Array, q: Array, offset: Array
 ) -> Array:
-    """What maps add to a body, (n, .., m), after a change of the body.
+    """The offset (n, .., m) that maps add to a body, carried over to the changed body.
 
-    The maps' offset is turned into joint errors by the old Jacobian, and back into positions by
-    the new one: J_new pinv(J_old) offset.
+    The old Jacobian turns it into joint errors, the new one turns these into positions:
+    J_new pinv(J_old) offset.
     """
     before = old.structure.slope(q, old.beta)
     after = new.structure.slope(q, beta)
@@ -258,95 +250,97 @@ def offset_after(
     return moves
 
 
-class _Sense(NamedTuple):
-    """A structure with another sense of axes or joints, or with a joint that is stuck."""
+class _Variant(NamedTuple):
+    """A structure with mirrored axes, reversed joints, or a joint that is stuck."""
 
     structure: Structure
     beta: Array  # (d,)
-    causes: tuple[Cause, ...] = ()  # one a freedom
+    causes: tuple[
+        Cause, ...
+    ] = ()  # one for each difference from the old structure
     unit_is_open: bool = True  # whether positions may be in another unit
 
 
 class _Placement(NamedTuple):
-    """The turn and the ratio of sizes by which a sense comes nearest to a log."""
+    """The turn and the ratio of sizes that bring a variant nearest to a log."""
 
-    sense: _Sense
-    misfit: float
-    turn: Array
-    ratio: float
+    variant: _Variant
+    misfit: float  # median distance from the log, in the model's unit
+    turn: Array  # (p, p)
+    ratio: float  # size of the log's positions over the model's
 
     @staticmethod
-    def of(sense: _Sense, q: Array, z: Array) -> _Placement:
-        """Turn predictions to positions (n, m); rows that contradict most are left out."""
-        predicted = sense.structure.predict(q, sense.beta)
+    def of(variant: _Variant, q: Array, z: Array) -> _Placement:
+        """Place predictions at positions (n, m), without the rows that are far off."""
+        predicted = variant.structure.predict(q, variant.beta)
         p = predicted[:, : z.shape[1]]
         sound = np.ones(len(p), dtype=bool)
-        scale = None if sense.unit_is_open else 1.0
+        scale = None if variant.unit_is_open else 1.0
         for _ in range(3):
             turn, shift, ratio = similarity(p[sound], z[sound], scale=scale)
             residual = z - (shift + ratio * p @ turn.T)
             distance = row_lengths(residual)
             typical = float(np.median(distance))
             sound = distance <= max(3.0 * typical, 1e-12)
-        return _Placement(sense, typical / ratio, turn, ratio)
+        return _Placement(variant, typical / ratio, turn, ratio)
 
     @property
     def in_other_unit(self) -> bool:
         """Whether positions are in another unit."""
-        low, high = PLACING.scales
+        low, high = FRAME_SEARCH.scales
         return not low < self.ratio < high
 
     def cost(self, extent: float) -> float:
-        """The misfit for a comparison: each further freedom must halve what is left."""
-        freedom = len(self.sense.causes) + int(self.in_other_unit)
-        misfit = max(self.misfit, PLACING.exact * extent)
-        return float(misfit / PLACING.better**freedom)
+        """The misfit for a comparison: each discrete change must halve it to be worthwhile."""
+        changes = len(self.variant.causes) + int(self.in_other_unit)
+        misfit = max(self.misfit, FRAME_SEARCH.exact * extent)
+        return float(misfit / FRAME_SEARCH.better**changes)
 
 
-def _senses(structure: Structure, beta: Array) -> list[_Sense]:
-    """The axes as they are, and in the plane mirrored, and each joint the other way."""
-    plain = [_Sense(structure, beta)]
+def _variants(structure: Structure, beta: Array) -> list[_Variant]:
+    """The axes as they are and, in the plane, mirrored, each with every joint reversed in turn."""
+    plain = [_Variant(structure, beta)]
     if not isinstance(structure, PlanarStructure):
         return plain
     words = "the log's positions are mirrored, compared with the model"
     cause = Cause("mirror", "view.mirror", words)
     mirrored = structure.with_sensor(mirror=-structure.mirror)
-    plain.append(_Sense(mirrored, beta, (cause,)))
-    senses = list(plain)
+    plain.append(_Variant(mirrored, beta, (cause,)))
+    variants = list(plain)
     for k in np.flatnonzero(structure.revolute).tolist():
         name = structure.joint_names[k]
         words = f"{name} turns the other way than before"
         cause = Cause(f"sign:{name}", "sign", words)
         signs = list(structure.signs)
         signs[k] = -signs[k]
-        for sense in plain:
-            other = sense.structure.with_fields(signs=tuple(signs))
-            causes = (*sense.causes, cause)
-            senses.append(_Sense(other, beta, causes))
-    return senses
+        for variant in plain:
+            other = variant.structure.with_fields(signs=tuple(signs))
+            causes = (*variant.causes, cause)
+            variants.append(_Variant(other, beta, causes))
+    return variants
 
 
-def _stuck(structure: Structure, beta: Array) -> Iterator[_Sense]:
-    """Each joint but the first stuck, at angles around the turn."""
+def _stuck_variants(structure: Structure, beta: Array) -> Iterator[_Variant]:
+    """Each turning joint but the first stuck, at angles all around the turn."""
     gains = structure.groups.get("gain", np.zeros(0, np.intp))
     for k in range(1, len(gains)):
         if not structure.revolute[k]:
             continue
         name = structure.joint_names[k]
         words = f"{name} no longer moves the tip"
-        lost = Cause(f"lost:{name}", "gain", words, 0.0, unit="1")
-        for angle in np.arange(-np.pi, np.pi, PLACING.angle):
+        stuck_cause = Cause(f"lost:{name}", "gain", words, 0.0, unit="1")
+        for angle in np.arange(-np.pi, np.pi, FRAME_SEARCH.angle):
             stuck = beta.copy()
             stuck[gains[k]] = 0.0
             stuck[structure.groups["offset"][k]] += angle
-            yield _Sense(structure, stuck, (lost,), unit_is_open=False)
+            yield _Variant(structure, stuck, (stuck_cause,), unit_is_open=False)
 
 
 def _camera_anew(
     structure: SpatialStructure, old: Array, q: Array, z: Array
 ) -> Array:
-    """Parameters (d,) with a camera that may be anywhere, its lens and the arm unchanged."""
-    # brings SciPy's linear algebra
+    """Parameters (d,) with the camera placed anew, its lens and the arm unchanged."""
+    # imports SciPy's linear algebra
     from ..body.frame_starts import best_frame
     from ..body.rows import Rows
 

@@ -5,7 +5,7 @@ The residuals of a log are linear in what may have changed, and Gaussian in all 
     y = X d + e,    e ~ N(0, K + s^2 I),    d ~ N(0, diag(sd^2))
 
     y   (N,)    measured less predicted positions, over the sensor's noise  (`rows`, `frame`)
-    X   (N, d)  derivatives of the predictions by all parameters            (`system`)
+    X   (N, d)  derivatives of the predictions by all parameters            (`System.columns`)
     sd  (d,)    by which parameters change; zero where no cause frees them  (`causes`)
     K   (N, N)  what an unchanged arm may show: the model's own posterior, a creep, and a smooth
                 residual of this log alone                                  (`system`)
@@ -33,22 +33,14 @@ from ..model.model import Model
 from ..samples.samples import Samples
 from ..training.options import Progress
 from .causes import Cause, as_built, as_drawn, with_chain_in_doubt
-from .evidence import Evidence, evidence_of_unnamed, with_orientations
+from .evidence import Evidence, unnamed_log_evidence, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
-from .noise import find_play, noise_of, with_waves
-from .rows import (
-    LogRows,
-    rows_of,
-    sound_rows,
-)
-from .significance import (
-    bound_test,
-    group_tests,
-    variance_of_all,
-)
+from .noise import NoiseFit, Play, find_play, noise_of, with_waves
+from .rows import LogRows, rows_of, sound_rows
+from .significance import bound_test, group_tests, variance_of_all
 from .steps import Step, find_step
-from .system import System, system_of
+from .system import NoisyJoint, System, system_of
 from .update import Update, update
 from .verdict import Episode, Verdict, notes_of, verdict_on_maps
 from .words import causes_of
@@ -73,12 +65,11 @@ def judge(
     cause : {"sensor", "joints"}, optional
         What is known about the change.
     free : {"all", "offsets"}
-        With "offsets" the geometry is as the model has it, the joints' zeros and the sensor's frame
-        are not.
+        With "offsets" only the joints' zeros and the sensor's frame may have changed.
     learn : bool
-        Whether rows of an arm that did not change are learned from, too.
+        Whether the belief is also updated by rows of an arm that did not change.
     progress : callable, optional
-        Called with the share of the work done, the stage and a number, NaN.
+        Called with the share of the work done, the stage, and NaN.
 
     Raises
     ------
@@ -113,7 +104,7 @@ def judge(
         rows = rows_of(model, measured)
         if model.body is None:
             return verdict_on_maps(rows)
-        if log.touch is not None:  # no sensor saw them
+        if log.touch is not None:  # touches do not depend on a sensor
             cause = cause or "joints"
         verdict = _verdict_on_body(rows, cause, learn, report)
         evidence = verdict.evidence
@@ -124,33 +115,26 @@ def judge(
 
 
 def _verdict_on_body(
-    logged: LogRows, cause: str | None, learn: bool, report: Progress
+    all_rows: LogRows, cause: str | None, learn: bool, report: Progress
 ) -> Verdict:
     """The verdict on a model with a body."""
     # 1. y: the rows against the belief that a changed arm starts from, in the frame of the log
-    belief = with_chain_in_doubt(logged.body)
-    prior = as_built(belief)
-    if cause == "offsets":
-        prior = as_drawn(belief)
-    positions = logged.x - logged.map_offset
-    reference = reference_of(prior, logged.q, positions, logged.unit)
-    logged_observations = logged.without_maps(reference)
-    sound = sound_rows(reference, logged_observations)
-    rows = logged.without_strays(sound)
-    observations = logged_observations.take(sound)
+    belief = with_chain_in_doubt(all_rows.body)
+    prior = as_drawn(belief) if cause == "offsets" else as_built(belief)
+    positions = all_rows.x - all_rows.map_offset
+    reference = reference_of(prior, all_rows.q, positions, all_rows.unit)
+    all_observations = all_rows.without_maps(reference)
+    sound = sound_rows(reference, all_observations)
+    rows = all_rows.without_strays(sound)
 
     report(0.2, "tests", math.nan)
-    # 2. s: the noise where everything may have changed, less a joint's play, which is taken up,
-    # and joints' waves, which may be causes
+    # 2. s: the noise where everything may have changed, and the play and the waves of joints
     old_frame = Reference(belief, belief.beta)
     frame = reference if reference.is_fitted else old_frame
-    noise = noise_of(system_of(frame, observations))
-    play = find_play(noise)
+    noise, play = _noise_and_play(frame, all_observations.take(sound))
     if play is not None:
-        observations = play.taken_up(observations)
-        logged_observations = play.taken_up(logged_observations)
-        noise = noise_of(system_of(frame, observations))
-    noise = with_waves(noise)
+        all_observations = play.taken_up(all_observations)
+    observations = all_observations.take(sound)
     reference = replace(
         reference,
         waves=noise.system.reference.waves,
@@ -160,11 +144,10 @@ def _verdict_on_body(
     # 3. p: the chance of such rows where nothing changed, by groups of parameters and by the bound
     noise_beside_belief = noise
     if reference.is_doubtful:
-        noise_beside_belief = with_waves(
-            noise_of(system_of(old_frame, observations))
-        )
+        system = system_of(old_frame, observations)
+        noise_beside_belief = with_waves(noise_of(system))
     tests = group_tests(noise_beside_belief, rows.probes)
-    # an arm that was simulated is no other one within the tolerances of its making
+    # a simulated arm has not changed within the tolerances of its making
     tolerance = np.maximum(rows.bound, prior.bound(rows.q))
     shared_variance = variance_of_all(reference, observations)
     bound = bound_test(rows, rows.bound, tolerance, shared_variance, tests)
@@ -174,31 +157,51 @@ def _verdict_on_body(
     correlation_time = max(rows.body.kappa**2, 1.0, noise.correlation_time)
     observations = replace(observations, correlation_time=correlation_time)
     systems = _systems(prior, reference, observations)
-    unnamed = evidence_of_unnamed(systems[-1])
+    unnamed = unnamed_log_evidence(systems[-1])
     evidence = Evidence(
         rows, cause, prior, reference, observations, tests, bound, unnamed, play
     )
     explanations = explain(systems, cause, calm=not evidence.fired)
     evidence = replace(evidence, explanations=explanations)
-    # touches have no order of their own
-    has_order = logged.log.touch is None
-    if has_order and (evidence.fired or tests.noisier):
-        best = evidence.best
-        step = find_step(
-            replace(best.reference, beta=best.beta),
-            logged_observations,
-            noise.system.noisy,
-        )
-        evidence = replace(evidence, step=step)
-    evidence = with_orientations(evidence, systems)
+    step = _step_within(evidence, all_observations, noise.system.noisy)
+    evidence = with_orientations(replace(evidence, step=step), systems)
 
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
-    better = None
-    if learn or evidence.score > 1.0:
-        better = update(evidence, learn=learn)
+    needs_update = learn or evidence.score > 1.0
+    better = update(evidence, learn=learn) if needs_update else None
 
     # 6. the verdict in words
     return _verdict_of(evidence, better)
+
+
+def _noise_and_play(
+    frame: Reference, observations: LogRows
+) -> tuple[NoiseFit, Play | None]:
+    """The noise without the play and the waves of joints, and a play that the log shows."""
+    noise = noise_of(system_of(frame, observations))
+    play = find_play(noise)
+    if play is not None:
+        noise = noise_of(system_of(frame, play.taken_up(observations)))
+    return with_waves(noise), play
+
+
+def _step_within(
+    evidence: Evidence, all_observations: LogRows, noisy: NoisyJoint | None
+) -> Step | None:
+    """The change within the log beside the best explanation, where a test hints at one.
+
+    all_observations : of all rows, also of those that contradict the others
+    noisy : a joint whose encoder is noisy
+    """
+    if (
+        evidence.rows.log.touch is not None
+    ):  # touches have no order of their own
+        return None
+    if not (evidence.fired or evidence.tests.noisier):
+        return None
+    best = evidence.best
+    reference = replace(best.reference, beta=best.beta)
+    return find_step(reference, all_observations, noisy)
 
 
 def _systems(
@@ -218,7 +221,7 @@ def _systems(
 
 
 def _verdict_of(evidence: Evidence, better: Update | None) -> Verdict:
-    """The verdict that follows from evidence, in words."""
+    """The verdict, with causes and notes in words."""
     causes, notes = causes_of(evidence)
     score = max(evidence.score, evidence.tool.score)
     if evidence.play is not None and evidence.is_explained:
@@ -240,10 +243,7 @@ def _verdict_of(evidence: Evidence, better: Update | None) -> Verdict:
 def _step_in_words(
     step: Step, model: Model, log: Samples, cause: str | None
 ) -> Cause:
-    """The cause of a log that changed within, by the verdicts on both of its parts.
-
-    step : its row as the file counts
-    """
+    """The cause of a change within a log, described by the verdicts on both parts of the log."""
     first = int(np.argmax(log.rows == step.row))
     states = []
     for part in (slice(first), slice(first, None)):
@@ -269,7 +269,7 @@ def _step_in_words(
 
 @contextmanager
 def guarded_algebra() -> Iterator[None]:
-    """One BLAS thread; where a model's numbers solve no equation, as of a forged file, an error."""
+    """One BLAS thread; ModelError where a model's numbers are singular, as a forged file's are."""
     try:
         with one_blas_thread():
             yield
@@ -297,10 +297,10 @@ def check(
     cause : {"sensor", "joints"}, optional
         What is known about a change.
     tolerance : float, optional [unit]
-        Where nothing fired and the rows could not have shown a change of this size, `drifted` is
-        None.
+        `drifted` is None where nothing fired and the rows could not have shown a change of this
+        size.
     progress : callable, optional
-        As of :func:`judge`.
+        See :func:`judge`.
 
     Returns
     -------

@@ -1,6 +1,6 @@
 """Noise: its most likely size where all may have changed, one encoder's, play and waves of joints.
 
-They are estimated before any test: as the noise is estimated, a group has the chance of an F test.
+All of these are estimated before any test; since the noise is estimated, the tests are F tests.
 
 A wave of N cycles a turn, as gears and the discs of encoders make them, moves a joint by
 a cos(N q) + b sin(N q), which are two parameters of the joint's curve.  Their columns X are tested
@@ -8,8 +8,8 @@ as any group's (`significance`)::
 
     g = y' C^-1 X (X' C^-1 X)^-1 X' C^-1 y,    g / f ~ Beta(1, f / 2 - 1)  where there is no wave
 
-f are the degrees of freedom of the noise, which is estimated with the wave in it.  An encoder's
-noise differs from row to row at one joint value; a wave does not.
+f are the degrees of freedom of the noise, whose estimate includes the wave.  An encoder's noise
+differs from row to row at one joint value; a wave does not.
 """
 
 from __future__ import annotations
@@ -31,14 +31,16 @@ from .frame import Reference
 from .rows import LogRows
 from .system import CREEP_SHARE, SYSTEM, NoisyJoint, Nuisance, System
 
-# Share of undisturbed logs for which `check` may call anything changed, after Bonferroni
+# Share of undisturbed logs that `check` may call changed, after Bonferroni
 FALSE_ALARM = 1e-3
-# Noise over the usual one from which it is reported, if no chance, and one encoder's is looked
-# for: that of a log's body is a Student scale, up to 30 % less than the deviation of series C
+# Noise over the usual one from which it is reported, unless it is chance, and one encoder's noise
+# is searched: the noise of a log's body is a Student scale, up to 30 % less than the standard
+# deviation of series C
 NOISIER = 1.5
 
 JOINT_NOISES = tuple(2.0 ** np.arange(-1.0, 6.5, 0.5))
-"""Noise of one encoder over that of the sensor, at the tip: steps of two left 2 of 90 drifted."""
+"""Noise of one encoder over that of the sensor, at the tip: with steps of two, 2 of 90 unchanged
+arms were drifted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,23 +49,23 @@ class NoiseFit:
 
     system: System
     nuisance: Nuisance  # K, with all that may have changed
-    usual: float  # what the belief expects, in `Reference.sizes`
-    size: float  # s, in the same
-    likelihood: float  # of that [nats]
-    likelihood_of_usual: float
-    # (n, m), residuals less all that changes and K follow, s C^-1 y
+    usual: float  # the belief's noise, in `Reference.expected_noise`
+    size: float  # s, in `Reference.expected_noise`
+    likelihood: float  # log likelihood of s [nats]
+    likelihood_of_usual: float  # log likelihood of the usual noise [nats]
+    # (n, m), the part of the residuals that K does not explain, s C^-1 y
     residual: Array
-    # of these [rows]: rows that err together count once
+    # [rows], of `residual`: rows that err together count once
     correlation_time: float
     # degrees of freedom: directions of the rows that determine the noise
     freedom: float
-    # whether a joint has a wave, as it may be of an arm that has not changed
+    # whether joints have waves that may be those of an arm that has not changed
     is_wavy: bool = False
 
     @property
     def sd(self) -> float:
         """Standard deviation of an axis [unit]."""
-        return self.size * float(self.system.reference.sizes[0])
+        return self.size * float(self.system.reference.expected_noise[0])
 
     @property
     def noisy_joint(self) -> NoisyJoint | None:
@@ -75,12 +77,12 @@ class NoiseFit:
 
     @property
     def is_larger(self) -> bool:
-        """Whether it is larger than usual, and that is no chance."""
+        """Whether the noise is larger than usual, by more than chance."""
         chance = self.chance_beside(self.likelihood_of_usual)
         return self.size > NOISIER * self.usual and chance < FALSE_ALARM
 
     def chance_beside(self, likelihood: float) -> float:
-        """Chance (chi-square, 1) of so much more likelihood by one more parameter."""
+        """Chance (chi-square, 1) that one more parameter gains as much over a likelihood."""
         from scipy.special import chdtrc
 
         gain = 2.0 * (self.likelihood - likelihood) / self.correlation_time
@@ -98,7 +100,7 @@ def noise_of(system: System) -> NoiseFit:
     size = statistics.most_likely_noise(usual)
     sizes = np.array([size, usual])
     likelihood, likelihood_of_usual = statistics.likelihood(sizes).tolist()
-    residual = nuisance.rest(system.y, size)
+    residual = nuisance.unexplained_part(system.y, size)
     correlation_time = autocorrelation_time(residual)
     return NoiseFit(
         system=system,
@@ -114,12 +116,12 @@ def noise_of(system: System) -> NoiseFit:
 
 
 def noise_with_joint(noise: NoiseFit) -> NoiseFit:
-    """A larger noise with that of one joint's encoder, where this is more likely than chance."""
+    """A noise larger than usual with the noise of one joint's encoder, unless that is chance."""
     if not noise.is_larger:
         return noise
     system = noise.system
-    # of a joint at the tip, in the sensor's noise: its slope by row, and what is typical
-    slope = system.slope / system.reference.sizes[:, None]
+    # how a joint moves the tip, in the sensor's noise: by row, and typically
+    slope = system.slope / system.reference.expected_noise[:, None]
     squares = (slope**2).sum(axis=1)
     typical = np.sqrt(np.maximum(squares.mean(axis=0), 1e-300))
     joint, step = _noisiest_joint(noise.residual, slope, typical)
@@ -130,7 +132,7 @@ def noise_with_joint(noise: NoiseFit) -> NoiseFit:
         noisy = System(system.reference, system.observations, (joint, ratio))
         return noise_of(noisy)
 
-    # from the guess to the nearest noise beside which none is more likely
+    # from the guess to the nearest local maximum
     before = -1
     while step != before:
         before = step
@@ -144,7 +146,7 @@ def noise_with_joint(noise: NoiseFit) -> NoiseFit:
 def _noisiest_joint(
     residual: Array, slope: Array, typical: Array
 ) -> tuple[int, int]:
-    """The joint j, and which of `JOINT_NOISES`, that makes residuals r (n, m) most likely.
+    """The joint, and the number of its `JOINT_NOISES`, that make residuals r (n, m) most likely.
 
     A row has the covariance I + ratio^2 g g' (g the slope), and so the likelihood
     -2 log p = log(1 + ratio^2 g'g) + r'r - ratio^2 (g'r)^2 / (1 + ratio^2 g'g).
@@ -169,17 +171,17 @@ def _noisiest_joint(
 def sd_of_changes(reference: Reference) -> Array:
     """Standard deviation (d,) by which the parameters may have changed, all together."""
     sd = reference.sd_if_changed()
-    # what bends the joints, and couplings, would leave few rows no freedom
+    # elasticity and couplings would leave few rows no freedom
     bending = ("elastic", "payload", "coupling")
     sd[indices_of(reference.structure, bending)] = 0.0
-    # the frame turns about the first joint's axis as its offset does: it is free once
+    # the frame may already turn about the first joint's axis
     sd[frame_twin(reference.body)] = 0.0
     return sd
 
 
 def usual_noise(reference: Reference) -> float:
-    """The noise that a belief expects, in `Reference.sizes`."""
-    usual = float(np.min(reference.body.noise / reference.sizes))
+    """The noise that a belief expects, in `Reference.expected_noise`."""
+    usual = float(np.min(reference.body.noise / reference.expected_noise))
     return max(usual, SYSTEM.exact_noise)
 
 
@@ -203,13 +205,13 @@ def share_chance(share: float, count: int, freedom: float) -> float:
 
 
 def score_of(chance: float) -> float:
-    """Logarithm of a chance over that of `FALSE_ALARM`: above 1 it is none."""
+    """Logarithm of a chance over that of `FALSE_ALARM`; above 1 it is no chance."""
     chance = min(max(chance, 1e-300), 1.0)
     return abs(math.log(chance) / math.log(FALSE_ALARM))
 
 
-# Least share of the squared residuals that a play explains: a wrist of a real UR10 that has none
-# explained less in three of 252 checks
+# Least share of the squared residuals that a play explains: a real UR10's wrist without play
+# explained less in all but three of 252 checks
 LEAST_EXPLAINED = 0.06
 
 
@@ -219,8 +221,8 @@ class Play:
 
     joint: int
     half: float  # half of its play [rad or m]
-    deviation: float  # standard deviation of that
-    score: float  # above 1: it is no chance
+    deviation: float  # standard deviation of `half`
+    score: float  # above 1 it is no chance
 
     def taken_up(self, observations: LogRows) -> LogRows:
         """The observations at the joints' true values under this play."""
@@ -233,24 +235,26 @@ def find_play(noise: NoiseFit) -> Play | None:
     """Find the joint whose play explains most besides all that may have changed; None for chance.
 
     A joint is off by half its play, towards the side from which it came.  Each row has
-    f and r, what K does not follow of -slope * side and of the residual::
+    f and r, the unexplained parts of -slope * side and of the residual::
 
         half = sum f r / sum f^2,    statistic = (sum f r)^2 / sum (f r - mean f r)^2
 
     noise : of the log, given all that may have changed
     """
     system = noise.system
-    features = noise.nuisance.rest(system.play_columns(), noise.size)
+    features = noise.nuisance.unexplained_part(
+        system.play_columns(), noise.size
+    )
     products = np.einsum("nmd,nm->nd", features, noise.residual)
     squares = np.maximum((features**2).sum(axis=(0, 1)), 1e-300)
     total = products.sum(axis=0)
     half = total / squares
     explained = half * total / max((noise.residual**2).sum(), 1e-300)
 
-    # an encoder that is noisy moves the tip along the same slope, to either side
+    # a noisy encoder moves the tip along the same slope, to both sides
     variance = len(products) * products.var(axis=0) + 1e-300
     statistic = total**2 / (variance * noise.correlation_time)
-    # the model learned its own from rows, too, with an error that depends on their number
+    # the model's own play was learned from rows, with an error that depends on their number
     body = system.reference.body
     if body.rows and not body.simulated:
         statistic /= 1.0 + len(products) / body.rows
@@ -275,32 +279,32 @@ class WaveSettings:
 
     # most waves of a log
     most: int = 6
-    # amplitude up to which an arm that has not changed may have a wave which its model has not
-    # learned [rad]: all of a usual curve's rms in one
+    # largest amplitude of a wave that an unchanged arm may have and its model may not have learned
+    # [rad]: a wave with the whole rms of a usual curve
     usual: float = math.sqrt(2.0) * PRIOR.curve_rms
-    # share of what a wave does from which another one does the same, and nats by which it has to
-    # explain the rows less: rows in a corner do not distinguish waves of 8 and 9 cycles
-    alike: float = 0.5
+    # share of a wave's effect from which another wave is its rival, and most nats by which a rival
+    # explains the rows less: rows in a corner do not distinguish waves of 8 and 9 cycles
+    likeness: float = 0.5
     nats: float = 5.0
 
 
 WAVES = WaveSettings()
 SHORT_WAVES = np.arange(HARMONICS + 1, 401)
-"""Waves a turn that are no part of a curve, beyond those of usual gears."""
+"""Cycles a turn of waves that are too short for a curve."""
 
 
 class Wave(NamedTuple):
     """A wave of one joint."""
 
-    indices: Indices  # (2,), its parameters: of the cosine and of the sine
-    # whether an arm that has not changed has none like it, and no other explains the rows as well
+    indices: Indices  # (2,), parameters of its cosine and sine
+    # whether it is too large for an unchanged arm, and no other wave explains the rows as well
     is_cause: bool
 
 
 def with_waves(noise: NoiseFit) -> NoiseFit:
-    """A larger noise less the waves of joints, found one by one, the clearest first.
+    """A noise larger than usual without the waves of joints, found one by one, the clearest first.
 
-    A wave has to be no chance under the noise of one joint's encoder, too.
+    A wave also has to be no chance beside the noise of one joint's encoder.
     """
     if not noise.is_larger:
         return noise
@@ -327,11 +331,11 @@ class WaveFits(NamedTuple):
     matrix: Array  # (w, 2, w, 2), X' C^-1 X
     covariances: Array  # (w, 2, 2)
     amplitudes: Array  # (w, 2), of cosine and sine [rad]
-    # (w,), twice the gain in log likelihood of each over the noise
+    # (w,), twice the gain in log likelihood of each wave at the given noise
     gains: Array
-    # (w,), gain in log likelihood where the noise is what each leaves
+    # (w,), gain in log likelihood of each wave at the noise that it leaves
     nats: Array
-    # of the largest gain where there is no wave, after Bonferroni
+    # chance of the largest gain where there is no wave, after Bonferroni
     chance: float
 
     @property
@@ -341,13 +345,13 @@ class WaveFits(NamedTuple):
 
     @property
     def rivals(self) -> Mask:
-        """Which waves (w,) do much of what the best does, and explain the rows as well."""
+        """Which waves (w,) are like the best one, and explain the rows as well."""
         cross = self.matrix[:, :, self.best]
         of_best = self.covariances[self.best]
-        alike = np.einsum(
+        likeness = np.einsum(
             "wij,wik,wkl,lj->w", cross, self.covariances, cross, of_best
         )
-        rivals: Mask = alike / 2.0 > WAVES.alike
+        rivals: Mask = likeness / 2.0 > WAVES.likeness
         rivals &= self.nats > self.nats[self.best] - WAVES.nats
         rivals[self.best] = False
         return rivals
@@ -366,7 +370,7 @@ def _fits_of(noise: NoiseFit, x: Array) -> WaveFits:
     covariances = np.asarray(np.linalg.pinv(blocks, hermitian=True), float)
     amplitudes = np.einsum("wij,wj->wi", covariances, vector)
     gains = (amplitudes * vector).sum(axis=1) / noise.correlation_time
-    # of squares y' C^-1 y a wave explains a share g: log p = -f / 2 log(1 - g)
+    # a wave that explains a share g of y' C^-1 y gains -f / 2 log(1 - g)
     squares = noise.residual.ravel() @ noise.system.y / noise.size
     share = np.minimum(gains * noise.correlation_time / squares, 0.999)
     nats = -0.5 * noise.freedom * np.log1p(-share)
@@ -375,12 +379,12 @@ def _fits_of(noise: NoiseFit, x: Array) -> WaveFits:
 
 
 def _clearest_wave(noise: NoiseFit) -> Wave | None:
-    """The wave of the least chance under a noise, None where that may be chance."""
+    """The wave that explains most beside a noise, None where it may be chance."""
     system = noise.system
     indices = _indices_of_waves(system.reference)
     if not len(indices):
         return None
-    fits = _fits_of(noise, system.x[:, indices])
+    fits = _fits_of(noise, system.columns[:, indices])
     if fits.chance >= FALSE_ALARM:
         return None
     best = fits.best
@@ -390,18 +394,18 @@ def _clearest_wave(noise: NoiseFit) -> Wave | None:
 
 
 def _indices_of_waves(reference: Reference) -> Indices:
-    """Parameters (w, 2) of each wave of each turning joint: of its cosine and of its sine."""
+    """Parameters (w, 2) of cosine and sine of each further wave of each turning joint."""
     curves = indices_of(reference.structure, ("curve",))
-    curves = curves.reshape(-1, 2, HARMONICS)
-    indices = np.swapaxes(curves, 1, 2).reshape(-1, 2)
+    by_joint = curves.reshape(-1, 2, HARMONICS)
+    indices = by_joint.swapaxes(1, 2).reshape(-1, 2)
     is_new = ~np.isin(indices[:, 0], reference.waves)
     return indices[is_new]
 
 
 def _follows_short_waves(noise: NoiseFit) -> bool:
-    """Whether what a joint's encoder is blamed for repeats with the joint, in waves too short.
+    """Whether the noise of a joint's encoder is a wave of the joint, too short for a curve.
 
-    A curve has 48 at most; a strain wave gear has twice its ratio, such as 200.
+    A curve has at most 48 cycles a turn; a strain wave gear has twice its ratio, such as 200.
     """
     system = noise.system
     if system.noisy is None:

@@ -1,4 +1,4 @@
-"""Rows: those of a log that are compared with a model, with its predictions."""
+"""Rows: the rows of a log that are compared with a model, with the model's predictions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from .frame import Reference, offset_after
 
 OUTLIER = 5.0  # noises from which a row contradicts all others
 
-# fewest different rows that a judgement or a correction can rest on
+# fewest different rows for a verdict or a correction
 LEAST_ROWS = 10
 REPEATED = "{} repeated rows count once"
 LEARNED = "the model has learned {} of these rows, which show nothing new"
@@ -40,29 +40,29 @@ _MISREAD = ("exchanged", "turns")
 
 @dataclass(frozen=True)
 class RowSettings:
-    """When rows are as they should be, and how many are looked at."""
+    """What rows have to be like, and how many are used."""
 
-    # share of the positions' spread: rows that are missed by less are not read wrongly
+    # share of the positions' spread: rows whose residuals are smaller were read as they are meant
     near: float = 0.1
-    # share of a joint's range below which a note says how little was covered
+    # share of a joint's range below which a note says how little of it was covered
     corner: float = 0.5
-    # spread of rows across, over that of the learned range, from which they are not along a line:
-    # the joints of series C are correlated, .29
+    # `least_relative_spread` of rows along a line; the correlated joints of series C have .29
     line: float = 0.2
-    # largest share of rows that contradict all others
-    few_wrong: float = 0.05
-    # joints all over the learned range at which predictions are compared
+    # largest share of strays that still counts as few
+    few_strays: float = 0.05
+    # joint values all over the learned range at which predictions are compared
     probes: int = 120
-    # share of the rows of a log in the model's unit that it answers, or that lie within its range
+    # least share of rows that the model answers, or that lie within its range, if their unit is the
+    # model's
     answered: float = 0.5
-    # share of the rows of a log in another unit that lie within the range
+    # least share of rows within the range after a conversion, if their unit is another one
     answered_in_other: float = 0.9
     # distance from the middle of the learned range, over that range, that counts as within
     range: float = 0.55
-    # most steps of the fit that finds rows that contradict all others: 12 took exact rows of a
-    # longer link for outliers
+    # most steps of the robust fit that finds strays: with 12, exact rows of a longer link were
+    # strays
     robust_steps: int = 60
-    # most rows of it: enough for every parameter
+    # most rows of the robust fit: enough for every parameter
     robust_rows: int = 400
 
 
@@ -74,23 +74,24 @@ class LogRows(RowArrays):
     """Rows of a log with a model's predictions; repeated rows count once."""
 
     model: Model
-    log: Samples  # their joints and positions, as they were logged
-    q: Array  # (n, dof), true values: with the play that the model knows taken up [rad or m]
+    log: Samples  # joints and positions as they were logged
+    q: Array  # (n, dof), the joints' true values, by the play that the model knows [rad or m]
     unit: str  # unit of the log's positions
     shared: float  # standard deviation that all positions share [unit]
     predicted: Array  # (n, m), positions that the model predicts [unit]
-    bound: Array  # (n,), the model's 95 % bound on each row, infinite for none [unit]
-    wrong: int  # rows that contradict the others and were left out
-    lost: int  # these, and rows outside of what the model has learned
+    bound: Array  # (n,), the model's 95 % bound on each row, infinite where it has none [unit]
+    strays: int  # rows that contradict the others and were left out
+    left_out: int  # strays, and rows outside of what the model has learned
     notes: tuple[str, ...]
-    # [rows]; likelihoods are raised to the power 1 / of it: rows that err together count once
+    # [rows]; likelihoods are raised to the power 1 / correlation_time: rows that err together
+    # count once
     correlation_time: float = 1.0
 
     def __len__(self) -> int:
         return len(self.q)
 
     def in_sockets_of(self, model: Model) -> LogRows:
-        """The rows with the sockets that they touched where another model has them."""
+        """The rows with the sockets that they touched at the places of another model."""
         touch = self.log.touch
         if touch is None:
             return self
@@ -117,7 +118,7 @@ class LogRows(RowArrays):
 
     @property
     def clock_sd(self) -> Array:
-        """Standard deviation (n, dof) of the joints, of all alike, by that of the log's clock."""
+        """Standard deviation (n, dof) by which the log's clock shifts the joints of all rows."""
         if self.log.clock_sd is None:
             return np.zeros_like(self.q)
         return self.log.clock_sd
@@ -128,15 +129,15 @@ class LogRows(RowArrays):
         return self.model.motor.scale.to_unit(self.q)
 
     @property
-    def widths(self) -> Array:
+    def range_shares(self) -> Array:
         """Share (dof,) of each joint's learned range that the rows cover."""
         return np.asarray(np.ptp(self.u, axis=0))
 
     @cached_property
     def learned_u(self) -> Array | None:
-        """Joints (k, dof) in the unit box that a model of a log has learned; None: all of it.
+        """Joints (k, dof) in the unit box that the model of a log has learned, None for all of it.
 
-        An adapted model keeps the rows of its adaptation alone.
+        None also for an adapted model, which keeps only the rows of its adaptation.
         """
         measured = self.model.rows
         if measured is None or self.model.history:
@@ -144,16 +145,16 @@ class LogRows(RowArrays):
         return self.model.motor.scale.to_unit(measured.q)
 
     @property
-    def shares(self) -> Array:
-        """Share (dof,) of what was learned of each joint that the rows cover."""
+    def learned_shares(self) -> Array:
+        """Share (dof,) of each joint's range in the learned rows that the rows cover."""
         if self.learned_u is None:
-            return self.widths
+            return self.range_shares
         learned = np.ptp(self.learned_u, axis=0)
-        return np.asarray(self.widths / np.maximum(learned, 1e-12))
+        return np.asarray(self.range_shares / np.maximum(learned, 1e-12))
 
     @property
-    def across(self) -> float:
-        """Least spread of the rows in any direction, over that of what was learned."""
+    def least_relative_spread(self) -> float:
+        """Least spread of the joints in any direction, over that of the learned rows."""
         spread = np.atleast_2d(np.cov(self.u.T))
         identity = np.eye(len(spread))
         # uniform joints have a variance of 1 / 12 in every direction
@@ -167,9 +168,9 @@ class LogRows(RowArrays):
 
     @property
     def widespread(self) -> bool:
-        """Whether every joint moves over half of what was learned, and not along a line."""
-        wide = bool((self.shares > ROWS.corner).all())
-        return wide and self.across > ROWS.line
+        """Whether every joint covers half of what was learned, and rows are not along a line."""
+        wide = bool((self.learned_shares > ROWS.corner).all())
+        return wide and self.least_relative_spread > ROWS.line
 
     @property
     def distance(self) -> Array:
@@ -178,35 +179,35 @@ class LogRows(RowArrays):
 
     @property
     def map_offset(self) -> Array:
-        """What the maps add to the body, (n, m) [unit]."""
+        """Offset (n, m) that the maps add to the body's prediction [unit]."""
         return np.asarray(self.predicted - self.body.predict(self.q))
 
     @cached_property
     def probes(self) -> Array:
-        """Joints (p, dof) all over the learned range [rad or m]."""
+        """Random joint values (p, dof) all over the learned range [rad or m]."""
         about = self.model.about
         shape = (ROWS.probes, len(about.joint_names))
         u = np.random.default_rng(0).random(shape)
         return np.asarray(about.lower + u * (about.upper - about.lower))
 
     @property
-    def few_wrong(self) -> bool:
-        """Whether few rows, or one, contradict all others."""
-        count = len(self) + self.wrong
-        return self.wrong <= max(ROWS.few_wrong * count, 1)
+    def has_few_strays(self) -> bool:
+        """Whether only few rows, or one, contradict all others."""
+        count = len(self) + self.strays
+        return self.strays <= max(ROWS.few_strays * count, 1)
 
-    def some(self, most: int) -> LogRows:
-        """Return at most `most` rows, evenly spread."""
-        return self.take(spread_rows(len(self), most))
+    def at_most(self, count: int) -> LogRows:
+        """Return at most `count` rows, evenly spread."""
+        return self.take(spread_rows(len(self), count))
 
     @property
     def are_touches(self) -> bool:
-        """Whether no sensor measured any of them."""
+        """Whether all rows are touches, without readings of a sensor."""
         touch = self.log.touch
         return touch is not None and bool(touch.is_touch.all())
 
     def about_sockets(self, residual: Array) -> Array:
-        """Residuals (n, m) about their mean in each socket."""
+        """Residuals (n, m) of touches minus their mean in each socket, of readings as they are."""
         touch = self.log.touch
         if touch is None:
             return residual
@@ -215,7 +216,7 @@ class LogRows(RowArrays):
         return residual - places
 
     def without_maps(self, reference: Reference) -> LogRows:
-        """Return the rows as a body alone is compared with them."""
+        """Return the rows for a comparison with a body alone, minus the maps' offset."""
         offset = self.map_offset
         if reference.has_discrete_cause:
             body = reference.body
@@ -225,15 +226,15 @@ class LogRows(RowArrays):
         return replace(self, log=replace(self.log, x=self.x - offset))
 
     def without_strays(self, sound: Mask) -> LogRows:
-        """Return the rows that do not contradict all others, and a note on those that do."""
+        """Return the sound rows, with a note on the number of strays."""
         strays = int(np.count_nonzero(~sound))
         if not strays:
             return self
         note = f"rows that contradict all others are left out: {strays}"
         return replace(
             self.take(sound),
-            wrong=self.wrong + strays,
-            lost=self.lost + strays,
+            strays=self.strays + strays,
+            left_out=self.left_out + strays,
             notes=(*self.notes, note),
         )
 
@@ -253,7 +254,7 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     notes += learned_notes
     _refuse_degrees(model, positions)
     sound, sound_notes = sound_log(model, positions)
-    different = sound.take(different_rows(sound))
+    different = sound.take(first_of_equal_rows(sound))
     repeated = len(sound) - len(different)
     prediction = Prediction(model, different)
     answered = np.isfinite(prediction.reading_bound)
@@ -268,8 +269,8 @@ def rows_of(model: Model, log: Samples) -> LogRows:
         shared=positions.common_sd,
         predicted=prediction.value,
         bound=np.nan_to_num(prediction.reading_bound, nan=np.inf),
-        wrong=sound.left_out - positions.left_out,
-        lost=rows_in_file - repeated - int(answered.sum()),
+        strays=sound.left_out - positions.left_out,
+        left_out=rows_in_file - repeated - int(answered.sum()),
         notes=(),
     ).take(answered)
     notes += sound_notes
@@ -284,7 +285,7 @@ def rows_of(model: Model, log: Samples) -> LogRows:
 
 
 def _without_learned(model: Model, log: Samples) -> tuple[Samples, list[str]]:
-    """The rows that a model has not learned, all where these are too few, and a note on others."""
+    """The rows that a model has not learned, or all where these are too few, and a note."""
     if log.touch is not None:
         return log, []
     is_learned = learned_rows(model, log)
@@ -296,7 +297,7 @@ def _without_learned(model: Model, log: Samples) -> tuple[Samples, list[str]]:
 
 
 def _refuse_few(model: Model, different: Samples, answered: Mask) -> None:
-    """Refuse different rows (n,) of which a model answers too few (n,)."""
+    """Refuse a log of `different` rows of which too few are `answered` (n,)."""
     if answered.sum() >= LEAST_ROWS:
         return
     why = "measure more poses, spread over the joints' ranges"
@@ -309,17 +310,17 @@ def _refuse_few(model: Model, different: Samples, answered: Mask) -> None:
     )
 
 
-def different_rows(log: Samples) -> Index:
-    """Return the first of all rows that are equal, (k,), in their order."""
+def first_of_equal_rows(log: Samples) -> Index:
+    """Return the rows (k,) that equal no earlier row."""
     values = np.hstack([log.q, log.x])
     _, index = np.unique(values, axis=0, return_index=True)
     return np.sort(index)
 
 
 def _misreadings(rows: LogRows) -> list[str]:
-    """Notes on rows that were read wrongly, and on joints that cover little of their range.
+    """Notes on mistakes in reading the rows, and on joints that cover little of their range.
 
-    Units, mirrors, signs and clocks are causes that the judgement itself finds.
+    Only exchanged and turned axes are examined; `judge` itself finds units, mirrors, signs, clocks.
     """
     model = rows.model
     log = replace(rows.log, unit=model.about.unit)
@@ -334,7 +335,7 @@ def _misreadings(rows: LogRows) -> list[str]:
         findings = diagnose(log, model.forward, pose)
         notes = refuse_mistakes([f for f in findings if f.kind in _MISREAD])
     names = model.about.joint_names
-    for name, share in zip(names, rows.shares.tolist(), strict=True):
+    for name, share in zip(names, rows.learned_shares.tolist(), strict=True):
         if share < ROWS.corner:
             notes.append(
                 f"the log covers {100 * share:.0f} % of the learned range of {name}: the result "
@@ -344,7 +345,7 @@ def _misreadings(rows: LogRows) -> list[str]:
 
 
 def _refuse_degrees(model: Model, log: Samples) -> None:
-    """Refuse a log of joints in another unit, most of which the model has not learned."""
+    """Refuse a log whose joints are in another unit, such as degrees."""
     about = model.about
     q = about.joints_of(log)
     if not any(about.revolute):
@@ -354,7 +355,7 @@ def _refuse_degrees(model: Model, log: Samples) -> None:
     # coarse maps answer few rows within the range
     if max(answered, _share_inside(scale, q)) > ROWS.answered:
         return
-    # a joint that moves through most of its range is in its unit: others alone are not
+    # a joint that moves through most of its range is in the model's unit
     moves = np.ptp(q, axis=0) / scale.span
     is_in_unit = (moves > ROWS.corner) & (moves < 2.0 * ROWS.range)
     if is_in_unit[list(about.revolute)].any():
@@ -373,26 +374,28 @@ def _share_inside(scale: Scale, q: Array) -> float:
     return float((from_middle <= ROWS.range).all(axis=1).mean())
 
 
-def sound_rows(reference: Reference, logged: LogRows) -> Mask:
+def sound_rows(reference: Reference, observations: LogRows) -> Mask:
     """Return which rows (n,) are near a robust fit of all that may have changed."""
-    q = logged.q
-    if logged.log.touch is not None:  # those in no socket are left out
+    q = observations.q
+    if (
+        observations.log.touch is not None
+    ):  # touches in no socket are already left out
         return np.ones(len(q), dtype=bool)
-    z = logged.x
+    z = observations.x
     structure = reference.structure
     body = reference.body
-    size = reference.sizes
+    noise = reference.expected_noise
     sd = np.hypot(sd_if_changed(body), sd_of_creep(body))
     prior = Prior(reference.beta, sd)
     rows = spread_rows(len(q), ROWS.robust_rows)
-    measured = [Rows(q[rows], z[rows], floor=size)]
+    measured = [Rows(q[rows], z[rows], floor=noise)]
     fit = Fit(structure, measured, prior.mean, prior, nu=STUDENT)
     fit.maximise(steps=ROWS.robust_steps)
     predicted = structure.predict(q, fit.beta)
-    residual = structure.residual(z, predicted) / size
+    residual = structure.residual(z, predicted) / noise
     square = (residual**2).sum(axis=1)
     outputs = residual.shape[1]
     median = float(np.median(square[rows]))
     median_of_chi_square = outputs - 2 / 3
-    noise = max(median / median_of_chi_square, 1.0)
-    return np.asarray(square <= OUTLIER**2 * outputs * noise)
+    variance = max(median / median_of_chi_square, 1.0)
+    return np.asarray(square <= OUTLIER**2 * outputs * variance)

@@ -6,7 +6,7 @@ For the columns X of a group and C = K + s^2 I::
 
 k are the directions that the rows determine, f the degrees of freedom that they leave to the noise
 (`Statistics.noise_freedom`).  The noise s is the most likely one where all groups may have
-changed, or where one encoder is noisy: as it is estimated, a group has the chance of an F test.
+changed, or where one encoder is noisy; since it is estimated, the tests are F tests.
 """
 
 from __future__ import annotations
@@ -23,29 +23,19 @@ from ..body.structure import Structure
 from ..common.arrays import Array, Index
 from .causes import indices_of
 from .frame import Reference
-from .noise import (
-    FALSE_ALARM,
-    NoiseFit,
-    f_chance,
-    score_of,
-)
+from .noise import FALSE_ALARM, NoiseFit, f_chance, score_of
 from .rows import LogRows
-from .system import (
-    CREEP_SHARE,
-    NoisyJoint,
-    Nuisance,
-    Statistics,
-)
+from .system import CREEP_SHARE, NoisyJoint, Nuisance, Statistics
 
 
 @dataclass(frozen=True)
 class SignificanceSettings:
     """When something is no chance."""
 
-    # share of logs in which the smallest change that is reported would be found
+    # share of logs that would show a change of the smallest size reported
     power: float = 0.9
-    # times the noise of a change that rows have to be able to show: 10 rows of two joints, which
-    # hardly tell the noise, show those of 11 to 37 times on, 12 rows 4 times
+    # a change that rows have to be able to show, over the noise: 10 rows of two joints, which
+    # hardly determine the noise, show changes from 11 to 37 times on, 12 rows from 4 times on
     large: float = 10.0
     # statistic beyond which no size of a change is computed
     largest: float = 1e8
@@ -53,18 +43,18 @@ class SignificanceSettings:
 
 SIGNIFICANCE = SignificanceSettings()
 
-# Least time over which rows err together that is no noise [rows]
+# Correlation time of residuals that are no longer noise [rows]
 LAGGING = 3.0
-LASTING = 10  # rows over which noise may last
-# Share of rows beyond a 95 % bound that fails for sure: halves of A and C have 13 % at most
+LASTING = 10  # rows over which noise may be correlated
+# Largest share of rows beyond a 95 % bound that holds: halves of A and C have at most 13 %
 BEYOND = 0.2
-# Share of them from which errors that repeat are a change: pieces of unchanged halves have .25 at
-# most, waves of 60 cycles and 3 mrad .47
+# Share of rows beyond their tolerance from which errors that repeat are a change: pieces of
+# unchanged halves have at most .25, waves of 60 cycles and 3 mrad .47
 CONTRADICTED = 1.0 / 3.0
 NOISE = "a noisier sensor or encoder, "
 NO_NOISE = "no noise, wrong rows, another sensor's or an unknown change, "
 SHOWN = {"scale": "sensor scale", "tilt": "sensor tilt"}
-"""Groups whose names do not show that they are the sensor's."""
+"""Printed names of groups whose own names do not say that they are the sensor's."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +66,8 @@ class GroupTest:
     p_value: float
     statistic: float = 0.0  # twice the gain in log likelihood
     freedom: int = 1  # degrees of freedom: directions that the rows determine
-    # [unit], root mean square displacement, over the learned range, of the smallest change of the
-    # parameter that these rows show best which they would show nine times in ten
+    # [unit], root mean square displacement over the learned range by the smallest change that such
+    # rows would show nine times in ten, of the parameter that they show best
     smallest: float = 0.0
 
     @property
@@ -91,14 +81,14 @@ class GroupTests:
     """All groups of one log."""
 
     groups: tuple[GroupTest, ...]
-    # [unit], standard deviation per axis of what no group explains
+    # [unit], standard deviation per axis that no group explains
     noise: float
-    usual: float  # [unit], what the belief expected
-    # a joint whose encoder is noisy, its noise [rad or m]
+    usual: float  # [unit], noise that the belief expects
+    # a joint whose encoder is noisy, with its noise [rad or m]
     noisy: NoisyJoint | None = None
-    # whether the scatter is larger than usual, and that is no chance
+    # whether the noise is larger than usual, by more than chance
     noisier: bool = False
-    # whether a joint has a wave, as it may be of an arm that has not changed
+    # whether joints have waves that may be those of an arm that has not changed
     wavy: bool = False
 
     @property
@@ -118,14 +108,14 @@ class GroupTests:
 
     @property
     def smallest(self) -> float:
-        """Displacement [unit] that any single cause would have shown."""
+        """Displacement [unit] from which the rows would show a change of any group."""
         return max(self._sizes, default=np.inf)
 
 
 def groups_of(
     structure: Structure, causes: Mapping[str, Indices]
 ) -> dict[str, Indices]:
-    """Return the groups that are tested: each cause alone and with the sensor, all geometry."""
+    """Return the tested groups: each cause alone, each with the sensor, and all geometry."""
     frame = causes.get("sensor", np.zeros(0, np.intp))
     groups: dict[str, Indices] = {}
     for name, indices in causes.items():
@@ -146,14 +136,14 @@ class FTests:
     # degrees of freedom: directions of the rows that determine the noise
     noise_freedom: float
     correlation_time: float  # of the rows
-    count: int  # tests, of which one may fire by chance
+    count: int  # number of tests, for Bonferroni's correction
 
     def of_groups(
         self, groups: dict[str, Indices], moves: Array
     ) -> list[GroupTest]:
-        """Test groups of the columns; those that the rows do not determine are left out.
+        """Test groups of the columns, except those that the rows do not determine.
 
-        moves : (k,), root mean square displacement by one of each parameter [unit]
+        moves : (k,), root mean square displacement by a unit of each parameter [unit]
         """
         matrix, vector = self.statistics.information(self.noise)
         precision = np.diag(matrix)
@@ -172,22 +162,22 @@ class FTests:
     ) -> GroupTest:
         """Test parameters (k,) by their information matrix (k, k) and vector (k,).
 
-        moves : (k,), root mean square displacement by one of each [unit]
+        moves : (k,), root mean square displacement by a unit of each [unit]
         """
-        # directions S^-1 V that the rows determine, of the matrix S V diag(values) V' S
+        # matrix = S V diag(values) V' S; the rows determine the directions S^-1 V of large values
         precision = np.diag(matrix)
         scale = np.sqrt(np.maximum(precision, 1e-300))
         values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
-        clear = values > 1e-9 * values[-1]
-        values = values[clear]
-        directions = vectors[:, clear] / scale[:, None]
+        is_determined = values > 1e-9 * values[-1]
+        values = values[is_determined]
+        directions = vectors[:, is_determined] / scale[:, None]
         along = directions.T @ vector
         statistic = float((along**2 / values).sum()) / self.correlation_time
         freedom = len(values)
         chance = f_chance(statistic, freedom, self.noise_freedom)
-        # the least displacement by one parameter, by its standard deviation 1 / scale
-        tells = precision > 0.0
-        move = float((moves[tells] / scale[tells]).min())
+        # the least displacement by the standard deviation 1 / scale of one parameter
+        is_seen = precision > 0.0
+        move = float((moves[is_seen] / scale[is_seen]).min())
         return GroupTest(
             name=SHOWN.get(name, name),
             p_value=min(1.0, self.count * chance),
@@ -197,9 +187,9 @@ class FTests:
         )
 
     def _smallest(self, freedom: int, move: float) -> float:
-        """Displacement [unit] by the least change that fires nine times in ten.
+        """Displacement [unit] by the smallest change that fires nine times in ten.
 
-        The square of that, in standard deviations, is the noncentrality of a chi-square.
+        The square of that change, in standard deviations, is the noncentrality of a chi-square.
 
         freedom : degrees of freedom of the test
         move : displacement by one standard deviation [unit]
@@ -216,10 +206,10 @@ class FTests:
 
 
 def moves_of(structure: Structure, beta: Array, probes: Array) -> Array:
-    """Displacement (d,) of joints (p, dof) by one of each parameter, root mean square [unit]."""
+    """Root mean square displacement (d,) of joints (p, dof) by a unit of each parameter [unit]."""
     with np.errstate(all="ignore"):
         _, columns = structure.linearise(probes, beta)
-        moves = columns[:, : structure.blocks[0]]
+        moves = columns[:, structure.position]
         square = (moves**2).sum(axis=1)
     # a lens may fold over where no rows are
     finite = square[np.isfinite(square).all(axis=1)]
@@ -238,7 +228,7 @@ def group_tests(noise: NoiseFit, probes: Array) -> GroupTests:
     groups = groups_of(reference.structure, system.single_causes())
     nuisance = Nuisance(system, creep_share=CREEP_SHARE)
     tests = FTests(
-        statistics=nuisance.statistics(system.y, system.x),
+        statistics=nuisance.statistics(system.y, system.columns),
         noise=noise.size,
         noise_freedom=noise.freedom,
         correlation_time=noise.correlation_time,
@@ -257,24 +247,24 @@ def group_tests(noise: NoiseFit, probes: Array) -> GroupTests:
 
 @dataclass(frozen=True)
 class BoundTest:
-    """The rows that are beyond the model's own 95 % bound."""
+    """A test of the model's own 95 % bound by the rows."""
 
-    beyond: float  # share of them; those that contradict all others are, too
-    usual: float  # median of the bounds of an arm that has not changed [unit]
-    # whether each row is missed by about as much, independently
+    beyond: float  # share of rows beyond the bound, strays among them
+    usual: float  # median tolerance of an arm that has not changed [unit]
+    # whether the errors of the rows look independent and of one size
     may_be_noise: bool
-    # whether rows of like joints, or that came from like sides, err alike
+    # whether rows of similar joints, or that came from the same side, have similar errors
     repeats: bool
-    # whether too many err so beyond what an arm may that has not changed
+    # whether errors that repeat are beyond the tolerance in too many rows
     is_contradicted: bool
 
     @property
     def holds(self) -> bool:
-        """Whether they are about as many as usual."""
+        """Whether about as few rows as usual are beyond the bound."""
         return self.beyond <= BEYOND
 
     def words(self, *, changed: bool) -> str:
-        """The share in words, and what it may be due to where nothing `changed`."""
+        """The share beyond the bound in words and, where nothing `changed`, its possible causes."""
         cause = ""
         if not changed:
             cause = NOISE if self.may_be_noise else NO_NOISE
@@ -291,34 +281,34 @@ def bound_test(
     shared_variance: Array | float,
     tests: GroupTests,
 ) -> BoundTest:
-    """Count the rows beyond the 95 % bound.
+    """Test the 95 % bound.
 
-    rows : n of them that do not contradict all others
+    rows : n rows of the log, without strays
     limit : (n,), the bound of each row [unit]
-    tolerance : (n,), that of an arm that has not changed [unit]
-    shared_variance : (n,), of what all rows share [unit^2]
+    tolerance : (n,), the bound of an arm that has not changed since it was made [unit]
+    shared_variance : (n,), of the errors that all rows share [unit^2]
     """
     from scipy.special import chdtri
 
     residual = rows.x - rows.predicted
     square = (residual**2).sum(axis=1)
-    # squared, of 95 % of a Gaussian, in deviations
+    # square of the radius that holds 95 % of a standard Gaussian
     radius = float(chdtri(residual.shape[1], 0.05))
     variance = shared_variance
     # of a simulated arm the bound is on the true position, not on readings
     if rows.model.about.bound_of == "true position":
         variance = variance + tests.usual**2
     is_beyond = square > limit**2 + radius * variance
-    beyond = np.count_nonzero(is_beyond) + rows.wrong
+    beyond = np.count_nonzero(is_beyond) + rows.strays
     is_missed = square > tolerance**2 + radius * shared_variance
-    of_places = variance_of_places(rows.u, residual)
+    variance_by_joints = variance_of_places(rows.u, residual)
     is_systematic = tests.wavy or follows_sides(residual, rows.side)
-    repeats = is_systematic or of_places * radius > tests.noise**2
+    repeats = is_systematic or variance_by_joints * radius > tests.noise**2
     is_change = is_systematic or (repeats and tests.noisy is None)
     return BoundTest(
-        beyond=float(beyond / (len(rows) + rows.wrong)),
+        beyond=float(beyond / (len(rows) + rows.strays)),
         usual=float(np.median(tolerance)),
-        may_be_noise=rows.few_wrong
+        may_be_noise=rows.has_few_strays
         and not is_systematic
         and autocorrelation_time(residual) < LAGGING,
         repeats=repeats,
@@ -327,12 +317,12 @@ def bound_test(
 
 
 def variance_of_all(reference: Reference, observations: LogRows) -> Array:
-    """Variance (n,) of what all rows share: frame, and corrected clock [unit^2]."""
-    # a frame is shifted and bent, that of the model's own log and that of this one
+    """Variance (n,) of the errors that all rows share: of frame and corrected clock [unit^2]."""
+    # the frames of the model's own log and of this one are shifted and bent
     extent = reference.structure.extents[0]
     bends = 1.0 + ((observations.x / extent) ** 2).sum(axis=1)
     variance = 2.0 * observations.shared**2 * bends
-    # a clock is a little early or late for all rows
+    # the clock is early or late for all rows
     slope = reference.structure.slope(observations.q, reference.beta)
     moves = slope @ observations.clock_sd[:, :, None]
     variance += (moves**2).sum(axis=(1, 2))
@@ -340,28 +330,27 @@ def variance_of_all(reference: Reference, observations: LogRows) -> Array:
 
 
 def variance_of_places(u: Array, residual: Array) -> float:
-    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance.
+    """Variance per axis of the error that rows of similar joints share, 0 where it may be chance.
 
-    Each row is compared with the nearest one between which and it noise does not last.
+    Each row is compared with the nearest one that is too far apart in time to share its noise.
 
-    u, residual : (n, dof), (n, m), joints in the unit box, and what the rows are missed by
+    u, residual : (n, dof), (n, m), joints in the unit box, and residuals
     """
     from scipy.special import ndtri
 
     first, second = neighbours_apart_in_time(u)
     product = (residual[first] * residual[second]).sum(axis=1)
-    # whatever its size, noise makes either sign as likely
+    # noise of any size makes both signs equally likely
     if product.sum() <= -ndtri(FALSE_ALARM) * np.linalg.norm(product):
         return 0.0
-    variance: float = product.mean() / residual.shape[1]
-    return variance
+    return float(product.mean() / residual.shape[1])
 
 
 def neighbours_apart_in_time(u: Array) -> tuple[Index, Index]:
-    """Pairs (p,), (p,) of rows of like joints (n, dof) between which noise does not last."""
+    """Pairs (p,), (p,) of rows of similar joints (n, dof), too far apart in time to share noise."""
     from scipy.spatial import cKDTree
 
-    # of so many rows at least one is no neighbour in time
+    # among as many neighbours at least one is far apart in time
     count = min(2 * LASTING + 2, len(u))
     _, neighbours = cKDTree(u).query(u, count)
     near = np.asarray(neighbours)
@@ -374,11 +363,11 @@ def neighbours_apart_in_time(u: Array) -> tuple[Index, Index]:
 
 
 def follows_sides(residual: Array, side: Array) -> bool:
-    """Whether residuals (n, m) differ, by no chance, with the side (n, dof) a joint came from.
+    """Whether residuals (n, m) depend, by more than chance, on the side (n, dof) a joint came from.
 
-    Along each axis the sum of side * residual is normal; of its square, over that of both::
+    Along each axis the sum of side * residual is normal, where they do not::
 
-        sum (side r)^2 / sum r^2 ~ chi-square (1)
+        (sum side r)^2 / sum (side r)^2 ~ chi-square (1)
     """
     from scipy.special import chdtrc
 

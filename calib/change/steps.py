@@ -1,12 +1,11 @@
-"""Steps: changes that set in within a log, at row r, or grow along it.
+"""Steps: changes within a log, which set in at a row r or grow along the log.
 
-A cause then has columns X that are zero before r.  Each cause is tested from each of some rows
-on::
+The columns X of a cause that sets in at r are zero before r.  Each cause is tested at several r::
 
     g = y' C^-1 X (X' C^-1 X)^-1 X' C^-1 y,    g / y' C^-1 y ~ Beta(k / 2, (f - k) / 2)  by chance
 
-C then holds all that may have changed before the log, and a smooth residual of all that is left:
-rows whose joints were elsewhere, early and late, show no step.
+C includes all that may have changed before the log, and a smooth residual of all that is left:
+where early and late rows have other joint values, they show no step.
 """
 
 from __future__ import annotations
@@ -30,15 +29,15 @@ from .system import SYSTEM, NoisyJoint, Nuisance, Statistics, System
 
 @dataclass(frozen=True)
 class StepSettings:
-    """Where steps are looked for."""
+    """Where steps are searched."""
 
-    # most rows from which on a cause is tested
+    # most rows at which a cause may set in
     starts: int = 40
-    # least share of the squared residuals that a step explains, times how much noisier the shorter
-    # part is: 20 times the noise in the last fifth of six logs made that 3 to 18, with shares of
-    # .07 to .18, and steps .6 to 3 with shares of .12 to .82
+    # least share of the squared residuals that a step explains; it grows with the ratio of noise
+    # variances of the shorter to the longer part.  20 times the noise in the last fifth of six
+    # logs: a ratio of 3 to 18, shares of .07 to .18; steps: .6 to 3, and .12 to .82
     least_explained: float = 0.1
-    # least share of neighbours on either side of a step, over that of rows in any order
+    # least share of neighbours that a step separates, over that of rows in random order
     mixed: float = 0.5
 
 
@@ -49,17 +48,17 @@ class Step(NamedTuple):
     """A change within a log."""
 
     row: int  # the first one after it, as the file counts
-    is_gradual: bool  # whether it went on from the first row to the last
+    is_gradual: bool  # whether it grew from the first row to the last
 
 
 class _Course(NamedTuple):
     """A cause that sets in at a row, or grows from the first row to the last."""
 
-    share: float  # of y' C^-1 y that it explains
-    start: int  # the row, the middle of one that grows
-    # (N, k), of its parameters, times how much of it each row has
+    share: float  # share of y' C^-1 y that it explains
+    start: int  # row at which it sets in; of a growing one the middle
+    # (N, k), derivatives by its parameters, times the share of the change at each row
     columns: Array
-    changes: Array  # (k,), of these
+    changes: Array  # (k,), of its parameters
 
 
 def find_step(
@@ -67,21 +66,21 @@ def find_step(
     observations: LogRows,
     noisy: NoisyJoint | None,
 ) -> Step | None:
-    """The change within a log, None where there may be none.
+    """The change within a log, None where it may be chance.
 
     reference : with the parameters that explain the whole log best
     observations : all rows of the log, in the order of time
-    noisy : a joint whose encoder is noisy: its few large rows are no step
+    noisy : a joint whose encoder is noisy: its few large residuals are no step
     """
     rows = spread_rows(len(observations), SYSTEM.rows)
     starts = _starts(observations.u[rows])
     if not len(starts):
         return None
-    system = System(reference, observations.some(SYSTEM.rows), noisy)
-    # rows that contradict all others count for little
+    system = System(reference, observations.at_most(SYSTEM.rows), noisy)
+    # rows that contradict all others are limited
     limit = OUTLIER * float(np.median(np.abs(system.y)))
     y = np.clip(system.y, -limit, limit)
-    # what exact rows leave over is no noise
+    # residuals of exact rows are no noise
     if float((y**2).mean()) < SYSTEM.least_noise**2:
         return None
     y = _without_play(system, y)
@@ -90,14 +89,14 @@ def find_step(
     courses = list(_courses(nuisance, y, noise, starts))
     best = max(courses, key=attrgetter("share"))
 
-    left_over = y - best.columns @ best.changes
+    residual = y - best.columns @ best.changes
     # rows that err together count once
     freedom = statistics.noise_freedom(noise)
-    freedom /= autocorrelation_time(nuisance.rest(left_over, noise))
+    freedom /= autocorrelation_time(nuisance.unexplained_part(residual, noise))
     chance = share_chance(best.share, len(best.changes), freedom)
     # a sensor that is noisier from a row on is no step
     outputs = observations.x.shape[1]
-    parts = np.split(np.abs(left_over), [best.start * outputs])
+    parts = np.split(np.abs(residual), [best.start * outputs])
     shorter, longer = sorted(parts, key=len)
     noisier = float(np.median(shorter) / np.median(longer)) ** 2
     least_share = STEPS.least_explained * max(noisier, 1.0)
@@ -108,9 +107,9 @@ def find_step(
 
 
 def _starts(u: Array) -> Index:
-    """Rows from which on a change can be found, where joints (n, dof) are alike before and after.
+    """Rows at which a change can set in: joints (n, dof) are alike before and after.
 
-    Along a path without return a change of time is one of place.
+    On a path that never returns, a change in time cannot be told from one in place.
     """
     count = len(u) - 2 * LEAST_ROWS + 1
     if count < 1:
@@ -119,33 +118,33 @@ def _starts(u: Array) -> Index:
     starts: Index = LEAST_ROWS + spread_rows(count, STEPS.starts)
     is_before = first[:, None] < starts
     is_after = second[:, None] >= starts
-    apart = (is_before & is_after).mean(axis=0)
+    separated = (is_before & is_after).mean(axis=0)
     by_chance = 2.0 * starts * (len(u) - starts) / len(u) ** 2
-    is_mixed = apart > STEPS.mixed * by_chance
+    is_mixed = separated > STEPS.mixed * by_chance
     return np.asarray(starts[is_mixed])
 
 
 def _without_play(system: System, y: Array) -> Array:
-    """Residuals (N,) less what a play of joints explains, which moved another way before.
+    """Residuals (N,) without what the play of joints explains, where these moved another way.
 
-    Beside all else that an arm may show: of what is 20 times the noise and no play, a least-squares
-    fit of six plays to 300 residuals alone would take, and leave elsewhere, 3 times the noise.
+    The play is estimated beside all else that an arm may show: a least-squares fit of six plays
+    alone to 300 residuals of 20 times the noise would remove, and add elsewhere, 3 times the noise.
     """
     nuisance, statistics = _likelier_nuisance(system, y)
     noise = statistics.most_likely_noise()
     plays = system.play_columns()
     matrix, vector = nuisance.statistics(y, plays).information(noise)
     halves = solve_least_squares(matrix, vector[:, None])
-    rest: Array = y - (plays @ halves)[:, 0]
-    return rest
+    residual: Array = y - (plays @ halves)[:, 0]
+    return residual
 
 
 def _likelier_nuisance(system: System, y: Array) -> tuple[Nuisance, Statistics]:
-    """Whatever else residuals (N,) may be: of them the usual share is smooth, or all are."""
+    """The likelier nuisance: a smooth residual of the usual size, or one as large as y (N,)."""
     reference = system.reference
-    missed = np.sqrt((y**2).mean()) * reference.sizes
+    rms = np.sqrt((y**2).mean()) * reference.expected_noise
     fits = []
-    for residual_sd in (None, missed):
+    for residual_sd in (None, rms):
         nuisance = Nuisance(
             system,
             change_sd=sd_of_changes(reference),
@@ -161,24 +160,26 @@ def _likelier_nuisance(system: System, y: Array) -> tuple[Nuisance, Statistics]:
 def _courses(
     nuisance: Nuisance, y: Array, noise: float, starts: Index
 ) -> Iterator[_Course]:
-    """Each cause along each course, fitted to residuals (N,)."""
+    """Each cause, growing and setting in at each start, fitted to residuals (N,)."""
     system = nuisance.system
     causes = system.single_causes()
     free = np.unique(np.concatenate([*causes.values()]))
     n, outputs = system.observations.x.shape
-    total = float(y @ nuisance.rest(y, noise).ravel()) / noise
+    total = float(y @ nuisance.unexplained_part(y, noise).ravel()) / noise
     row = np.arange(n)
     growing = (row + 1.0) / n
-    courses = [(n // 2, growing)]
-    courses += [(start, row >= start) for start in starts.tolist()]
-    for start, course in courses:
-        columns = system.x[:, free] * np.repeat(course, outputs)[:, None]
+    shares_of_rows = [(n // 2, growing)]
+    shares_of_rows += [(start, row >= start) for start in starts.tolist()]
+    for start, shares in shares_of_rows:
+        columns = system.columns[:, free] * np.repeat(shares, outputs)[:, None]
         matrix, vector = nuisance.statistics(y, columns).information(noise)
         for indices in causes.values():
-            at = np.searchsorted(free, indices)
-            # directions that no row determines
-            block = matrix[np.ix_(at, at)]
-            block[np.diag_indices(len(at))] += 1e-9 * np.trace(block) + 1e-300
-            changes = np.asarray(np.linalg.solve(block, vector[at]))
-            share = float(changes @ vector[at]) / total
-            yield _Course(share, start, columns[:, at], changes)
+            among_free = np.searchsorted(free, indices)
+            block = matrix[np.ix_(among_free, among_free)]
+            # some directions no row determines
+            regularisation = 1e-9 * np.trace(block) + 1e-300
+            block[np.diag_indices(len(block))] += regularisation
+            moments = vector[among_free]
+            changes = np.asarray(np.linalg.solve(block, moments))
+            share = float(changes @ moments) / total
+            yield _Course(share, start, columns[:, among_free], changes)

@@ -2,9 +2,9 @@
 
     y = X d + e,    e ~ N(0, K + s^2 I),    K = U diag(v) U'
 
-A `System` has y and X, whitened by the sensor's usual noise.  A `Nuisance` has the axes U and the
-variances v of what a log shows of an arm that has not changed: the posterior of the belief, a
-creep, a smooth residual of this log, and what all rows share.  `Statistics` are the sufficient
+A `System` has y and X, whitened by the sensor's expected noise.  A `Nuisance` has the axes U and
+the variances v of what an arm that has not changed may show: the posterior of the belief, a creep,
+a smooth residual of this log, and errors that all rows share.  `Statistics` are the sufficient
 statistics of both: X'X, X'y, U'X and so on, from which likelihood and information follow.
 """
 
@@ -21,36 +21,31 @@ from ..body.information import lengths_of, matern
 from ..body.parameters import Indices
 from ..common.arrays import Array, Mask
 from ..common.rows import spread_rows
-from .causes import (
-    AS_SIMULATED,
-    CREEP_WAVES,
-    sd_of_creep,
-    single_causes,
-)
+from .causes import AS_SIMULATED, CREEP_WAVES, sd_of_creep, single_causes
 from .frame import Reference
 from .rows import LogRows
 
 PSEUDO = 4.0  # observations that the old noise counts for
 CREEP_SHARE = 0.25
-"""Of the usual creep of an unchanged arm's parameters, what the tests allow for: the last rows of
-series A, .4 mm off, are an alarm without it; all of it hid a sensor that was moved by .1 mm."""
+"""Share of an unchanged arm's usual creep that the tests allow for.  Without it the last rows of
+series A, .4 mm off, are an alarm; all of it hid a sensor that was moved by .1 mm."""
 
 
 @dataclass(frozen=True)
 class SystemSettings:
     """How large the system of a log is."""
 
-    # most observations of a system: its power grows with them, its work too
+    # most observations of a system: power and work grow with them
     rows: int = 300
-    # nodes of the log's own residual; more did not change a verdict on A and C
+    # nodes of the log's smooth residual; more did not change a verdict on A and C
     nodes: int = 40
     # sizes of the noise that are compared
     noises: int = 64
-    # least of these, in `Reference.sizes`
+    # least of these sizes, in `Reference.expected_noise`
     least_noise: float = 1e-2
-    # least usual noise, in `Reference.sizes`: that of an exact model
+    # usual noise of an exact model, in `Reference.expected_noise`
     exact_noise: float = 1e-3
-    # variance of an axis, over that of the noise, that no test can show
+    # least variance of a nuisance axis that counts, over that of the noise
     least_variance: float = 1e-10
 
 
@@ -58,18 +53,17 @@ SYSTEM = SystemSettings()
 
 
 NoisyJoint = tuple[int, float]
-"""A joint whose encoder is noisy, and how much."""
+"""A joint whose encoder is noisy, and the size of its noise."""
 
 
 class System:
-    """Observations less a reference, in noises: N numbers, of n rows and m outputs.
+    """Observations minus a reference, in noises: N numbers, of n rows and m outputs.
 
     y : (N,), residuals
-    x : (N, d), columns of all parameters
+    columns : (N, d), derivatives of the predictions by all parameters
     noisy : a joint whose encoder is noisy, and its noise over that of the sensor [rad or m / size]
     log_determinant : log |C| of the rows' noise, over the usual one
-    nuisance : what an unchanged arm may show whose joints may have waves of a size, one of
-        `Reference.wave_sizes`
+    nuisance : the `Nuisance` with waves of a size, one of `Reference.wave_sizes`
     """
 
     def __init__(
@@ -84,7 +78,7 @@ class System:
         self.noisy = noisy
         self.slope = structure.slope(observations.q, reference.beta)
         self.roots, self.log_determinant = self._roots()
-        residual, self.x = self.residual(reference.beta)
+        residual, self.columns = self.residual(reference.beta)
         self.y = self.whiten(residual)
         self.nuisance = cache(partial(Nuisance, self))
 
@@ -94,7 +88,7 @@ class System:
         The noise of a joint adds r^2 g g' to the covariance I of a row, g = slope / size: along g
         the variance is 1 + r^2 g'g, and the root of the precision 1 / sqrt of that.
         """
-        sizes = self.reference.sizes
+        sizes = self.reference.expected_noise
         rows = len(self.observations)
         white = np.tile(np.diag(1.0 / sizes), (rows, 1, 1))
         if self.noisy is None:
@@ -105,9 +99,9 @@ class System:
         length = np.sqrt(np.maximum(square, 1e-300))
         g /= length[:, None]
         variance = 1.0 + ratio**2 * square
-        less = 1.0 - 1.0 / np.sqrt(variance)
+        reduction = 1.0 - 1.0 / np.sqrt(variance)
         along = g[:, None] @ white
-        white -= less[:, None, None] * g[:, :, None] * along
+        white -= reduction[:, None, None] * g[:, :, None] * along
         return white, float(np.log(variance).sum())
 
     def whiten(self, x: Array) -> Array:
@@ -139,7 +133,7 @@ class System:
     def single_causes(self, cause: str | None = None) -> dict[str, Indices]:
         """Parameters of each cause that these observations may show alone.
 
-        cause : as of `causes.single_causes`
+        cause : see `causes.single_causes`
         """
         return single_causes(
             self.reference.structure,
@@ -149,13 +143,13 @@ class System:
         )
 
     def play_columns(self) -> Array:
-        """Columns (N, dof) of half the play of each joint, in noises."""
+        """Derivatives (N, dof) of the observations by half the play of each joint, in noises."""
         return self.whiten(-self.slope * self.observations.side[:, None])
 
     def log_columns(self, sd: Array) -> Array:
-        """Columns (N, r) of a log's own deviations, those of `sockets` first.
+        """Columns (N, r) of a log's own deviations.
 
-        The others are a smooth residual, a frame and a late clock.
+        In turn: where its sockets are, a smooth residual, a frame, and a late clock.
 
         sd : (m,), standard deviation of the smooth residual [unit]
         """
@@ -167,22 +161,23 @@ class System:
         return self.whiten(np.concatenate(columns, axis=2))
 
     def _frame_columns(self) -> Array:
-        """The readings (n, m, r) by a frame that all rows share: shifted, turned and bent."""
+        """How readings (n, m, r) move with the error of a frame that all rows share."""
         n, outputs = self.observations.x.shape
-        # that of the model's own log and of this one
+        # of the model's own log and of this one
         shared = math.sqrt(2.0) * self.observations.shared
         if not shared:
             return np.zeros((n, outputs, 0))
         structure = self.reference.structure
         reference = self.reference
         predicted = structure.predict(self.observations.q, reference.beta)
-        places = predicted[:, : structure.blocks[0]]
-        features = np.hstack([np.ones((n, 1)), places / structure.extents[0]])
+        positions = predicted[:, structure.position]
+        positions = positions / structure.extents[0]
+        features = np.hstack([np.ones((n, 1)), positions])
         return shared * along_axes(features, np.eye(outputs))
 
     @cached_property
     def sockets(self) -> Array:
-        """The readings (n, m, 3 p) by where p sockets are, which may be anywhere."""
+        """How readings (n, m, 3 p) move with the places of p sockets, which may be anywhere."""
         touch = self.observations.log.touch
         n, outputs = self.observations.x.shape
         if touch is None:
@@ -194,21 +189,21 @@ class System:
 
 
 def system_of(reference: Reference, observations: LogRows) -> System:
-    """The system of at most as many observations as tests need."""
-    return System(reference, observations.some(SYSTEM.rows))
+    """The system of at most `SYSTEM.rows` of the observations."""
+    return System(reference, observations.at_most(SYSTEM.rows))
 
 
 @dataclass(frozen=True)
 class Statistics:
     """Sufficient statistics of residuals y (N,), columns X (N, k) and K = U diag(v) U'.
 
-    This part is the same whether rows are at hand or were forgotten one by one.
+    They follow from rows (`Nuisance.statistics`), or from sums over a stream (`of_gram`).
     """
 
     count: float  # N
     gram: Array  # (k + 1, k + 1), [X y]'[X y]
     variances: Array  # (r,), v
-    along: Array  # (r, k + 1), U'[X y]
+    on_axes: Array  # (r, k + 1), U'[X y]
     log_determinant: float = 0.0  # of the rows' noise, over the usual one
 
     @staticmethod
@@ -218,12 +213,12 @@ class Statistics:
         Nuisance columns B, of K = B B', have the principal axes of B'B.
         """
         variances, vectors = np.linalg.eigh(gram[:nuisances, :nuisances])
-        telling = variances > SYSTEM.least_variance
-        variances = variances[telling]
-        along = vectors[:, telling].T @ gram[:nuisances, nuisances:]
-        along /= np.sqrt(variances)[:, None]
+        counts = variances > SYSTEM.least_variance
+        variances = variances[counts]
+        on_axes = vectors[:, counts].T @ gram[:nuisances, nuisances:]
+        on_axes /= np.sqrt(variances)[:, None]
         rest = gram[nuisances:, nuisances:]
-        return Statistics(count, rest, variances, along)
+        return Statistics(count, rest, variances, on_axes)
 
     def likelihood(self, noise: Array | float) -> Array:
         """Log likelihood (l,) [nats] of y ~ N(0, K + s^2 I), without columns, for sizes s (l,).
@@ -235,7 +230,7 @@ class Statistics:
         size = np.log1p(self.variances / column).sum(axis=1)
         size += self.count * np.log(variance)
         share = self.variances / (column + self.variances)
-        square = self.gram[-1, -1] - share @ self.along[:, -1] ** 2
+        square = self.gram[-1, -1] - share @ self.on_axes[:, -1] ** 2
         rest = square / variance
         likelihood: Array = -0.5 * (size + rest + self.log_determinant)
         return likelihood
@@ -246,17 +241,17 @@ class Statistics:
         C^-1 = (I - U diag(v / (s^2 + v)) U') / s^2
         """
         share = self.variances / (noise**2 + self.variances)
-        left_over = self.gram - (self.along.T * share) @ self.along
+        left_over = self.gram - (self.on_axes.T * share) @ self.on_axes
         left_over /= noise**2
         return left_over[:-1, :-1], left_over[:-1, -1]
 
     def noises(self, least: float | None = None) -> tuple[Array, Array]:
         """Sizes (l,) of the noise, and the log likelihood of each.
 
-        least : of the sizes; where that is not given the usual noise counts for some rows
+        least : smallest size; where it is not given, the usual noise counts for `PSEUDO` rows
         """
-        usual = math.sqrt(self.gram[-1, -1] / self.count)
-        high = 2.0 * max(usual, least or 1.0)
+        rms = math.sqrt(self.gram[-1, -1] / self.count)
+        high = 2.0 * max(rms, least or 1.0)
         low = least or SYSTEM.least_noise
         sizes = np.geomspace(low, high, SYSTEM.noises)
         likelihood = self.likelihood(sizes)
@@ -273,17 +268,17 @@ class Statistics:
     def noise_freedom(self, noise: float) -> float:
         """Degrees of freedom that the rows leave to the noise, tr (s^2 C^-1)^2."""
         share = self.variances / (noise**2 + self.variances)
-        lost = share * (2.0 - share)
-        return self.count - float(lost.sum())
+        spent = share * (2.0 - share)
+        return self.count - float(spent.sum())
 
 
 class Nuisance:
     """K = U diag(v) U' of a system: `axes` U (N, r) and `variances` v (r,), in noises.
 
-    wave_size : of `Reference.wave_sizes`, by default those that may creep
-    creep_share : times the usual creep of the parameters
+    wave_size : one of `Reference.wave_sizes`
+    creep_share : factor on the usual creep of the parameters
     change_sd : (d,), standard deviation by which parameters may have changed
-    residual_sd : (m,), that of the log's own smooth residual, the belief's if not given [unit]
+    residual_sd : (m,), of the log's own smooth residual, by default the belief's [unit]
     """
 
     def __init__(
@@ -300,48 +295,48 @@ class Nuisance:
         active, root = prior_columns(
             reference, wave_size, creep_share, change_sd
         )
-        of_arm = system.x[:, active] @ root
+        of_arm = system.columns[:, active] @ root
         of_log = system.log_columns(residual_sd)
         columns = np.concatenate([of_log, of_arm], axis=1)
         self.system = system
         self.axes, self.variances = principal_axes(columns)
 
     def statistics(self, y: Array, x: Array | None = None) -> Statistics:
-        """Statistics of residuals (N,) and columns (N, k), of none by default."""
+        """Statistics of residuals (N,) and columns (N, k), by default none."""
         columns = y[:, None] if x is None else np.column_stack([x, y])
         return Statistics(
             count=len(y),
             gram=columns.T @ columns,
             variances=self.variances,
-            along=self.axes.T @ columns,
+            on_axes=self.axes.T @ columns,
             log_determinant=self.system.log_determinant,
         )
 
-    def rest(self, x: Array, noise: float) -> Array:
-        """Residuals (N,) or columns (N, k) less what K follows of them, s C^-1 x, by rows.
+    def unexplained_part(self, x: Array, noise: float) -> Array:
+        """The part of residuals (N,) or columns (N, k) that K does not explain, s C^-1 x.
 
-        Returns (n, m) or (n, m, k), in the noise s.
+        Returns (n, m) or (n, m, k), in units of the noise s.
         """
         share = self.variances / (noise**2 + self.variances)
-        along = (self.axes.T @ x).T * share
-        rest: Array = (x - self.axes @ along.T) / noise
+        explained = (self.axes.T @ x).T * share
+        part: Array = (x - self.axes @ explained.T) / noise
         rows = len(self.system.observations)
-        return rest.reshape(rows, -1, *x.shape[1:])
+        return part.reshape(rows, -1, *x.shape[1:])
 
 
 def principal_axes(columns: Array) -> tuple[Array, Array]:
     """Axes (N, r) and variances (r,) of `columns` (N, k) times independent standard normals.
 
-    The smaller of the two products is taken apart.
+    They are eigenvectors of the smaller one of both products.
     """
     rows, nuisance = columns.shape
     if rows <= nuisance:
         values, axes = np.linalg.eigh(columns @ columns.T)
         return axes, np.maximum(values, 0.0)
     values, vectors = np.linalg.eigh(columns.T @ columns)
-    telling = values > SYSTEM.least_variance
-    values = values[telling]
-    axes = columns @ vectors[:, telling]
+    counts = values > SYSTEM.least_variance
+    values = values[counts]
+    axes = columns @ vectors[:, counts]
     return axes / np.sqrt(values), values
 
 
@@ -351,9 +346,9 @@ def smooth_columns(body: Body, sd: Array, q: Array, nodes: Array) -> Array:
     sd : (m,), its standard deviation [unit]
     """
     lengths = lengths_of(body, nodes)
-    alike = matern(nodes, nodes, lengths)
-    alike[np.diag_indices(len(alike))] += 1e-6
-    root = np.linalg.cholesky(alike)
+    correlation = matern(nodes, nodes, lengths)
+    correlation[np.diag_indices(len(correlation))] += 1e-6
+    root = np.linalg.cholesky(correlation)
     features = np.linalg.solve(root, matern(nodes, q, lengths))
     return along_axes(features.T, np.diag(sd))
 
@@ -370,21 +365,22 @@ def prior_columns(
     creep_share: float = 1.0,
     change_sd: Array | None = None,
 ) -> tuple[Indices, Array]:
-    """What is unknown of the arm's parameters: which (k,), by standard normals (k, r).
+    """The uncertain parameters (k,) before the log, and the root (k, r) of their covariance.
 
-    wave_size, creep_share, change_sd : as of `Nuisance`
+    wave_size, creep_share, change_sd : see `Nuisance`
     """
     body = reference.body
     if wave_size == AS_SIMULATED and reference.simulated is not None:
         active = reference.simulated.active
         body = replace(body, active=active, root=reference.simulated.root)
     sd = creep_share * sd_of_creep(body, wave_size)
-    lost = reference.void
-    if change_sd is not None:  # of a frame that is held the old knowledge stays
+    refitted = reference.refitted
+    if change_sd is not None:
         sd = np.hypot(sd, change_sd)
-        lost = np.intersect1d(lost, np.flatnonzero(change_sd))
+        # where the frame may not change, its old posterior stays
+        refitted = np.intersect1d(refitted, np.flatnonzero(change_sd))
     root = body.kappa * body.root
-    root[np.isin(body.active, lost)] = 0.0
+    root[np.isin(body.active, refitted)] = 0.0
     changed = np.flatnonzero(sd)
     belief = replace(body, root=root)
     belief = belief.with_covariance(changed, np.diag(sd[changed] ** 2))

@@ -11,20 +11,13 @@ from .causes import Cause
 from .evidence import Evidence
 from .noise import FALSE_ALARM
 from .rows import OUTLIER, LogRows
-from .significance import (
-    BEYOND,
-    BoundTest,
-    GroupTest,
-    GroupTests,
-    bound_test,
-)
+from .significance import BEYOND, BoundTest, GroupTest, GroupTests, bound_test
 from .update import Update
 
-# rows that distortions are measured on
+# most rows that distortions are measured on
 MOST_DISTORTED = 1000
-# Times the bound of maps: a corner's rows share the errors of a few nodes
+# Factor on the bound of maps: a corner's rows share the errors of a few nodes
 SHARED_ERRORS = 2.0
-
 
 UNKNOWN = "its cause is unknown"
 
@@ -56,7 +49,7 @@ class Verdict:
     causes : tuple of Cause
         What explains the rows, the largest effect first, with intervals.
     score : float
-        Largest score of a test: above 1 something changed.
+        Largest score of a test; above 1 something changed.
     notes : tuple of str
         Further notes for the user.
     rows : LogRows
@@ -64,12 +57,12 @@ class Verdict:
     tests : GroupTests
         Each group of parameters freed alone.
     bound : BoundTest
-        The rows beyond the bound, and the chance of so many.
+        The rows beyond the model's own 95 % bound.
     update : Update or None
         The belief updated by the rows, and held-out errors before and after; None for maps
-        without a body, and where nothing changed and nothing was to be learned.
+        without a body, and where nothing changed and `learn` was false.
     evidence : Evidence or None
-        The workings; None for maps without a body.
+        The evidence behind the verdict; None for maps without a body.
     tolerance : float or None [unit]
         Size of a change that the user does not mind.
     episodes : tuple of Episode
@@ -116,7 +109,7 @@ class Verdict:
 
     @property
     def is_calm(self) -> bool:
-        """Whether nothing changed; a bound that noisier readings alone exceed is no change."""
+        """Whether nothing changed, and the bound holds or fails by noisier readings alone."""
         noisier = any(cause.group == "noise" for cause in self.causes)
         return self.drifted is False and (self.bound_holds or noisier)
 
@@ -137,9 +130,9 @@ class Verdict:
 
     @property
     def fired(self) -> list[GroupTest]:
-        """Those above their threshold, the most significant first."""
+        """Groups above their threshold, the most significant first."""
         above = [group for group in self.groups if group.score > 1.0]
-        # of scores beyond all numbers the statistic decides
+        # where scores are as large as they can be, the statistic decides
         return sorted(above, key=lambda group: (-group.score, -group.statistic))
 
     @property
@@ -154,9 +147,9 @@ class Verdict:
 
     @property
     def smallest(self) -> float:
-        """Displacement [unit] that a change of any group would have to make to be seen.
+        """Displacement [unit] from which the rows would show a change of any group.
 
-        Root mean square over the learned range.
+        It is the root mean square over the learned range.
         """
         if self.evidence is None:
             bounds = self.rows.model.expected_error(self.rows.log.q)
@@ -170,17 +163,17 @@ class Verdict:
 
     @property
     def outliers(self) -> int:
-        """Rows that contradict all others; they count for nothing."""
-        return self.rows.wrong
+        """Rows that contradict all others and were left out."""
+        return self.rows.strays
 
     @property
     def left_out(self) -> int:
-        """Rows that are wrong, or outside of what the model has learned."""
-        return self.rows.lost
+        """Outliers, and rows outside of what the model has learned."""
+        return self.rows.left_out
 
     @property
     def noise(self) -> float:
-        """Standard deviation per axis of what is left over [unit]."""
+        """Standard deviation per axis of the rows' noise [unit]."""
         return self.tests.noise
 
     @property
@@ -195,7 +188,7 @@ class Verdict:
 
     @property
     def hint(self) -> str:
-        """What to do first about a change; "" where an adaptation is enough."""
+        """What to do about a change before an adaptation; "" where that is enough."""
         if self.has_step:
             return "split the log there, then calib adapt with its later part"
         if self.evidence is None:
@@ -222,10 +215,10 @@ class Verdict:
 
     @property
     def distortion(self) -> dict[str, Signal]:
-        """How the rows lie on the maps (eq. 9): a display, no alarm."""
+        """The maps' distortions by the rows (eq. 9), which are shown but raise no alarm."""
         model = self.rows.model
         assert model.baseline is not None  # noqa: S101 - checked where the rows are read
-        rows = self.rows.some(MOST_DISTORTED)
+        rows = self.rows.at_most(MOST_DISTORTED)
         return model.baseline.distortions(
             model.association, rows.u, rows.x, rows.predicted, rows.bound
         )
@@ -250,7 +243,7 @@ class Verdict:
             "bound_holds": self.bound_holds,
             "covered": self.covered,
             "threshold": 1,
-            "distortion": {name: one._asdict() for name, one in signals},
+            "distortion": {name: signal._asdict() for name, signal in signals},
             "fired": [group.name for group in self.fired],
             "causes": [cause.to_json() for cause in self.causes],
             "smallest_by_group": {
@@ -264,12 +257,12 @@ class Verdict:
 
 
 def verdict_on_maps(rows: LogRows) -> Verdict:
-    """The verdict on a model without a body: its rows against its bound."""
+    """The verdict on a model without a body, by the bound of its maps."""
     noise = rows.model.baseline.noise if rows.model.baseline else 0.0
     limit = SHARED_ERRORS * rows.bound
-    usual = float(np.median(rows.distance))
-    most = max(OUTLIER * usual, float(limit.max()))
-    sound = np.asarray(rows.distance <= most)
+    distance = rows.distance
+    most = max(OUTLIER * np.median(distance), limit.max())
+    sound = np.asarray(distance <= most)
     rows = rows.without_strays(sound)
     tests = GroupTests((), noise, noise)
     limit = limit[sound]
@@ -294,7 +287,7 @@ def verdict_on_maps(rows: LogRows) -> Verdict:
 
 
 def notes_of(rows: LogRows, bound: BoundTest, score: float) -> list[str]:
-    """Return the notes on the rows, and that the bound does not hold."""
+    """Return the notes on the rows, with one on a bound that does not hold."""
     notes = list(rows.notes)
     if not bound.holds:
         notes.append(bound.words(changed=score > 1.0))

@@ -1,7 +1,7 @@
 """Words: what changed between a model and a log, as causes in numbers and sentences.
 
-What a log cannot distinguish is reported with the named cause: a sensor that was turned about
-the first joint's axis and that joint's offset; a sensor that shows all larger and longer links.
+A cause is reported together with those that the log cannot distinguish from it: a turn of the
+sensor about the first joint's axis and that joint's offset; a larger scale and longer links.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..body.curves import HARMONICS
 from ..body.parameters import Indices
 from ..body.settings import NATS
 from ..common.wording import by_name, for_people, quantity, two_digits
-from .causes import FRAME, GROUPS, Cause, indices_of, kind_of
+from .causes import FRAME, GROUPS, Cause, cause_kind, indices_of
 from .evidence import Evidence, frame_between
 from .explain import MARGIN
 from .noise import NOISIER, Play
@@ -36,13 +36,14 @@ ONE_PLACE = "rows of one place do not tell what changed: move the arm"
 
 @dataclass(frozen=True)
 class WordSettings:
-    """What is worth a word."""
+    """Which changes are named."""
 
     # standard deviations from which a parameter counts as changed
     clear: float = 2.6
-    # share of the largest displacement from which a cause is named
+    # least displacement of a named cause, over the largest
     matters: float = 0.05
-    # times the noise of a model: it learned from exact samples, of which there is no usual one
+    # noise over that of the model from which the model has learned exact samples, whose noise is
+    # not the usual one
     exact: float = 1e3
 
 
@@ -53,9 +54,9 @@ _WHICH = "are the same to this log: give `cause='joints'` or `cause='sensor'` if
 def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     """Return the causes of a log, the largest first, and notes on what it cannot distinguish.
 
-    Where nothing changed, more noise, a play and a turned tool are the only causes there may be.
+    Where nothing changed, the only causes are a larger noise, a play, and a turned tool.
     """
-    if evidence.step is not None:  # which both parts of the log tell
+    if evidence.step is not None:  # `judge` describes both parts of the log
         return (), ()
     drifted = evidence.score > 1.0
     if drifted and not evidence.is_explained:
@@ -93,7 +94,7 @@ def _joint(evidence: Evidence, joint: int) -> tuple[str, str]:
 
 
 def _play(evidence: Evidence, play: Play) -> Cause:
-    """A joint that has more play than the model knows, by all of it."""
+    """The whole play that a joint has beyond what the model knows, as a cause."""
     name, unit = _joint(evidence, play.joint)
     whole = 2.0 * play.half
     half = 2.0 * Z95 * play.deviation
@@ -106,7 +107,7 @@ def _play(evidence: Evidence, play: Play) -> Cause:
 
 
 def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
-    """A joint whose encoder is noisy, and a scatter that is larger than usual."""
+    """The causes of a larger noise: one joint's encoder, or the scatter of all rows."""
     tests = evidence.tests
     causes: list[Cause] = []
     if not (drifted or evidence.bound.may_be_noise):
@@ -114,38 +115,35 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
     if tests.noisy is not None and not drifted:
         joint, sd = tests.noisy
         name, unit = _joint(evidence, joint)
-        factor, shown = for_people(unit)
+        factor, shown_unit = for_people(unit)
         words = (
-            f"{name} is noisy, by {two_digits(factor * sd)} {shown}: its encoder, or play; "
+            f"{name} is noisy, by {two_digits(factor * sd)} {shown_unit}: its encoder, or play; "
             "no calibration mends that"
         )
         causes.append(Cause(f"noise:{name}", "noise", words, sd, unit=unit))
     noise = tests.noise
     if evidence.is_attributed:
-        # a large change is not linear: what the best one leaves
-        size = float(evidence.reference.sizes[0])
-        noise = min(noise, evidence.best.noise * size)
+        # the tests are linear; a large change is not, and its explanation leaves less
+        unit_noise = float(evidence.reference.expected_noise[0])
+        noise = min(noise, evidence.best.noise * unit_noise)
     times = noise / tests.usual
     if tests.noisier and times > NOISIER:
         unit = evidence.unit
         words = f"the scatter is {quantity(noise, unit)} per axis"
         if times < WORDS.exact:
             words += f", {times:.2g} times the usual"
-        elif not drifted:  # a simulation has none
+        elif not drifted:
             words += REPEATING if evidence.bound.repeats else SCATTER
         causes.append(Cause("noise", "noise", words, noise, unit=unit))
     return causes
 
 
 def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
-    """Return the causes with at most one of the group "tool".
-
-    That is a camera or a board that moved in its mount.
-    """
-    moved = [cause for cause in causes if cause.group.startswith("tool")]
-    if not moved:
+    """Return the causes with at most one of the tool: `what` (camera, board) moved in its mount."""
+    of_tool = [cause for cause in causes if cause.group.startswith("tool")]
+    if not of_tool:
         return causes
-    first = min(moved, key=lambda cause: cause.unit != "rad")
+    first = min(of_tool, key=lambda cause: cause.unit != "rad")
     low, high = first.interval or (0.0, 0.0)
     how = "moved in its mount, what it sees by"
     if first.unit == "rad":
@@ -153,13 +151,13 @@ def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
     size = quantity(abs(low + high) / 2, first.unit, (high - low) / 2)
     words = f"the {what} has {how} {size}"
     once = replace(first, cause="tool", words=words)
-    return [once, *(cause for cause in causes if cause not in moved)]
+    return [once, *(cause for cause in causes if cause not in of_tool)]
 
 
 def _changes(evidence: Evidence) -> list[Cause]:
-    """Causes of the parameters that are clearly away from where they were, largest effect first.
+    """Causes of the parameters that clearly changed, the largest effect first.
 
-    None where no explanation is clearly better than no change.
+    There are none where no explanation is clearly better than no change.
     """
     if not evidence.is_attributed:
         return []
@@ -168,7 +166,7 @@ def _changes(evidence: Evidence) -> list[Cause]:
         return [Cause("curve", "curve", WAVES)]
     effects = _effects(evidence)
     effects.sort(key=itemgetter(0), reverse=True)
-    # beside a sensor that was put elsewhere all else is small
+    # the move of a sensor that was put elsewhere would hide all other causes
     is_elsewhere = best.reference.is_fitted
     sizes = [
         size
@@ -180,26 +178,29 @@ def _changes(evidence: Evidence) -> list[Cause]:
 
 
 def _doubt_of(evidence: Evidence) -> str:
-    """What may have changed, where no cause is clearly better than none."""
+    """What may have changed, in words, where no cause is clear."""
     if evidence.is_one_place:
         return ONE_PLACE
     effects = _effects(evidence)
-    if not effects or evidence.best.evidence < evidence.unnamed:
+    if (
+        not effects
+        or evidence.best.log_evidence < evidence.unnamed_log_evidence
+    ):
         return UNEXPLAINED
     _, likeliest = max(effects, key=itemgetter(0))
     return f"not clear what changed; likeliest: {likeliest.words}"
 
 
 def _effects(evidence: Evidence) -> list[tuple[float, Cause]]:
-    """Causes of the parameters that are clearly away from where they were.
+    """Causes of the parameters that clearly changed, each after the size of its effect.
 
-    Each beside the displacement that it makes over the learned range, root mean square [unit].
+    That is the root mean square displacement over the learned range [unit].
     """
     best = evidence.best
     structure = best.reference.structure
     change = np.abs(evidence.change)
-    clear = change > WORDS.clear * best.deviation
-    clear &= best.deviation > 0.0
+    is_clear = change > WORDS.clear * best.deviation
+    is_clear &= best.deviation > 0.0
     sizes = change * moves_of(structure, best.beta, evidence.rows.probes)
     frame = indices_of(structure, FRAME)
     is_scaled = evidence.reference.scale != 1.0
@@ -208,30 +209,29 @@ def _effects(evidence: Evidence) -> list[tuple[float, Cause]]:
     for group in best.groups:
         if group in FRAME or (group == "view.scale" and is_scaled):
             continue
-        if kind_of(group) == "curve":
+        if cause_kind(group) == "curve":
             wave, cause = _wave(evidence, group)
-            # two parameters, of a cosine and a sine
             effects.append((float(np.linalg.norm(sizes[wave])), cause))
             continue
         indices = indices_of(structure, (group,))
         parts = [indices] if GROUPS[group].whole else indices[:, None]
         for part in parts:
-            telling = part[clear[part]]
-            if len(telling):
-                largest = int(telling[np.argmax(sizes[telling])])
+            changed = part[is_clear[part]]
+            if len(changed):
+                largest = int(changed[np.argmax(sizes[changed])])
                 cause = _of_parameter(evidence, largest, part)
                 effects.append((float(np.linalg.norm(sizes[part])), cause))
-    # of other axes or another unit a move of the frame has no size
+    # with mirrored axes or another unit the frame has moved, whatever its parameters say
     discrete = {cause.cause for cause in evidence.reference.causes}
     is_other = not discrete.isdisjoint(("mirror", "scale"))
-    if FRAME[0] in best.groups and (is_other or clear[frame].any()):
+    if FRAME[0] in best.groups and (is_other or is_clear[frame].any()):
         size = float(np.linalg.norm(sizes[frame]))
         effects.append((size, _move_of_sensor(evidence)))
     return effects
 
 
 def _wave(evidence: Evidence, group: str) -> tuple[Indices, Cause]:
-    """The largest change of a wave of a joint's curve, that of its group, and its parameters."""
+    """Parameters (2,) of the wave of a joint's curve that changed most, and the cause."""
     best = evidence.best
     structure = best.reference.structure
     waves = structure.groups[group].reshape(2, HARMONICS)
@@ -243,7 +243,7 @@ def _wave(evidence: Evidence, group: str) -> tuple[Indices, Cause]:
     half = Z95 * float(np.linalg.norm(best.deviation[wave])) / math.sqrt(2.0)
     joint = structure.labels[wave[0]].joint
     size = quantity(amplitude, "rad", half)
-    words = GROUPS["curve"].changed.format(
+    words = GROUPS["curve"].template.format(
         joint=joint, size=size, order=order + 1
     )
     cause = Cause(f"curve:{joint}", "curve", words, amplitude, unit="rad")
@@ -251,24 +251,24 @@ def _wave(evidence: Evidence, group: str) -> tuple[Indices, Cause]:
 
 
 def _half_width(evidence: Evidence, k: int) -> float:
-    """Half of the 95 % interval of a parameter's change.
+    """Half of the 95 % interval of the change of parameter `k`.
 
-    It holds the other explanations that the evidence hardly distinguishes from the best: rows
-    that show a sum of two changes do not show each.
+    It covers the intervals of all explanations that are about as likely as the best: rows that
+    determine the sum of two changes need not determine each.
     """
     best = evidence.best
     half = 0.0
     for other in evidence.explanations:
-        if other.evidence > best.evidence - NATS:
+        if other.log_evidence > best.log_evidence - NATS:
             distance = abs(float(other.beta[k] - best.beta[k]))
             half = max(half, distance + Z95 * float(other.deviation[k]))
     return half
 
 
 def _of_parameter(evidence: Evidence, k: int, part: Indices) -> Cause:
-    """A cause of one parameter.
+    """The change of parameter `k` as a cause.
 
-    part : all parameters that it covers
+    part : all parameters of the cause
     """
     label = evidence.reference.structure.labels[k]
     old = float(evidence.prior.beta[k])
@@ -282,9 +282,9 @@ def _of_parameter(evidence: Evidence, k: int, part: Indices) -> Cause:
     about = evidence.rows.model.about
     revolute = by_name(about.joint_names, about.revolute)
     if kind == "length" and not revolute.get(label.joint or "", True):
-        kind = "offset"  # the link of a slide in the plane is where its zero is
+        kind = "offset"  # the length of a planar slide's link is its zero
         group = GROUPS[kind]
-    words = group.changed.format(
+    words = group.template.format(
         joint=label.joint,
         name=label.name,
         most=two_digits(math.degrees(most)),
@@ -303,27 +303,29 @@ def _move_of_sensor(evidence: Evidence) -> Cause:
     best = evidence.best
     structure = best.reference.structure
     turn = structure.groups["view.rotation"]
-    moved = frame_between(evidence, best.beta)
+    frame_move = frame_between(evidence, best.beta)
     half = Z95 * float(np.linalg.norm(best.deviation[turn]))
-    squares = np.zeros(len(moved.shift))
+    squares = np.zeros(len(frame_move.shift))
     for k in indices_of(structure, FRAME).tolist():
         nearby = best.beta.copy()
         nearby[k] += best.deviation[k]
-        squares += (frame_between(evidence, nearby).shift - moved.shift) ** 2
-    value = moved.angle
+        squares += (
+            frame_between(evidence, nearby).shift - frame_move.shift
+        ) ** 2
+    value = frame_move.angle
     if len(turn) == 1:  # with its sign, also of a mirrored one
         value = math.remainder(float(evidence.change[turn[0]]), 2 * math.pi)
-    size = moved.words(evidence.unit, half, Z95 * np.sqrt(squares))
+    size = frame_move.words(evidence.unit, half, Z95 * np.sqrt(squares))
     words = f"the sensor's frame moved: {size}"
     cause = Cause("sensor", "view.rotation", words, value, unit="rad")
     return cause.within(half)
 
 
 def _rivals(evidence: Evidence, named: Set[str]) -> list[str]:
-    """A note on causes that are nearly as likely as those that are named, where there are any."""
+    """A note on the next explanation that is nearly as likely as the named causes, if any."""
     best = evidence.best
     for other in evidence.explanations:
-        if other.evidence < best.evidence - MARGIN:
+        if other.log_evidence < best.log_evidence - MARGIN:
             break
         if np.isin(best.indices, other.indices).all():
             continue
@@ -337,11 +339,7 @@ def _rivals(evidence: Evidence, named: Set[str]) -> list[str]:
 def _twins(
     evidence: Evidence, changes: Sequence[Cause]
 ) -> tuple[list[Cause], list[str]]:
-    """Causes that would look the same as some changes, and notes.
-
-    A turn of the sensor is an offset of the first joint; where a sensor shows all larger, all
-    links may be longer.
-    """
+    """Causes that a log cannot distinguish from changes, and notes on them."""
     causes = {change.cause: change for change in changes}
     about = evidence.rows.model.about
     first, *_ = about.joint_names

@@ -21,6 +21,17 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
+def rms_spread(x: Array) -> float:
+    """Return the root mean square distance of rows (n, m) from their mean."""
+    centred = x - x.mean(axis=0)
+    return float(np.sqrt((centred**2).sum(axis=1).mean()))
+
+
+def diagonal(x: Array) -> float:
+    """Return the diagonal of the box that holds rows (n, m)."""
+    return float(np.linalg.norm(np.ptp(x, axis=0)))
+
+
 def finite_rows(x: Array) -> Mask:
     """Return which rows of values (n, m) have finite numbers alone."""
     return np.asarray(np.isfinite(x).all(axis=1))

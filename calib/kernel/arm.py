@@ -14,9 +14,9 @@ import numpy as np
 from ..arm.gravity import Loads
 from ..arm.rotations import exponential
 from ..arm.spatial_chain import (
+    ChainState,
     Deviations,
     Links,
-    Motion,
     SpatialChain,
     move,
 )
@@ -266,7 +266,7 @@ class KernelArm:
         in_pixels["lens"] = lens_slope(self.lens, point)
         return in_pixels, sight.push(joints)
 
-    def _by_view(self, motion: Motion) -> Array:
+    def _by_view(self, motion: ChainState) -> Array:
         """How points move with each number of the view's rows, (12, 3, n)."""
         outputs = np.eye(3)
         n = motion.position.shape[1]

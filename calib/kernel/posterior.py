@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.belief import Body, Second
+from ..body.belief import Body, GuardFit
 from ..body.covariance import radius_95
 from ..body.curves import HARMONICS, waves_of
 from ..body.settings import SHARED
@@ -77,7 +77,7 @@ class CompactPosterior:
         parts, _ = arm.derivatives(q)
         moves = np.concatenate(list(parts.values()))
         basis = moves.transpose(2, 1, 0).reshape(-1, len(moves))
-        beliefs: list[Body | Second] = [body]
+        beliefs: list[Body | GuardFit] = [body]
         factors = [(body.kappa, SHARED**2)]
         if body.second is not None:
             beliefs.append(body.second)
@@ -168,7 +168,7 @@ class CompactBelief:
 
 
 def compact_belief(
-    body: Body, belief: Body | Second, q: Array, basis: Array, ways: int
+    body: Body, belief: Body | GuardFit, q: Array, basis: Array, ways: int
 ) -> CompactBelief:
     """A belief of a body in the w directions that move positions at joints (n, dof) most.
 
@@ -204,20 +204,20 @@ def compact_belief(
             curves[k, :, -1] = apart[group]
     apart[curved] = 0.0
     ahead = structure.predict(q, body.beta + apart)
-    gaps = (ahead - structure.predict(q, body.beta))[:, : structure.blocks[0]]
+    gaps = (ahead - structure.predict(q, body.beta))[:, structure.position]
     column = gaps.reshape(-1, 1)
     geometry[:, -1:] = _amounts(basis, column, COMPACT.apart)
     return CompactBelief(geometry, curves, _curves_alone(of_curves, groups))
 
 
-def _moves(structure: Structure, belief: Body | Second, q: Array) -> Array:
+def _moves(structure: Structure, belief: Body | GuardFit, q: Array) -> Array:
     """How positions at joints (n, dof) move with a body's parameters, (n m, d).
 
     At the belief's parameters: one that moves nothing there is hardly known for that reason, and
     moves positions at the parameters of another belief.
     """
     _, slope = structure.linearise(q, belief.beta, belief.active)
-    outputs = structure.blocks[0]
+    outputs = structure.output_sizes[0]
     numbers = len(q) * outputs
     of_positions = slope[:, :outputs]
     moves = np.zeros((numbers, structure.size))

@@ -179,7 +179,7 @@ class ModelParts:
         if self.body is None:
             return 0.5 * self.solver.extent
         structure = self.body.structure
-        return float(structure.extents[: structure.blocks[0]].max())
+        return float(structure.extents[structure.position].max())
 
     @property
     def row_places(self) -> RowPlaces | None:

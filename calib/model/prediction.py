@@ -114,7 +114,7 @@ class Prediction:
         side = self.motion.side
         sides: Mask | None = None
         if approach is not None and side is not None:
-            sides = approach.has_direction(side[self.has_answer])
+            sides = approach.has_sides(side[self.has_answer])
         bound = self._nan_rows()
         if self.has_answer.any():
             bound[self.has_answer] = self.model.bound_at(

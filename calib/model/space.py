@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..arm.arm import SpatialArm
 from ..arm.rotations import quaternion_of
-from ..body.belief import Body, Second
+from ..body.belief import Body, GuardFit
 from ..body.sensor_pose import sensor_of, without_gauge, without_sensor
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.views import is_camera, pixels
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 REACHED = 1e-6
 _LENS = 30  # iterations that invert a lens
 
-_Belief = TypeVar("_Belief", Body, Second)
+_Belief = TypeVar("_Belief", Body, GuardFit)
 
 
 @dataclass(frozen=True, eq=False)

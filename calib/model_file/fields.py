@@ -25,7 +25,7 @@ from typing import (
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.covariance import pack, unpack
+from ..body.covariance import pack_root, unpack_root
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
@@ -220,7 +220,9 @@ def _under(path: str, name: str) -> str:
 
 def _file_array(value: Tensor, shape: Shape) -> Tensor:
     """Return an array as a file keeps it: whole numbers in as few bytes as they need."""
-    array = pack(value.astype(float)) if shape.storage == TRIANGLE else value
+    array = (
+        pack_root(value.astype(float)) if shape.storage == TRIANGLE else value
+    )
     kind: np.dtype[np.generic] = shape.dtype
     if array.dtype.kind != "f":
         kind = np.min_scalar_type(int(array.max(initial=0)))
@@ -238,7 +240,7 @@ def _valid_array(array: Tensor, hint: Hint, path: str, sizes: Sizes) -> object:
         fits = fits and bool((np.abs(array.astype(float)) < LARGEST).all())
     size = math.isqrt(2 * array.size)
     if shape.storage == TRIANGLE and array.shape == (size * (size + 1) // 2,):
-        array = unpack(array.astype(np.float32), size)
+        array = unpack_root(array.astype(np.float32), size)
     axes = [
         sizes.setdefault(axis, length) if isinstance(axis, str) else axis
         for axis, length in zip(shape.axes, array.shape, strict=False)

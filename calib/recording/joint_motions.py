@@ -18,7 +18,7 @@ from ..arm.rigid import (
 )
 from ..arm.rotations import logarithm
 from ..body.covariance import root_of
-from ..body.settings import FINER, SHIFT, TURN
+from ..body.settings import DRAWN_SHIFT_SD, DRAWN_TURN_SD, FINER
 from ..body.spatial import SpatialStructure
 from ..body.structure import OfStructure
 from ..common.arrays import Array, Index
@@ -90,7 +90,7 @@ class JointMotions(Motions):
         beta = self.beta(arm)
         shifts = row_lengths(beta[structure.shifts])
         turns = row_lengths(beta[structure.turns])
-        moves = shifts / SHIFT + turns / TURN
+        moves = shifts / DRAWN_SHIFT_SD + turns / DRAWN_TURN_SD
         worst = int(np.argmax(moves))
         name = structure.chain_names[worst]
         return name, float(shifts[worst]), float(turns[worst])

@@ -140,7 +140,7 @@ def _motions_of_tip(model: Model, body: Body) -> Array:
     about = model.about
     shape = SETTINGS.postures, structure.dof
     q = np.random.default_rng(0).uniform(about.lower, about.upper, shape)
-    slope = structure.linearise(q, body.beta)[1][:, : structure.blocks[0]]
+    slope = structure.linearise(q, body.beta)[1][:, structure.position]
     columns = slope.reshape(-1, structure.size) / SETTINGS.postures**0.5
     frame = columns[:, frame_parameters(body)]
     return np.asarray(columns - frame @ solve_least_squares(frame, columns))

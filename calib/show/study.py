@@ -105,7 +105,7 @@ class Study:
         if self.rows is None or drawn is None or body is None:
             return None
         structure, beta = drawn
-        outputs = structure.blocks[0]
+        outputs = structure.output_sizes[0]
         predicted, slope = structure.linearise(
             self.rows.q, beta, frame_parameters(body)
         )

@@ -23,9 +23,8 @@ from ..body.rows import Rows
 from ..body.spatial import SpatialStructure, structure_of, unknown_structure
 from ..body.structure import Structure
 from ..body.views import is_camera
-from ..common.arrays import Array
 from ..common.choices import VIEWS
-from ..common.rows import row_lengths, thinned
+from ..common.rows import diagonal, rms_spread, row_lengths, thinned
 from ..common.scale import METRES
 from ..errors import OptionError
 from ..samples.samples import Samples
@@ -84,8 +83,7 @@ def _with_notes(fit: BodyFit, samples: Samples) -> BodyFit:
             "the orientations are not used: they are of an arm whose URDF is given, in a frame "
             "of its size (view rigid or base)"
         )
-    extent = float(np.linalg.norm(np.ptp(samples.x, axis=0)))
-    share = mean_error(fit) / extent
+    share = mean_error(fit) / diagonal(samples.x)
     if samples.simulation is None and share > LEARNING.no_arm:
         notes.append(_no_arm(samples, share))
     return replace(fit, notes=tuple(notes))
@@ -179,7 +177,7 @@ def _in_space(samples: Samples, view: str) -> Template:
     arm = samples.arm
     simulation = samples.simulation
     measured = Rows(samples.q, samples.x)
-    extent = _extent(measured.z)
+    extent = rms_spread(measured.z)
     unit = samples.unit
     if not isinstance(arm, SpatialArm):
         unknown = unknown_structure(
@@ -209,9 +207,3 @@ def _in_space(samples: Samples, view: str) -> Template:
     rotvec = logarithm(matrix_of(samples.orientation))
     poses = replace(measured, z=np.hstack([measured.z, rotvec]))
     return structure.with_sensor(view=_POSED[view]), poses
-
-
-def _extent(x: Array) -> float:
-    """Root mean square distance of positions (n, m) from their mean [unit]."""
-    centred = x - x.mean(axis=0)
-    return float(np.sqrt((centred**2).sum(axis=1).mean()))

@@ -63,7 +63,7 @@ def tested_on_arm(
     """A model of a simulated arm with bounds by exact samples, and the errors at others."""
     seed = options.stream("bounds")
     (nodes, u, x), residuals = side_by_side(
-        lambda: _simulation_bounds(model, simulation, log.play, seed),
+        lambda: _simulation_bounds(model, simulation, log.half_play, seed),
         lambda: fresh_residuals(model, simulation),
     )
     model = replace(
@@ -83,8 +83,8 @@ def _baseline(model: Model, samples: Samples, u: Array, x: Array) -> Baseline:
     """
     every = max(1, len(samples) // TESTING.baseline)
     learned = model.motor.scale.to_unit(samples.q[::every])
-    missed = model.predictor.value(learned) - samples.x[::every]
-    return learn_baseline(model.association, u, x, row_lengths(missed))
+    residual = model.predictor.value(learned) - samples.x[::every]
+    return learn_baseline(model.association, u, x, row_lengths(residual))
 
 
 def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
@@ -115,18 +115,18 @@ def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
 def _simulation_bounds(
     model: Model,
     simulation: Simulation,
-    play: Array,
+    half_play: Array,
     seed: np.random.SeedSequence,
 ) -> tuple[Array, Array, Array]:
     """Bounds (nodes,) [unit] by exact samples that are neither learned nor tested.
 
-    play : (dof,), half the play of each joint, where the direction of approach is known
+    half_play : (dof,), half the play of each joint, where the side of approach is known
     Returns bounds, and joints (k, dof) in the unit box and positions (k, m) of these samples
     """
     rng = np.random.default_rng(seed)
-    q = simulation.draw(TESTING.drawn, rng)
+    q = simulation.draw(TESTING.draws, rng)
     x = simulation.true(q, rng)
-    q = q - play * directions(q)
+    q = q - half_play * directions(q)
     inside = model.covers(q)
     u = model.motor.scale.to_unit(q[inside])
     errors = row_lengths(model.predictor.value(u) - x[inside])

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..body.approach import Approach, Beside, learn_play
+from ..body.approach import Approach, OtherColumns, learn_half_play
 from ..body.belief import Body
 from ..body.body_fit import BodyFit
 from ..common.arrays import Array, Index
@@ -30,8 +30,8 @@ class SoundLog:
 
     readings: Samples  # poses as often as they were read
     rows_given: int  # rows of the log before any was left out
-    # (dof,) [rad or m], half the play of each joint, which the readings are freed of
-    play: Array
+    # (dof,) [rad or m], half the play of each joint, which the readings are without
+    half_play: Array
     notes: tuple[str, ...]
 
     @cached_property
@@ -43,7 +43,7 @@ class SoundLog:
     @property
     def approach(self) -> Approach | None:
         """The play, where the direction of motion counts."""
-        return Approach(self.play) if self.play.any() else None
+        return Approach(self.half_play) if self.half_play.any() else None
 
     @property
     def left_out(self) -> int:
@@ -62,13 +62,13 @@ class FittedLog(SoundLog):
     def of(samples: Samples, options: TrainingOptions) -> FittedLog:
         """The log with all its rows."""
         rows_given = len(samples) + samples.left_out
-        play = np.zeros(samples.dof)
+        half_play = np.zeros(samples.dof)
         fit = fit_body(at_poses(samples), options)
-        return FittedLog(samples, rows_given, play, (), fit, options)
+        return FittedLog(samples, rows_given, half_play, (), fit, options)
 
     @property
     def rows(self) -> Index:
-        """Rows (k,) of the samples that the body is fitted to: all but of a long log."""
+        """Rows (k,) of the samples that the body is fitted to: of a long log every k-th."""
         numbers = np.arange(len(self.samples))
         return numbers[thinned(len(numbers), len(self.fit.held_out))]
 
@@ -86,7 +86,7 @@ class FittedLog(SoundLog):
     def without_wrong_rows(self) -> FittedLog:
         """The log without the rows that contradict the others; a simulation without its outliers.
 
-        The fit of a simulation believes every row: it finds a few outliers more each time.
+        The fit of a simulation gives outliers full weight: each new fit reveals a few more.
         """
         samples = self.readings
         simulation = samples.simulation
@@ -100,46 +100,47 @@ class FittedLog(SoundLog):
         return log if simulation is None else log.without_wrong_rows()
 
     def in_time(self) -> FittedLog:
-        """The log with its clocks together, where a delay is clear."""
+        """The log with its clocks aligned, where a delay is clear."""
         readings, notes = samples_in_time(
             self.readings, self.fit.body, fresh=True
         )
         if readings is self.readings:
             return self
-        # curves that have not followed the delay
+        # fitted anew: the curves have followed the delay
         return self.of_readings(readings, *notes)
 
     def without_play(self) -> FittedLog:
         """The log without the play that its order shows."""
         log = self
-        # curves and frame have taken some of it before
+        # repeated, since curves and frame have absorbed some of it
         for _ in range(BACKLASH.rounds):
-            play = _play_of(log)
-            if play is None:
+            half_play = _half_play_of(log)
+            if half_play is None:
                 break
-            more = play - log.play
-            if np.abs(more).max() <= BACKLASH.settled * play.max():
+            difference = half_play - log.half_play
+            largest = np.abs(difference).max()
+            if largest <= BACKLASH.settled * half_play.max():
                 break
-            readings = samples_without_play(log.readings, more)
-            log = replace(log.of_readings(readings), play=play)
+            readings = samples_without_play(log.readings, difference)
+            log = replace(log.of_readings(readings), half_play=half_play)
         return log
 
 
 def fit_sound_rows(samples: Samples, options: TrainingOptions) -> FittedLog:
-    """Fit samples; of a log without its delay and without the rows that contradict the others."""
+    """Fit samples without wrong rows, play and, of a log, the delay of its clock."""
     fitted = FittedLog.of(samples, options)
     if samples.simulation is not None:
         return fitted.without_wrong_rows().without_play()
-    # rows that came from the other side of a joint with play contradict the others, too; but a lag
-    # looks like play
+    # first the play, by which rows from one side of a joint contradict those from the other;
+    # along a path it comes later, since a delay looks like play
     if Trajectory.of(samples) is None:
         fitted = fitted.without_play()
     fitted = fitted.without_wrong_rows().in_time().without_play()
-    # rows that contradict the others under the better fit
+    # again, with the better fit
     return fitted.without_wrong_rows()
 
 
-def _play_of(log: FittedLog) -> Array | None:
+def _half_play_of(log: FittedLog) -> Array | None:
     """Half the play of each joint (dof,) [rad or m], None where the rows' order shows none."""
     samples = log.samples
     simulation = samples.simulation
@@ -154,15 +155,15 @@ def _play_of(log: FittedLog) -> Array | None:
     predicted, slope = structure.predict_and_slope(samples.q, body.beta)
     slope /= body.noise[:, None]
     residual = structure.residual(samples.x, predicted) / body.noise
-    beside = _beside_plays(samples, body, slope)
-    return learn_play(residual, slope, samples.side, beside, log.play)
+    others = _other_columns(samples, body, slope)
+    return learn_half_play(residual, slope, samples.side, others, log.half_play)
 
 
-def _beside_plays(samples: Samples, body: Body, slope: Array) -> Beside:
-    """What rows (n,) may err by besides plays: all that the body may free, and joints' curves.
+def _other_columns(samples: Samples, body: Body, slope: Array) -> OtherColumns:
+    """Parameters estimated together with the play: all that the body may free, and joints' curves.
 
-    Elasticity, gears and couplings took half of a play along a path, where joints seldom turn; the
-    curve of a joint has taken what it did near a limit, to where it mostly came from one side.
+    Elasticity, gears and couplings absorb half of a play along a path, where joints seldom turn;
+    the curve of a joint absorbs it near a limit, which the joint mostly reaches from one side.
 
     slope : (n, m, dof) [1 / rad or m], derivative of the positions in noises by the joints
     """
@@ -176,23 +177,26 @@ def _beside_plays(samples: Samples, body: Body, slope: Array) -> Beside:
     curves = np.einsum("nmk,nkp->nmkp", slope, powers)
     curves = curves.reshape(*slope.shape[:2], -1)
     count = curves.shape[2]
-    return Beside(
+    return OtherColumns(
         np.concatenate([columns / body.noise[:, None], curves], axis=2),
         precision_root=np.append(1.0 / prior.sd[free], np.ones(count)),
         pull=np.append((prior.mean - body.beta)[free], np.zeros(count)),
     )
 
 
-def samples_without_play(samples: Samples, play: Array) -> Samples:
-    """Return the samples with the joints' true values, rather than what their encoders read."""
+def samples_without_play(samples: Samples, half_play: Array) -> Samples:
+    """Return the samples with the joints' true values, rather than what their encoders read.
+
+    half_play : (dof,), half the play of each joint [rad or m]
+    """
     assert samples.side is not None  # noqa: S101 - as samples are made
-    return replace(samples, q=samples.q - play * samples.side)
+    return replace(samples, q=samples.q - half_play * samples.side)
 
 
-def play_words(samples: Samples, play: Array) -> str:
+def play_words(samples: Samples, half_play: Array) -> str:
     """One line about the backlash that the order of the rows shows."""
     backlash = []
-    joints = zip(samples.joint_names, play, samples.revolute, strict=True)
+    joints = zip(samples.joint_names, half_play, samples.revolute, strict=True)
     for name, half, revolute in joints:
         factor, unit = unit_of_joint(revolute, True)
         if half > 0.0:

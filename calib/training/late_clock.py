@@ -17,7 +17,7 @@ from .settings import LATE_CLOCK
 def samples_in_time(
     samples: Samples, body: Body, *, fresh: bool = False
 ) -> tuple[Samples, list[str]]:
-    """Bring the clocks of a log along a path together where a delay is clear, else doubt them.
+    """Align the clocks of a log along a path where a delay is clear, else state their uncertainty.
 
     fresh : whether the body was fitted to these rows, rather than to another log
     Returns the samples with their joints at the times of their positions, and notes.
@@ -29,7 +29,7 @@ def samples_in_time(
     if delay is None:
         return samples, []
     if not delay.clear:
-        # taken as in time for sure, 17 of 40 unchanged logs of 9 s, 3 ms late, were "drifted"
+        # without an uncertainty, 17 of 40 unchanged logs of 9 s, 3 ms late, were "drifted"
         velocity = np.nan_to_num(trajectory.before(0.0)[1])
         return replace(samples, clock_sd=delay.doubt * velocity), []
     in_time = trajectory.samples_before(samples, delay.value, delay.sd)
@@ -41,15 +41,15 @@ def _delay(
 ) -> Delay | None:
     """Estimate a delay together with the chain and its frame.
 
-    fresh : whether the body was fitted to these rows as they are: then its curves may have followed
-        the delay along a path, and are left out
+    fresh : whether the body was fitted to these rows; then its curves may have absorbed the delay,
+        and are left out
     """
     structure = body.structure
     if structure.outputs != samples.x.shape[1]:
         return None
-    # beside the chain alone, .1 deg of elasticity made a delay of 40 ms one of 41.1 +- .5, and
-    # errors of .03 mm .5: what an arm bends followed the delay that was left
-    # scales of a body that has followed the delay are too wide to find it
+    # all blocks but curves: beside the chain alone, .1 deg of elasticity made a delay of 40 ms one
+    # of 41.1 +- .5, which elasticity then absorbed, and errors of .03 mm .5; scales of a body that
+    # has absorbed the delay are too wide to find it
     prior = (structure if fresh else body).prior(structure.blocks_but_curves)
     active = prior.active
     beta = body.beta.copy()
@@ -59,7 +59,7 @@ def _delay(
     half = LATE_CLOCK.rows // 2
     rows = np.arange(max(0, middle - half), min(middle + half, len(samples)))
     late = 0.0
-    share = 0.0
+    first_share = 0.0  # that the delay explains before other parameters follow
     rms = np.inf
     for _ in range(LATE_CLOCK.steps):
         q, speed = trajectory.before(late)
@@ -75,19 +75,19 @@ def _delay(
             columns=structure.linearise(q, beta, active)[1],
             precision=prior.sd[active] ** -2.0,
             pull=(prior.mean - beta)[active],
-            # joints with play err by their direction
+            # joints with play err by their side
             play=slope * directions(q)[:, None],
         )
         if estimate is None:
             return None
         delay, change = estimate
         beta = structure.after_step(beta, active, change)
-        share = share or delay.share
+        first_share = first_share or delay.share
         late += delay.value
-        # while the other parameters still move, its deviation is too large
+        # while other parameters still move, the sd of the delay is too large
         rms_before = rms
         rms = float(np.sqrt((residual**2).mean()))
         is_settled = abs(delay.value) < LATE_CLOCK.settled * delay.sd
         if is_settled and rms > LATE_CLOCK.falls * rms_before:
             break
-    return Delay(late, delay.sd, trajectory.unit, share)
+    return Delay(late, delay.sd, trajectory.unit, first_share)

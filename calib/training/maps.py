@@ -9,7 +9,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from ..common.parallel import side_by_side
-from ..common.rows import thinned
+from ..common.rows import diagonal, thinned
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps import model_selection
@@ -41,9 +41,9 @@ def maps_of(
     if samples.simulation is None or len(samples) < nodes:
         learned = thinned(len(u), LEARNING.most_rows)
         rng = np.random.default_rng(options.stream("imagined"))
-        drawn = rng.random((LEARNING.imagined * nodes, u.shape[1]))
-        u = np.concatenate([u[learned], drawn])
-        x = np.concatenate([x[learned], log.body.value(drawn)])
+        imagined = rng.random((LEARNING.imagined * nodes, u.shape[1]))
+        u = np.concatenate([u[learned], imagined])
+        x = np.concatenate([x[learned], log.body.value(imagined)])
     misfit = misfit_around(log, u)
     return associate(scale, u, x, options, misfit, progress)
 
@@ -52,9 +52,8 @@ def misfit_around(log: FittedLog, u: Array) -> Array | None:
     """Misfit (k,) of the body around points `u` (k, dof) of the unit box, None within noise."""
     scale = log.samples.unit_box
     learned = scale.to_unit(log.samples.q[log.rows])
-    extent = float(np.linalg.norm(np.ptp(log.samples.x[log.rows], axis=0)))
-    held_out = log.fit.held_out
-    return model_selection.misfit(scale, learned, held_out, extent, u)
+    size = diagonal(log.samples.x[log.rows])
+    return model_selection.misfit(scale, learned, log.fit.held_out, size, u)
 
 
 def associate(

@@ -11,7 +11,7 @@ from ..body.belief import Body
 from ..body.body_fit import BodyFit
 from ..body.covariance import Z95
 from ..common.arrays import Array
-from ..common.rows import finite_rows, median_length
+from ..common.rows import diagonal, finite_rows, median_length
 from ..common.wording import quantity
 from ..errors import LogError, OptionError
 from ..model.model import Model
@@ -30,7 +30,7 @@ from .fitted_log import (
 )
 from .late_clock import samples_in_time
 from .options import TrainingOptions
-from .settings import DISAGREEMENT
+from .settings import DISAGREEMENT, TESTING
 from .socket_fit import fit_sockets
 from .wrong_rows import contradictions
 
@@ -55,14 +55,14 @@ def prepare(
     prepared = _with_common_play(logs_by_sensor)
     poses = {name: log.samples for name, log in prepared.items()}
     fits = fit_bodies(poses, options)
-    # rows of one sensor count in what all of them know of the arm
-    doubts = [
-        _doubt_by_clock(fits[name].body, samples)
+    # each sensor's clock adds to the uncertainty of the common parameters
+    covariances = [
+        _clock_covariance(fits[name].body, samples)
         for name, samples in poses.items()
     ]
-    doubt = np.sum(doubts, axis=0)
+    covariance = np.sum(covariances, axis=0)
     return [
-        _with_common_body(log, _with_doubt(fits[name], doubt))
+        _with_common_body(log, _with_covariance(fits[name], covariance))
         for name, log in prepared.items()
     ]
 
@@ -96,30 +96,33 @@ def _logs_by_sensor(
 
 
 def _with_common_play(logs: Mapping[str, FittedLog]) -> dict[str, FittedLog]:
-    """The sensors' logs with the joints' play: the arm's, whichever sensors have shown it."""
-    shown = [log for log in logs.values() if log.play.any()]
-    weights = [_certainty(log) for log in shown]
+    """The sensors' logs with one play of the joints, the mean of all sensors that show it."""
+    with_play = [log for log in logs.values() if log.half_play.any()]
+    if not with_play:
+        return dict(logs)
+    half_play = np.average(
+        [log.half_play for log in with_play],
+        axis=0,
+        weights=[_certainty(log) for log in with_play],
+    )
     prepared = {}
     for name, log in logs.items():
-        play = log.play
-        if shown:
-            plays = [of_sensor.play for of_sensor in shown]
-            play = np.average(plays, axis=0, weights=weights)
-        readings = samples_without_play(log.readings, play - log.play)
-        prepared[name] = replace(log, readings=readings, play=play)
+        difference = half_play - log.half_play
+        readings = samples_without_play(log.readings, difference)
+        prepared[name] = replace(log, readings=readings, half_play=half_play)
     return prepared
 
 
 def _certainty(log: FittedLog) -> float:
-    """How much a sensor's rows say: their number over the square of their relative error."""
-    extent = float(np.linalg.norm(np.ptp(log.samples.x, axis=0)))
-    error = mean_error(log.fit) + 1e-12 * extent
-    return len(log.samples) * (extent / error) ** 2
+    """Weight of a sensor's rows: their number over the square of their relative error."""
+    size = diagonal(log.samples.x)
+    error = mean_error(log.fit) + 1e-12 * size
+    return len(log.samples) * (size / error) ** 2
 
 
-def _with_common_body(log: FittedLog, together: BodyFit) -> FittedLog:
-    """A sensor's log with the body of all sensors, and a note where that misses its rows."""
-    fit = _with_noise_of_readings(together, log.readings)
+def _with_common_body(log: FittedLog, common_fit: BodyFit) -> FittedLog:
+    """A sensor's log with the body of all sensors, and a note where that does not fit its rows."""
+    fit = _with_noise_of_readings(common_fit, log.readings)
     notes = (*_notes_with_play(log), *_disagreement(log, fit))
     return replace(log, fit=fit, notes=notes)
 
@@ -138,28 +141,29 @@ def _without_body(samples: Samples, options: TrainingOptions) -> SoundLog:
 def _prepare_one_sensor(
     samples: Samples, options: TrainingOptions
 ) -> FittedLog:
-    """The log of one sensor without wrong rows, its clocks together, and its body."""
+    """The log of one sensor without wrong rows, its clocks aligned, and its body."""
     if samples.touch is not None:
         return fit_sockets(samples, samples.touch, options)
     log = fit_sound_rows(samples, options)
     fit = _with_noise_of_readings(log.fit, log.readings)
-    fit = _with_doubt(fit, _doubt_by_clock(fit.body, log.samples))
-    return replace(log, fit=fit)
+    covariance = _clock_covariance(fit.body, log.samples)
+    return replace(log, fit=_with_covariance(fit, covariance))
 
 
 def _notes_with_play(log: FittedLog) -> tuple[str, ...]:
     """The notes of a log, and one on the play of its joints."""
-    if not log.play.any():
+    if not log.half_play.any():
         return log.notes
-    return (*log.notes, play_words(log.samples, log.play))
+    return (*log.notes, play_words(log.samples, log.half_play))
 
 
-def _disagreement(log: FittedLog, together: BodyFit) -> list[str]:
-    """Return notes where a sensor's scale, or its rows by far, are not as all sensors say.
+def _disagreement(log: FittedLog, common_fit: BodyFit) -> list[str]:
+    """Return notes on a sensor whose scale, or whose rows, disagree with all sensors together.
 
-    log : with its own body
+    log : of the sensor, with a body of its own
+    common_fit : of all sensors
     """
-    body = together.body
+    body = common_fit.body
     sensor = body.structure.viewpoint
     (scale,) = body.structure.groups["view.scale"]
     notes = []
@@ -171,7 +175,7 @@ def _disagreement(log: FittedLog, together: BodyFit) -> list[str]:
             "sensor's: one of them is scaled, and the arm's size is as the first one says"
         )
     alone = mean_error(log.fit)
-    error = mean_error(together)
+    error = mean_error(common_fit)
     if error < DISAGREEMENT * alone:
         return notes
     unit = log.readings.unit
@@ -184,7 +188,7 @@ def _disagreement(log: FittedLog, together: BodyFit) -> list[str]:
 
 
 def _with_noise_of_readings(fit: BodyFit, samples: Samples) -> BodyFit:
-    """The fit with the noise of single readings, where it is one to means of them."""
+    """The fit to means of readings with the noise of single readings."""
     if samples.simulation is not None:
         return fit
     repeat, hidden = noise_beside_poses(samples)
@@ -195,13 +199,13 @@ def _with_noise_of_readings(fit: BodyFit, samples: Samples) -> BodyFit:
     return replace(fit, body=body)
 
 
-def _doubt_by_clock(body: Body, samples: Samples) -> Array:
+def _clock_covariance(body: Body, samples: Samples) -> Array:
     """Covariance (k, k) of a body's parameters by the standard deviation of its rows' clock.
 
-    Rows that all move by v change parameters of covariance C along C J' v, J their derivatives,
-    both over the noise.  C is as large as correlated residuals make it, so the change ends where J
-    times it comes closest to v.  Without all this three models of 9 s paths, of 180 rows each, took
-    their unchanged arm for drifted; with it one does.
+    A clock that moves the rows by v changes the parameters along C J' v, with their covariance C
+    and the derivatives J, both over the noise.  Correlated residuals make C too large, so the
+    change ends where J times it is closest to v.  Without it three models of 9 s paths, of 180 rows
+    each, took their unchanged arm for drifted; with it one does.
     """
     if samples.clock_sd is None:
         return np.zeros_like(body.covariance)
@@ -211,14 +215,14 @@ def _doubt_by_clock(body: Body, samples: Samples) -> Array:
     columns = columns / body.noise[:, None]
     moves = np.einsum("nmd,nd->nm", slope, samples.clock_sd) / body.noise
     change = body.covariance @ np.einsum("nmk,nm->k", columns, moves)
-    followed = columns @ change
-    size = max(float((followed**2).sum()), 1e-300)
-    length = float((followed * moves).sum()) / size
+    predicted = columns @ change
+    square = max(float((predicted**2).sum()), 1e-300)
+    length = float((predicted * moves).sum()) / square
     change *= min(length, 1.0)
     return np.outer(change, change)
 
 
-def _with_doubt(fit: BodyFit, covariance: Array) -> BodyFit:
+def _with_covariance(fit: BodyFit, covariance: Array) -> BodyFit:
     """The fit with a further covariance (k, k) of its parameters."""
     if not covariance.any():
         return fit
@@ -227,7 +231,7 @@ def _with_doubt(fit: BodyFit, covariance: Array) -> BodyFit:
 
 
 def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
-    """A log that a model is compared with, in time and without rows that contradict the others.
+    """A log for a comparison with a model, its clocks aligned, without wrong rows.
 
     samples : in the model's unit; the arm or its sensor may have changed
     Returns the samples, their joints in the model's order, and notes.
@@ -247,10 +251,11 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
     answered = finite_rows(predicted)
     if answered.sum() < DIAGNOSIS.fewest_rows:
         return samples, notes
-    # a sensor that was moved is no reason to leave rows out
+    # rows of a sensor that was moved are not wrong
     x = samples.x[answered]
     in_frame = x - align(predicted[answered], x, affine=samples.unit == "px")
-    if median_length(in_frame) < 0.5 * median_length(residual[answered]):
+    limit = TESTING.nearer * median_length(residual[answered])
+    if median_length(in_frame) < limit:
         residual[answered] = in_frame
     sound, wrong_notes = contradictions(samples, residual)
     left_out = samples.left_out + int(np.count_nonzero(~sound))

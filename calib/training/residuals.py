@@ -48,14 +48,14 @@ class ReadoutErrors(NamedTuple):
         u: Array,
         forward: Array,
         answer: Array,
-        missed: Array,
+        misses: Array,
     ) -> ReadoutErrors:
         """Errors of answers (n, dof), which miss their targets by (n, m) [unit].
 
         u, answer : (n, dof), true and answered joints in the unit box of `scale`
         """
         inverse = scale.difference(answer, u) * scale.span
-        return ReadoutErrors(forward, inverse, row_lengths(missed))
+        return ReadoutErrors(forward, inverse, row_lengths(misses))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class Residuals:
     left_out: int = 0  # rows that lie outside of what was learned
     # (n,) [rad], errors of the body's orientation
     orientation: Array | None = None
-    # (n,), by which bounds on errors of the body are wider than the model's: of rows held out
+    # (n,), factor on the model's bound for errors of held-out rows
     widening: Array | float = 1.0
 
     def distances(self, readout: str) -> Array:
@@ -148,15 +148,15 @@ def held_out_residuals(
     value = model.predictor.value
     targets = value(u)
     answered = {}
-    # the joints that the learned map leads to what predictions miss by as much
+    # the joints at which the learned map is off by the errors
     for readout, error in errors.items():
         answers = unit_joints(model, targets - error, near, ("local",))
         answered[readout] = (error, answers["local"])
     answered |= _cross_validated_maps(model, log, options, rows)
     by_readout = {}
     for readout, (error, answer) in answered.items():
-        missed = value(answer) - targets
-        by_readout[readout] = ReadoutErrors.of(scale, u, error, answer, missed)
+        misses = value(answer) - targets
+        by_readout[readout] = ReadoutErrors.of(scale, u, error, answer, misses)
     return Residuals(
         Motion(q),
         samples.x[rows],
@@ -170,17 +170,19 @@ def held_out_residuals(
 def _cross_validated_maps(
     model: Model, log: SoundLog, options: TrainingOptions, rows: Index
 ) -> dict[str, tuple[Array, Array]]:
-    """Errors (k, m) and answers (k, dof) in the unit box of the maps' readouts at some rows (k,).
+    """Errors (k, m), and answers (k, dof) in the unit box, of the maps' readouts at some rows (k,).
 
-    Twice maps learn one half of the blocks of a log and are tested on the other.
+    Maps of every other block of the log are tested on the blocks between, and the other way round.
     """
     samples = log.samples
     q = samples.q[rows]
     x = samples.x[rows]
     clip = model.solver.newton.clip
     near = clip(model.motor.scale.to_unit(q))
-    errors = {readout: np.empty_like(x) for readout in MAP_READOUTS}
-    answers = {readout: np.empty_like(q) for readout in MAP_READOUTS}
+    by_readout = {
+        readout: (np.empty_like(x), np.empty_like(q))
+        for readout in MAP_READOUTS
+    }
     numbers = np.arange(len(samples))
     blocks = np.array_split(numbers, TESTING.folds)
     in_odd_block = np.isin(numbers, np.concatenate(blocks[1::2]))
@@ -189,11 +191,10 @@ def _cross_validated_maps(
         pair = maps_of(log, options, np.flatnonzero(~unseen))
         targets = pair.sensory.scale.to_unit(x[tested])
         inverses = pair.inverses(targets, near[tested])
-        for readout in MAP_READOUTS:
-            predicted = pair.predict(q[tested], readout)
-            errors[readout][tested] = predicted - x[tested]
-            answers[readout][tested] = clip(inverses[readout])
-    return {name: (errors[name], answers[name]) for name in MAP_READOUTS}
+        for readout, (error, answer) in by_readout.items():
+            error[tested] = pair.predict(q[tested], readout) - x[tested]
+            answer[tested] = clip(inverses[readout])
+    return by_readout
 
 
 def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
@@ -268,9 +269,9 @@ def p95_and_coverage(model: Model, residuals: Residuals) -> dict[str, float]:
 
 
 def learned_rows(model: Model, samples: Samples) -> Mask:
-    """Whether each row of a log (n,) is one that a model has learned.
+    """Which rows (n,) of a log a model has learned: those with a reading of one of its rows.
 
-    Readings have enough digits that no two rows have the same.
+    Readings have enough digits that no two different rows have the same.
     """
     rows = model.rows
     width = samples.x.shape[1]

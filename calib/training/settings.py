@@ -37,17 +37,17 @@ class Testing:
     maps: int = 5_000  # rows that maps are tested on
     # rows that a body is tested on, whose inverses are sought
     body: int = 1_000
-    # maps are tested on blocks that those of every other block did not show
+    # blocks of rows that maps are tested on, each with maps of the other blocks
     folds: int = 20
     # rows that an undisturbed arm's distortions are learned from
     baseline: int = 20_000
     # fewest unlearned rows for which errors are reported
     fewest: int = 10
     placed: int = 10  # fewest rows that place a frame
-    # share of the median error that a moved frame explains
+    # largest share of the median error that is left where the sensor was moved
     nearer: float = 0.5
     # exact samples that the bounds of a simulation are learned from
-    drawn: int = 12_000
+    draws: int = 12_000
     # share of the extent: what an answer in double precision is sure of at best
     rounding: float = 4e-15
 

@@ -92,7 +92,7 @@ class SizeCheck:
 def fit_sockets(
     samples: Samples, touch: Touches, options: TrainingOptions
 ) -> FittedLog:
-    """Fit arm and sockets; rows that are not in theirs are left out.
+    """Fit arm and sockets, without the rows whose tips were in no socket of theirs.
 
     Returns the samples with their sockets' places as positions: in the arm's base frame, or in the
         sensor's where one measured some rows.
@@ -123,12 +123,7 @@ def fit_sockets(
         sockets, samples, touch, structure, options.seed
     )
     notes += size_notes
-    if sockets.scatter > LEARNING.no_arm * arm.chain.reach:
-        raise LogError(
-            f"no arm explains the touches: the tips scatter by {1e3 * sockets.scatter:.3g} mm "
-            "about their sockets (median); check the joints' order and unit, the tip, and the "
-            "points' names"
-        )
+    _refuse_scatter(sockets.scatter, arm.chain.reach)
     strays = np.flatnonzero(~sockets.used)
     if len(strays):
         notes.append(
@@ -139,11 +134,21 @@ def fit_sockets(
     return FittedLog(
         replace(samples, x=positions).take(sockets.used),
         rows_given=len(samples) + samples.left_out,
-        play=np.zeros(samples.dof),
+        half_play=np.zeros(samples.dof),
         notes=tuple(notes),
         fit=sockets.fit,
         options=options,
     )
+
+
+def _refuse_scatter(scatter: float, reach: float) -> None:
+    """Refuse touches whose tips scatter about their sockets as those of no arm do [m]."""
+    if scatter > LEARNING.no_arm * reach:
+        raise LogError(
+            f"no arm explains the touches: the tips scatter by {1e3 * scatter:.3g} mm "
+            "about their sockets (median); check the joints' order and unit, the tip, and the "
+            "points' names"
+        )
 
 
 def _of_right_size(
@@ -200,12 +205,12 @@ def _fit_sound_touches(
             seed=seed,
         )
         tip = fit.body.predict(samples.q)
-        # a fit that follows most rows closely shows by rows that it has not seen what is usual
+        # held-out rows show the usual distance, also of a fit that follows most rows closely
         held_out = fit.held_out[touch.is_touch[used]]
         held_out = held_out[finite_rows(held_out)]
         least = median_length(held_out) if len(held_out) else 0.0
         sound = ~touch.strays(tip, places, least=least)
-        # the rows of the fit are those that are returned: what strays from the last one stays
+        # the rows of the last fit are returned, also those that stray from it
         too_many = sound.mean() < 1 - TOUCHING.most
         if (sound == used).all() or too_many or attempt == TOUCHING.attempts:
             break

@@ -9,7 +9,7 @@ from ..arm.loading import arm_from_urdf
 from ..arm.rotations import logarithm, matrix_of, similarity
 from ..body.belief import knows_orientation
 from ..change.judge import judge
-from ..change.rows import LEARNED, LEAST_ROWS, REPEATED, different_rows
+from ..change.rows import LEARNED, LEAST_ROWS, REPEATED, first_of_equal_rows
 from ..change.verdict import Verdict
 from ..common.choices import check_choice
 from ..common.rows import finite_rows, median_length, row_lengths
@@ -185,7 +185,7 @@ def _of_log(
     model: Model, samples: Samples, source: str, progress: Progress | None
 ) -> Evaluation:
     """The errors of the rows that the verdict on a log counts, of few rows those of all."""
-    different = samples.take(different_rows(samples))
+    different = samples.take(first_of_equal_rows(samples))
     verdict = None
     if len(different) < LEAST_ROWS:  # for a verdict
         rows, notes = sound_log(model, different)
@@ -196,7 +196,7 @@ def _of_log(
     else:
         verdict = judge(model, samples, learn=False, progress=progress)
         rows = verdict.rows.log
-        lost = verdict.rows.lost - samples.left_out
+        lost = verdict.rows.left_out - samples.left_out
         notes = [*verdict.notes]
         if verdict.changed:
             words = f"{verdict.words}: {verdict.main_cause}"

@@ -19,10 +19,10 @@ from ..body.fit import Fit
 from ..body.frame_starts import frame_of_drawing
 from ..body.parameters import Hyper, Indices, Prior
 from ..body.rows import Rows
-from ..body.settings import FREE, PRIOR, PRIOR_SHARE, SHIFT, STUDENT
+from ..body.settings import DRAWN_SHIFT_SD, FLAT_SD, PRIOR, PRIOR_SHARE, STUDENT
 from ..body.spatial import SpatialStructure, structure_of
 from ..common.arrays import Array
-from ..common.rows import finite_rows, row_lengths
+from ..common.rows import finite_rows, rms_spread, row_lengths
 from ..common.scale import METRES
 from ..errors import CalibError, OptionError
 from ..model.alignment import Alignment
@@ -70,7 +70,7 @@ class Points:
     @property
     def extent(self) -> float:
         """Root mean square distance from their middle [unit]."""
-        return _rms(self.x - self.x.mean(axis=0))
+        return rms_spread(self.x)
 
     @classmethod
     def of(cls, model: Model) -> Points:
@@ -218,7 +218,7 @@ def fit_in_space(
         frame_is_free=frame_is_free,
         residual=_misfit(fit, fit.beta) / metre,
         nominal_residual=_misfit(fit, nominal) / metre,
-        reach=_reach(z[:, : structure.blocks[0]]) / metre,
+        reach=_reach(z[:, structure.position]) / metre,
     )
 
 
@@ -302,7 +302,7 @@ def _start_in_plane(
         readings = np.column_stack([points.x, np.zeros(len(points.x))])
         known = 1.0 if points.unit == "m" else None
         turn, shift, scale = similarity(tips, readings, scale=known)
-    return structure.placed(structure.neutral(), turn, shift, scale)
+    return structure.with_sensor_at(structure.neutral(), turn, shift, scale)
 
 
 def _prior_in_plane(
@@ -320,15 +320,18 @@ def _prior_in_plane(
     hypers: tuple[Hyper, ...] = ()
     if not geometry_is_drawn:
         ends = np.vstack([structure.shifts[1:], groups["tool"]])
-        sd[ends] = SHIFT
+        sd[ends] = DRAWN_SHIFT_SD
         shape = np.ones(ends.size)
-        hypers = (Hyper("link", SHIFT, PRIOR.wider, 0.0, ends.ravel(), shape),)
-    if (
-        frame_is_free
-    ):  # the first joint's offset and a turn of the frame are one
+        hypers = (
+            Hyper(
+                "link", DRAWN_SHIFT_SD, PRIOR.wider, 0.0, ends.ravel(), shape
+            ),
+        )
+    # the first joint's offset and a turn of the frame are one
+    if frame_is_free:
         sd[groups["offset"][0]] = 0.0
         sd[groups["view.rotation"][2]] = FITTING.flat
-        sd[groups["view.shift"][:2]] = FREE * structure.extent
+        sd[groups["view.shift"][:2]] = FLAT_SD * structure.extent
         if structure.unit != "m":
             sd[groups["view.scale"]] = FITTING.flat
     return Prior(start, sd, hypers)
@@ -384,7 +387,7 @@ def _covariance(fit: Fit) -> Array:
 
 def _misfit(fit: Fit, beta: Array) -> float:
     """Root mean square distance that parameters leave unexplained [unit]."""
-    positions = slice(fit.structure.blocks[0])
+    positions = fit.structure.position
     return _rms(fit.readings[0].residual_at(beta)[:, positions])
 
 

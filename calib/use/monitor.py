@@ -282,7 +282,7 @@ class _Equations:
     def add(self, q: Array, residual: Array) -> None:
         """Take residuals (b, m) [unit] of samples at joints (b, dof); the last ones come again."""
         count = len(q) - MONITOR.ahead
-        sizes = self._reference.sizes
+        sizes = self._reference.expected_noise
         columns = self._columns(q) / sizes[:, None]
         y = residual / sizes
         medians = self._sample_weights.medians(q, y)
@@ -372,7 +372,7 @@ class _Equations:
         precision = freed[:-1, :-1] + size**2 * np.eye(len(gram) - 1)
         solution = sd[:-1] * np.linalg.solve(precision, freed[:-1, -1])
         freedom = every.noise_freedom(size)
-        self.noise = float(self._reference.sizes[0]) * size
+        self.noise = float(self._reference.expected_noise[0]) * size
         self.delay = MONITOR.late * float(solution[0])
         # autocorrelation of the remaining residual from sample to sample
         rest = np.append(-solution, 1.0)

@@ -179,7 +179,7 @@ def usable_postures(
 
 def _lowest_points(arm: SpatialArm, q: Array) -> Array:
     """Height (n,) [m] of the lowest of the tip and the joints that move."""
-    motion = arm.chain.motion(q)
+    motion = arm.chain.state(q)
     points = np.concatenate([motion.places, motion.position[None]])
     moving = np.ptp(points, axis=2).max(axis=1) > PLANNING.stands
     return np.asarray(points[moving, 2].min(axis=0))

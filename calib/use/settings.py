@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ..body.settings import SHIFT
+from ..body.settings import DRAWN_SHIFT_SD
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class FittingSettings:
     # prior sd of a planar arm's offsets [rad]: servos are put on to that
     offset: float = math.radians(10.0)
     # prior sd of a planar arm's places, but for turns of a link [m]
-    along: float = 5.0 * SHIFT
+    along: float = 5.0 * DRAWN_SHIFT_SD
     # prior sd of a planar sensor's angle and scale [rad or 1]
     flat: float = 100.0
     # change of an origin below which it is rounding [m or rad]

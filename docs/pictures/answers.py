@@ -60,7 +60,7 @@ def maps() -> None:
     answers = sorted(model.inverse_all(TARGET)[0], key=lambda q: -q[1])
     for q, colour in zip(answers, ("#0b7285", INK), strict=True):
         left.plot(*np.degrees(q), "o", color=colour, markersize=10, markeredgecolor="white")
-        motion = arm.chain.motion(q[None])
+        motion = arm.chain.state(q[None])
         stops = np.vstack([motion.places[..., 0], motion.position.T])
         skeleton = 1e3 * arm.plane.project(stops)
         right.plot(*skeleton.T, "-o", color=colour, linewidth=3.5, markersize=6)

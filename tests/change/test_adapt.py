@@ -75,8 +75,8 @@ def test_what_is_known_of_an_adapted_model(tmp_path):
 
 def test_a_model_that_misses_its_rows_by_more_than_promised_is_not_written(monkeypatch):
     module = sys.modules[calib.adapt.__module__]
-    strict = replace(module.ADAPTING, consistent=0.0, clearly_better=0.0)
-    monkeypatch.setattr(module, "ADAPTING", strict)
+    strict = replace(module.ADAPTATION, consistent=0.0, clearly_better=0.0)
+    monkeypatch.setattr(module, "ADAPTATION", strict)
     found = calib.adapt(small(), babbled("elbow.length=+20%", noise=2e-4, n=60))
     assert not found.improved
     assert any("more than promised" in note for note in found.notes)

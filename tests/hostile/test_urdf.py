@@ -36,7 +36,7 @@ def agrees_with_pinocchio(arm, q, truth):
     # an axis may be askew by 1e-4 rad: what leaves the plane is projected onto it
     planar = arm.outputs == 2
     seen = arm.plane.project(truth) if planar else truth
-    far = np.abs(arm.chain.motion(q).places).max()
+    far = np.abs(arm.chain.state(q).places).max()
     size = max(1.0, np.abs(truth).max() / FAR, far / FAR)
     assert np.abs(arm.forward(q) - seen).max() <= 1e-9 * size
     if planar:

@@ -199,7 +199,7 @@ def joints(study: Study) -> Figure | None:
     q = rows.q[spread]
     offsets = structure.groups["offset"]
     slope = structure.linearise(q, body.beta, offsets)[1]
-    levers = np.linalg.norm(slope[:, : structure.blocks[0]], axis=1)
+    levers = np.linalg.norm(slope[:, structure.position], axis=1)
     # a tip on a joint's axis shows nothing of that joint: its errors were given as 40 rad
     moves = levers.max(axis=0) > SETTINGS.hardly * levers.max()
     turning = np.flatnonzero(np.asarray(structure.revolute) & moves).tolist()
@@ -211,7 +211,7 @@ def joints(study: Study) -> Figure | None:
         curve, half = error_curve(body, k, grid)
 
         # what rows say that hold the joint by a long lever: what the model leaves, and the curve
-        lever = slope[:, : structure.blocks[0], k]
+        lever = slope[:, structure.position, k]
         length = levers[:, k]
         long = length > SETTINGS.lever * length.max()
         along = (rows.held_out[spread] * lever).sum(axis=1)[long]
