@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from calib.samples.batch import Batch
 
 BOUNDS = ("expected_error", "model_error")
+UNDETERMINED = (
+    "the base frame's turn about and shift along the first axis, which no reading of a sensor "
+    "with a fitted frame determines"
+)
 # columns in the unit of the positions
 _LENGTHS = ("x", "y", "z", "distance", *BOUNDS)
 
@@ -108,6 +112,7 @@ class Query:
     joints: JointFormat
     positions: PositionFormat
     files: Files
+    is_relative: bool = False  # whether readings determine no base frame
 
     @classmethod
     def of(
@@ -124,7 +129,14 @@ class Query:
         unit_of_answers = "m" if frame == "base" else model.about.unit
         joints = JointFormat(model.about, degrees)
         positions = PositionFormat.of(unit_of_answers, unit)
-        return cls(model, frame, joints, positions, files)
+        is_relative = False
+        if frame == "base":
+            from calib.model.nominal import has_free_frame
+
+            is_relative = has_free_frame(model)
+        if is_relative:
+            note(f"the bound leaves out {UNDETERMINED}")
+        return cls(model, frame, joints, positions, files, is_relative)
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -150,6 +162,8 @@ class Query:
         }
         if in_base:
             meaning["frame"] = "base"
+            if self.is_relative:
+                meaning["not_in_bound"] = UNDETERMINED
         elif about.sensor:
             meaning["sensor"] = about.sensor
         return meaning

@@ -198,13 +198,20 @@ class Body(OfStructure):
         return sd
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """The fitted parameters with 95 % intervals; the curves' harmonics are left out."""
+        """The fitted parameters with 95 % intervals; the curves' harmonics are left out.
+
+        Offsets are those from the drawing, in the joint's own sense.
+        """
         half = Z95 * self.sds_by_rows
+        values = self.beta.copy()
+        values[self.structure.groups["offset"]] = self.structure.zeros(
+            self.beta
+        )
         parameters: list[Parameter] = []
         for k in self.active.tolist():
             group, joint, name, unit = self.structure.labels[k]
             if not group.startswith("curve"):
-                value = float(self.beta[k])
+                value = float(values[k])
                 ends = (float(value - half[k]), float(value + half[k]))
                 parameters.append(
                     Parameter(name, group, joint, value, *ends, unit)

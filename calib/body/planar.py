@@ -136,11 +136,15 @@ class PlanarStructure(Structure):
         return self.signs
 
     @property
+    def is_reversed(self) -> Mask:
+        """Which joints (dof,) turn against their drawing, or without one against their log."""
+        drawn = self.nominal.signs if self.nominal else np.ones(self.dof)
+        return np.not_equal(drawn, self.signs)
+
+    @property
     def reversals(self) -> int:
         """How many joints turn against their drawing, and whether the sensor sees a mirror."""
-        drawn = self.nominal.signs if self.nominal else self.signs
-        is_reversed = np.not_equal(drawn, self.signs)
-        return int(is_reversed.sum()) + (self.mirror < 0)
+        return int(self.is_reversed.sum()) + (self.mirror < 0)
 
     @cached_property
     def loads(self) -> Mapping[str, PlanarLoads]:

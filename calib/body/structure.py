@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from ..arm.spatial_chain import ChainState, move
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from .curves import (
     HARMONICS,
     ORDERS,
@@ -76,6 +76,16 @@ class Structure(Layout):
     def directions(self) -> tuple[int, ...]:
         """How each joint (dof,) moves with its log, 1 or -1."""
         return (1,) * self.dof
+
+    @property
+    def is_reversed(self) -> Mask:
+        """Which joints (dof,) turn against their drawing."""
+        return np.less(self.directions, 0)
+
+    def zeros(self, beta: Array) -> Array:
+        """What is added to the joints' logged values (dof,), beyond the drawing [rad or m]."""
+        deviation = (beta - self.neutral())[self.groups["offset"]]
+        return np.multiply(self.directions, deviation)
 
     def offsets(self, beta: Array) -> Array:
         """Offsets that are added to the joints' values (dof,)."""

@@ -46,6 +46,7 @@ def words_of(
 def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
     """Each joint's own parameters; `half` (d,) half widths of intervals."""
     deviation = beta - structure.neutral()
+    deviation[structure.groups["offset"]] = structure.zeros(beta)
     kinds: dict[tuple[str, str, str], list[int]] = defaultdict(list)
     for index in np.flatnonzero(half).tolist():
         label = structure.labels[index]
@@ -70,10 +71,10 @@ def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
             value = float(beta[indices[0]])
             text = f"{group} {_interval(value, width, unit)}"
         words[joint].append(text)
-    for joint, turn in zip(
-        structure.joint_names, structure.directions, strict=True
+    for joint, is_reversed in zip(
+        structure.joint_names, structure.is_reversed, strict=True
     ):
-        if turn < 0 and joint in words:
+        if is_reversed and joint in words:
             words[joint].append("turns against its log")
     for joint, texts in words.items():
         yield f"{joint}: {', '.join(texts)}"

@@ -177,7 +177,8 @@ def mjcf_text(urdf: str, tip: str) -> str:
     root = ElementTree.Element("mujoco", model="corrected")
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     body = ElementTree.SubElement(root, "worldbody")
-    for joint in parse_robot(urdf).path(tip):
+    path = parse_robot(urdf).path(tip)
+    for joint in path:
         body = ElementTree.SubElement(
             body, "body", {"name": joint.child, **pose_of(joint.origin)}
         )
@@ -196,5 +197,13 @@ def mjcf_text(urdf: str, tip: str) -> str:
                 attributes["range"] = number_text(joint.limits)
             ElementTree.SubElement(body, "joint", attributes)
     ElementTree.SubElement(body, "site", name=tip)
+    coupled = {joint.name: joint.mimic for joint in path if joint.mimic}
+    if coupled:
+        equality = ElementTree.SubElement(root, "equality")
+    for name, mimic in coupled.items():
+        line = number_text((mimic.offset, mimic.multiplier, 0.0, 0.0, 0.0))
+        ElementTree.SubElement(
+            equality, "joint", joint1=name, joint2=mimic.leader, polycoef=line
+        )
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"

@@ -104,18 +104,20 @@ def fit_geometry(model: Model, *, geometry_is_drawn: bool = False) -> Geometry:
     """Fit the nominal chain to what was learned, where rows were, by Gauss-Newton.
 
     Unknown are the joints' offsets and places (of an arm in space six numbers for each joint
-    origin), and with a free frame the sensor's place and, for other units than m, its scale.  The
+    origin), and with a free frame the sensor's place and, for pixels, its scale.  The
     prior settles what the data cannot distinguish, such as an offset and a turned link; the
     intervals hold that freedom.
 
     model : it must have a URDF
     geometry_is_drawn : whether the drawing's lengths and axes are true, so that only the joints'
-        zeros are fitted, with the sensor's frame and the probe
+        zeros are fitted, with the sensor's frame and the probe, as of a model that was trained so
     """
+    geometry_is_drawn |= model.about.options.get("free") == "offsets"
     arm = nominal_arm(model)
     frame_is_free = has_free_frame(model)
     points = Points.of(model)
-    if not frame_is_free and points.unit != "m":
+    metre = METRES.get(points.unit)
+    if not frame_is_free and metre is None:
         raise OptionError(
             f"the model's positions are in {points.unit!r}, a URDF's are in m",
             hint="adapt it with a log in m (or `unit='mm'`)",
@@ -129,7 +131,7 @@ def fit_geometry(model: Model, *, geometry_is_drawn: bool = False) -> Geometry:
         )
     if (
         frame_is_free
-        and points.unit == "m"
+        and metre is not None
         and model.history
         and model.body is not None
     ):
@@ -138,7 +140,8 @@ def fit_geometry(model: Model, *, geometry_is_drawn: bool = False) -> Geometry:
         structure, beta = nominal_in_plane(model)
         x = _before_adaptations(model, structure.predict(points.q, beta))
         to_base = Alignment.between(arm.forward(points.q), x).inverse()
-        points = replace(points, x=to_base.apply(points.x))
+        x = to_base.apply(points.x)
+        points = Points(points.q, x, error=points.error / metre)
         frame_is_free = False
     return fit_in_plane(arm, points, frame_is_free, geometry_is_drawn)
 
@@ -149,20 +152,25 @@ def body_with_zeros(model: Model) -> Body | None:
     A zero is one number: the body's own share of it, beside turned origins and gears that are the
     same to the rows, would be another.
     """
+    about = model.about
     body = model.body
-    if body is None or is_simulated(model) or not model.about.urdf:
+    if body is None or is_simulated(model) or not about.urdf:
         return body
     try:
         offsets = fit_geometry(model).offsets()
     except CalibError:  # no geometry is fitted to pixels of a plane in space
         return body
-    groups = body.structure.groups
+    structure = body.structure
     beta = body.beta.copy()
     root = body.root.copy()
-    for index, offset in zip(groups["offset"], offsets.values(), strict=True):
-        rows = np.flatnonzero(body.active == index)
-        beta[index] = offset.value
-        for row in rows:
+    units = about.units_of_joints
+    for k, offset in enumerate(offsets.values()):
+        index = structure.groups["offset"][k]
+        if structure.labels[index].unit != units[k]:
+            continue  # the direction of a planar arm's slide, which has no zero
+        zero = structure.directions[k] * offset.value
+        beta[index] = structure.neutral()[index] + zero
+        for row in np.flatnonzero(body.active == index):
             root[row] *= offset.interval / (Z95 * np.linalg.norm(root[row]))
     return replace(body, beta=beta, root=root)
 
@@ -257,7 +265,7 @@ def fit_in_plane(
 ) -> Geometry:
     """Fit a planar arm, whose sensor turns about the plane's normal alone.
 
-    frame_is_free : whether the sensor's frame is fitted, and for other units than m its scale
+    frame_is_free : whether the sensor's frame is fitted, and its scale if the unit is no length
     geometry_is_drawn : whether the drawing's lengths are true
     """
     in_space = structure_of(arm, unit=points.unit, extent=points.extent)
@@ -293,16 +301,17 @@ def _start_in_plane(
 
     tips : (n, 3) [m], where the drawn arm has the tip at the points' joint values
     """
-    turn = arm.plane.basis
-    shift = -arm.plane.basis @ arm.plane.origin
-    scale = 1.0
-    if (
-        frame_is_free
-    ):  # a sensor that sees the plane from behind is turned half round
+    metre = METRES.get(points.unit)
+    neutral = structure.neutral()
+    if frame_is_free:
+        # a sensor that sees the plane from behind is turned half round
         readings = np.column_stack([points.x, np.zeros(len(points.x))])
-        known = 1.0 if points.unit == "m" else None
-        turn, shift, scale = similarity(tips, readings, scale=known)
-    return structure.with_sensor_at(structure.neutral(), turn, shift, scale)
+        sensor = similarity(tips, readings, scale=metre)
+        return structure.with_sensor_at(neutral, *sensor)
+    assert metre is not None  # noqa: S101 - `fit_geometry` refuses others
+    turn = arm.plane.basis
+    shift = -metre * turn @ arm.plane.origin
+    return structure.with_sensor_at(neutral, turn, shift, metre)
 
 
 def _prior_in_plane(
@@ -332,7 +341,7 @@ def _prior_in_plane(
         sd[groups["offset"][0]] = 0.0
         sd[groups["view.rotation"][2]] = FITTING.flat
         sd[groups["view.shift"][:2]] = FLAT_SD * structure.extent
-        if structure.unit != "m":
+        if structure.unit not in METRES:
             sd[groups["view.scale"]] = FITTING.flat
     return Prior(start, sd, hypers)
 
