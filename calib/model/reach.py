@@ -47,9 +47,8 @@ class Reach:
 
     space: Space
     posed: bool
-    free_axis: int | None = (
-        None  # axis of the tip about which it may turn freely
-    )
+    # axis of the tip about which it may turn freely
+    free_axis: int | None = None
 
     @staticmethod
     def of(space: Space, *, posed: bool, free_axis: int | None = None) -> Reach:
