@@ -212,7 +212,7 @@ def describe_joints(
     # the distance of a target at 1e308 may be infinite
     with np.errstate(over="ignore"):
         distance = row_lengths(position - x[target])
-    # steps over a forged model's numbers may overflow; where joints are no numbers, none is within
+    # a forged model's numbers may overflow: joints that are no numbers are not within reach
     finite = np.nan_to_num(u, posinf=0.0, neginf=0.0)
     reading_bound = model.bound_at(finite)
     same = model.model_bounds is model.bounds

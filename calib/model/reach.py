@@ -65,7 +65,7 @@ class Reach:
         return Solver(newton, self._starts)
 
     def lead(self, target: Array, near: Array) -> tuple[Array, Array]:
-        """Lead joints `near` (n, dof) to targets; joints (n, dof), and what is missing.
+        """Lead joints `near` (n, dof) to targets: joints (n, dof), and their distances (n,) [m].
 
         Of a pose a radian of turn counts as the arm's length.
         """
