@@ -256,9 +256,7 @@ def follow_targets(
     places = np.arange(len(x))
     latest = np.searchsorted(near, places, side="right") - 1
     joints = rows[np.maximum(latest, 0)]
-    jump_places = np.array(jumps, dtype=np.intp)
-    jump_rows = near[jump_places]
-    return joints, jump_rows
+    return joints, near[np.array(jumps, dtype=np.intp)]
 
 
 def close_to_map(sensory: Map, x: Array) -> Mask:

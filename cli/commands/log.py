@@ -124,8 +124,9 @@ def log(
         from calib.recording.bags import read_bag
 
         if len(bag) > 1:
-            why = "names are for pictures: expected one bag"
-            raise BadOption(f"{len(bag)} {why}")
+            raise BadOption(
+                f"{len(bag)} names are for pictures: expected one bag"
+            )
         rows = read_bag(
             bag[0],
             joints_topic=joints_topic,
