@@ -130,8 +130,7 @@ class Solver:
         lost = np.setdiff1d(targets, solutions.target)
         if not len(lost):
             return solutions
-        dof = solutions.u.shape[1]
-        middle = np.full((len(lost), dof), 0.5)
+        middle = np.full((len(lost), solutions.u.shape[1]), 0.5)
         u, distance = self.solve(x[lost], middle)
         others = Solutions(lost, u, distance)
         return solutions.joined(others, self.newton.scale)
@@ -208,11 +207,10 @@ class Solver:
         if newton.redundant:
             solutions = solutions.sorted(newton.scale)
         else:  # where branches meet
-            rows = np.arange(len(target))
             rows, across = starts_across_fold(
                 newton,
                 iterate,
-                rows,
+                np.arange(len(target)),
                 SOLVER.fold,
             )
             other = newton.refine(across, iterate.x[rows])
