@@ -154,9 +154,8 @@ class Outcome:
     document: JsonDocument  # what --json prints
     lines: Sequence[Line] = ()  # what people read, the verdict first
     more: Sequence[Line] = ()  # what --verbose adds
-    warnings: Sequence[
-        str
-    ] = ()  # lines before all others; with any the exit code is `EXIT_ACT`
+    # lines before all others; with any the exit code is `EXIT_ACT`
+    warnings: Sequence[str] = ()
     # what --quiet prints, the first line if not given
     result: Sequence[Line] | None = None
     # what goes to standard output as CSV

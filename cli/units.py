@@ -18,9 +18,8 @@ if TYPE_CHECKING:
 
 def units_of(about: About, positions: str | None = None) -> dict[str, object]:
     """Units of the numbers in a JSON document; errors and bounds have that of the positions."""
-    joints = by_name(about.joint_names, about.units_of_joints)
     return {
-        "joints": joints,
+        "joints": by_name(about.joint_names, about.units_of_joints),
         "positions": positions or about.unit,
         "seconds": "s",
     }

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from ..common.arrays import Array, Range
-from ..common.rows import row_lengths
 from ..common.wording import listing, one_line, quoted
 from ..errors import OptionError, RobotError
 from .arm import PlanarArm, SpatialArm, learned_range, notes_of_turns
@@ -173,13 +172,11 @@ def arm_from_urdf(
 
 def _notes_of_size(chain: SpatialChain) -> list[str]:
     """Return a note on an arm that is longer than any, whose lengths may be in mm."""
-    places = np.vstack([chain.points, chain.tip])
-    length = float(row_lengths(np.diff(places, axis=0)).sum())
-    if length < FINDING.giant:
+    if chain.reach < FINDING.giant:
         return []
     return [
-        f"links of {length:.4g} m in all: lengths in a URDF are in metres; if these are in mm, "
-        "correct them"
+        f"links of {chain.reach:.4g} m in all: lengths in a URDF are in metres; if these are in "
+        "mm, correct them"
     ]
 
 

@@ -24,9 +24,7 @@ SMALLEST = 1e-6
 class Longest:
     """Most characters of what is printed."""
 
-    line: int = (
-        1_500  # a message; of a longer one its beginning and end are shown
-    )
+    line: int = 1_500  # a message; of a longer one both ends are shown
     name: int = 60  # in a line with several names
 
 

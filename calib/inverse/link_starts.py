@@ -43,7 +43,7 @@ LINK_STARTS = LinkStartSettings()
 
 
 def solver_by_links(association: Association, predictor: Predictor) -> Solver:
-    """The search for positions of a forward map that starts at what links propose."""
+    """The solver for positions of a forward map whose starts links propose."""
     span = association.sensory.scale.span
     extent = float(np.linalg.norm(span))
     task = Positions(predictor.value_and_slope, len(span), extent)
@@ -206,7 +206,7 @@ class LinkStarts:
 
 
 def _bent(steps: Array, bends: Array) -> Array:
-    """The steps du (n, dof) for which ``du + bends du du`` are straight ones (n, dof)."""
+    """Steps du (n, dof) for which ``du + bends du du`` equals straight steps (n, dof)."""
     bent = steps
     for _ in range(LINK_STARTS.rounds):
         rates = (bends @ bent[:, None, :, None])[..., 0]

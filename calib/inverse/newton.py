@@ -14,7 +14,7 @@ from .settings import SOLVER
 from .task import Task
 
 ROUNDING = 3e-13
-"""Share of a task's size to which a target is met as well as numbers allow."""
+"""Residual, as a share of a task's size, that is rounding alone."""
 
 
 class Iterate(NamedTuple):
@@ -31,7 +31,7 @@ class Iterate(NamedTuple):
         return Iterate(*[part.take(index, axis=0) for part in self])
 
     def put(self, index: Index, other: Iterate) -> None:
-        """Put other joints in the place of some, for the same targets."""
+        """Replace some rows by others for the same targets."""
         self.u[index] = other.u
         self.residual[index] = other.residual
         self.slope[index] = other.slope
@@ -261,12 +261,12 @@ def _eased(damping: Array) -> Array:
 
 
 def limit_length(moves: Array, longest: float) -> Array:
-    """Moves (n, d) of at most that length, shortened where they are longer."""
+    """Moves (n, d), shortened where they are longer than `longest`."""
     return _limit(moves, row_lengths(moves), longest)
 
 
 def limit_joints(moves: Array, longest: float) -> Array:
-    """Moves (n, d) shortened so that no joint goes further than that."""
+    """Moves (n, d), shortened where a joint goes further than `longest`."""
     size = np.abs(moves)
     if size.max(initial=0.0) <= longest:
         return moves
@@ -274,7 +274,7 @@ def limit_joints(moves: Array, longest: float) -> Array:
 
 
 def _limit(moves: Array, size: Array, longest: float) -> Array:
-    """Moves (n, d) scaled down where their sizes (n,) are larger than that."""
+    """Moves (n, d), shortened where their sizes (n,) exceed `longest`."""
     if size.max(initial=0.0) <= longest:
         return moves
     share = np.minimum(1.0, longest / np.maximum(size, 1e-300))

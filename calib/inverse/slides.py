@@ -46,7 +46,7 @@ def solve_near(
 
 @dataclass(frozen=True)
 class Slides:
-    """Slides of n joints, each towards what is near to them; its arrays are changed in place.
+    """Slides of n rows of joints towards those of `near`; its arrays are changed in place.
 
     The self-motion is curved: the length of a slide follows from the last one (Barzilai and Borwein
     1988).

@@ -1,4 +1,4 @@
-"""Solutions: joints that are sought for several targets at once, each with its target's index."""
+"""Solutions: joints for several targets at once, each with the index of its target."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .settings import SOLVER
 
 @dataclass(frozen=True)
 class Solutions:
-    """Solutions to targets, one row each."""
+    """Solutions of targets, one row each."""
 
-    target: Index  # (n,), ascending
+    target: Index  # (n,), number of each one's target, ascending
     u: Array  # (n, dof), joints of the unit box
-    distance: Array  # (n,)
+    distance: Array  # (n,), length of the residual
 
     def rows(self, index: Index | Mask) -> Solutions:
         """Some of the solutions."""
@@ -62,7 +62,7 @@ def rank_within(owner: Index) -> Index:
 
 
 def random_joints(count: int, dof: int) -> Array:
-    """Joints (count, dof) all over the unit box, many of them at a limit; always the same."""
+    """Joints (count, dof) at random all over the unit box, many at a limit; always the same."""
     u = np.random.default_rng(0).random((count, dof))
     outwards = SOLVER.overhang * (2.0 * u - 1.0)
     return np.clip(u + outwards, 0.0, 1.0)
@@ -71,7 +71,7 @@ def random_joints(count: int, dof: int) -> Array:
 def distinct(
     scale: Scale, target: Index, u: Array, apart: Array | float
 ) -> Mask:
-    """Which joints (n, dof) are `apart` from all earlier ones of their target that stay, (n,).
+    """Which joints (n, dof) stay: those `apart` from all earlier ones of their target, (n,).
 
     target : (n,), ascending
     apart : one or (n,), share of the joints' ranges; of two rows the smaller one counts

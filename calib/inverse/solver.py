@@ -1,4 +1,4 @@
-"""Solver: of all joints that do a task the nearest to some, or every one."""
+"""Solver: the joints nearest to some that meet a target, or all that meet it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _UNMET = 1e3
 
 
 class Starts(Protocol):
-    """Where solutions to targets may begin."""
+    """Joints from which searches for targets start."""
 
     def of(self, x: Array) -> tuple[Index, Array]:
         """Joints (k, dof) of the unit box, and which of targets (n, m) each is for, ascending."""
@@ -66,7 +66,7 @@ class BestSolutions:
         self.take(owner, trial)
 
     def take(self, owner: Index, trial: Iterate) -> None:
-        """Take solutions (k,) to targets (k,) that are better than the best so far."""
+        """Take solutions (k,) of targets (k,) that are better than the best so far."""
         cost = _cost(self.newton, trial, self.near[owner])
         before = self.cost[owner]
         np.minimum.at(self.cost, owner, cost)
@@ -85,7 +85,7 @@ def _cost(newton: Newton, iterate: Iterate, near: Array) -> Array:
 
 @dataclass(frozen=True)
 class Solver:
-    """One search for every task: starts, Newton steps, and what lies across a fold."""
+    """One search for every task: starts, Newton steps, and starts across folds."""
 
     newton: Newton
     starts: Starts
@@ -130,8 +130,7 @@ class Solver:
         lost = np.setdiff1d(targets, solutions.target)
         if not len(lost):
             return solutions
-        dof = solutions.u.shape[1]
-        middle = np.full((len(lost), dof), 0.5)
+        middle = np.full((len(lost), solutions.u.shape[1]), 0.5)
         u, distance = self.solve(x[lost], middle)
         others = Solutions(lost, u, distance)
         return solutions.joined(others, self.newton.scale)
@@ -208,11 +207,10 @@ class Solver:
         if newton.redundant:
             solutions = solutions.sorted(newton.scale)
         else:  # where branches meet
-            rows = np.arange(len(target))
             rows, across = starts_across_fold(
                 newton,
                 iterate,
-                rows,
+                np.arange(len(target)),
                 SOLVER.fold,
             )
             other = newton.refine(across, iterate.x[rows])
@@ -231,10 +229,10 @@ class Solver:
     def _starts_everywhere(self, x: Array) -> tuple[Index, Array]:
         """All starts of targets (n, m), and joints at random all over their ranges."""
         target, start = self.starts.of(x)
-        drawn = random_joints(SOLVER.drawn, start.shape[1])
-        owner = np.repeat(np.arange(len(x)), len(drawn))
+        anywhere = random_joints(SOLVER.drawn, start.shape[1])
+        owner = np.repeat(np.arange(len(x)), len(anywhere))
         targets = np.concatenate([target, owner])
-        joints = np.concatenate([start, np.tile(drawn, (len(x), 1))])
+        joints = np.concatenate([start, np.tile(anywhere, (len(x), 1))])
         return targets, joints
 
 
@@ -244,8 +242,8 @@ def starts_across_fold(
     """Which of some rows are near a fold (k,), and starts (k, dof) for the solutions across it.
 
     Along the direction v that hardly moves the tip the least singular value s = w' J v falls
-    linearly to zero, at a rate ``w' (dJ/dv) v``, and the other way lies about as far beyond as this
-    one lies before.
+    linearly to zero, at a rate ``w' (dJ/dv) v``, and the other solution lies about as far beyond as
+    this one lies before.
 
     fold_threshold : least singular value beside a fold, of the Jacobian's squares
     """

@@ -226,7 +226,7 @@ def _moves(structure: Structure, belief: Body | GuardFit, q: Array) -> Array:
 
 
 def _amounts(basis: Array, moves: Array, least: float) -> Array:
-    """Amounts (D, k) of what an arm's parts move (rows, D) that make moves (rows, k)."""
+    """Amounts (D, k) of parts, which move positions by a basis (rows, D), for moves (rows, k)."""
     size = np.linalg.norm(basis, axis=0)
     # such as the load of an upright joint
     still = size < 1e-10 * size.max()

@@ -30,9 +30,8 @@ class AnswerSettings:
 
     # of the workspace's extent, that always counts as reached
     reached: float = 1e-9
-    furthest: float = (
-        1e6  # extents of the workspace, at which targets are limited
-    )
+    # extents of the workspace: targets that are further away are limited
+    furthest: float = 1e6
     # damping of a step of a servo, as a share of the Jacobian's power
     calm: float = 1e-3
     longest: float = 0.1  # of the joints' range: no step of a servo is longer
@@ -213,7 +212,7 @@ def describe_joints(
     # the distance of a target at 1e308 may be infinite
     with np.errstate(over="ignore"):
         distance = row_lengths(position - x[target])
-    # steps over a forged model's numbers may overflow; where joints are no numbers, none is within
+    # a forged model's numbers may overflow: joints that are no numbers are not within reach
     finite = np.nan_to_num(u, posinf=0.0, neginf=0.0)
     reading_bound = model.bound_at(finite)
     same = model.model_bounds is model.bounds
@@ -222,8 +221,9 @@ def describe_joints(
         position_bound = model.bound_at(finite, "model_bounds")
     within = distance <= _within_reach(model, reading_bound)
     q = model.motor.scale.from_unit(u)
-    bounds = reading_bound, position_bound
-    return Answer(q, position, distance, *bounds, within, target)
+    return Answer(
+        q, position, distance, reading_bound, position_bound, within, target
+    )
 
 
 def _within_reach(model: ModelParts, bound: Array) -> Array:

@@ -25,9 +25,8 @@ class RowPlaces(ReadOnly):
     than the median of these distances.
     """
 
-    places: Annotated[
-        Array, Shape("seen", "dof", storage="f4")
-    ]  # in the unit box
+    # in the unit box
+    places: Annotated[Array, Shape("seen", "dof", storage="f4")]
     # how far around each place the bound holds, in the unit box
     reach: Annotated[Array, Shape("seen", storage="f4")]
 

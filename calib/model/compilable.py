@@ -29,7 +29,7 @@ _UNREACHED = "no joints were found from `near` on within a bounded search"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compilable(ModelParts):
-    """The parts of a model, and what was compiled of them."""
+    """A model's parts, and the kernel that was compiled of them."""
 
     strict: ClassVar[bool] = False  # see `warm_up`; no field, as `kernel`
 

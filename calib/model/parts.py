@@ -40,8 +40,8 @@ MOST_BLENDED = 3
 STEEP = 2.0
 # of the reach: where the bound on the position exceeds it, there is no answer
 MOST_SHARE = 0.1
-# of a joint's range by which values beyond it are answered: an encoder at its stop reads a hair
-# beyond the limit
+# share of a joint's range by which values may be beyond it: an encoder at its stop reads a hair
+# more than the limit
 ROUNDED = 1e-5
 
 _P = TypeVar("_P", bound="ModelParts")
@@ -175,7 +175,7 @@ class ModelParts:
 
     @cached_property
     def reach(self) -> float:
-        """How far the tip can be from the middle of what it reaches [unit]."""
+        """Largest distance [unit] of the tip from the middle of what it reaches."""
         if self.body is None:
             return 0.5 * self.solver.extent
         structure = self.body.structure
@@ -220,7 +220,7 @@ class ModelParts:
         return (share >= -slack) & (share <= 1.0 + slack)
 
     def beyond_range(self, q: Array, *, degrees: bool = False) -> str | None:
-        """Which of joint values (dof,) is outside of its learned range, None if none is.
+        """The first of joint values (dof,) that is outside of its learned range, in words, or None.
 
         degrees : whether angles are in degrees
         """

@@ -42,9 +42,9 @@ class PathSettings:
     most_rows: int = 1_000_000
     # of the arm's length: targets of the base frame that are further away are not followed
     furthest: float = 1.1
-    # a joint turns fast by more than this [rad] from one row to the next, which is so much for each
-    # extent of the workspace [rad] that the tip moves: usual rows have 0.03 and 3, those beside the
-    # first axis 0.7 and 70
+    # a joint turns fast by more than `turn` [rad] from one row to the next, if that is more than
+    # `faster` [rad] for each extent of the workspace that the tip moves: usual rows have 0.03 and
+    # 3, those beside the first axis 0.7 and 70
     turn: float = 0.2
     faster: float = 20.0
     # How joints follow a target.
@@ -175,7 +175,7 @@ def follow_path(
 
 
 def _fast_turns(angles: Array, way: Array) -> Index:
-    """Rows to which a joint turns far for the way of the tip.
+    """Rows to which a joint turns far while the tip moves little.
 
     angles : (n, joints) [rad], of those that turn
     way : (n - 1,), from each row to the next, in extents of the workspace
@@ -256,9 +256,7 @@ def follow_targets(
     places = np.arange(len(x))
     latest = np.searchsorted(near, places, side="right") - 1
     joints = rows[np.maximum(latest, 0)]
-    jump_places = np.array(jumps, dtype=np.intp)
-    jump_rows = near[jump_places]
-    return joints, jump_rows
+    return joints, near[np.array(jumps, dtype=np.intp)]
 
 
 def close_to_map(sensory: Map, x: Array) -> Mask:

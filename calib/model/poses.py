@@ -170,7 +170,7 @@ def _rotations(quaternion: ArrayLike, n: int) -> Array:
 
 
 def wrong_length(quaternion: ArrayLike, n: int = 1) -> str:
-    """Name the first of some quaternions (n, 4) that is none by its length; "" for none."""
+    """What is wrong with the first of quaternions (n, 4) that is not of length 1, or ""."""
     rows = rows_for(quaternion, QUATERNION, "quaternion", n)
     length = row_lengths(rows)
     off = np.abs(length - 1.0)

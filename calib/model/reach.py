@@ -47,9 +47,8 @@ class Reach:
 
     space: Space
     posed: bool
-    free_axis: int | None = (
-        None  # axis of the tip about which it may turn freely
-    )
+    # axis of the tip about which it may turn freely
+    free_axis: int | None = None
 
     @staticmethod
     def of(space: Space, *, posed: bool, free_axis: int | None = None) -> Reach:
@@ -66,7 +65,7 @@ class Reach:
         return Solver(newton, self._starts)
 
     def lead(self, target: Array, near: Array) -> tuple[Array, Array]:
-        """Lead joints `near` (n, dof) to targets; joints (n, dof), and what is missing.
+        """Lead joints `near` (n, dof) to targets: joints (n, dof), and their distances (n,) [m].
 
         Of a pose a radian of turn counts as the arm's length.
         """

@@ -81,7 +81,7 @@ def joint_ranges(model: ModelParts) -> Section:
 
 
 def body_arm(arm: KernelArm) -> Section:
-    """The body's chain and its view, and of lens, curves, coupling and bending what it has."""
+    """The body's chain and view, with lens, curves, coupling and bending where it has them."""
     tables: Tables = {
         "turns": np.array(arm.chain.revolute, int),
         "view": arm.view.ravel(),
@@ -260,7 +260,7 @@ def grid_starts(model: ModelParts) -> Section:
 
 
 def posture_starts(model: ModelParts) -> Section:
-    """Joints of redundant arms, which have too many for each place: some postures."""
+    """Some postures, as starts for redundant arms, which have too many solutions for a table."""
     nodes = np.flatnonzero(model.visited)
     nodes = nodes[spread_rows(len(nodes), START.postures)]
     return _starts(model, model.motor.units_in_box[nodes])

@@ -114,8 +114,9 @@ def log(
             "tip_topic": tip_topic,
             "frames": frames,
         }
-        of_videos = {"still": still, "time_offset": time_offset}
-        _check_pictures(bag, eye, of_bags, of_videos)
+        _check_pictures(
+            bag, eye, of_bags, {"still": still, "time_offset": time_offset}
+        )
     if joints_file is not None:
         table = read_joints(
             joints_file, joints, degrees=degrees, prismatic=sliding
@@ -124,8 +125,9 @@ def log(
         from calib.recording.bags import read_bag
 
         if len(bag) > 1:
-            why = "names are for pictures: expected one bag"
-            raise BadOption(f"{len(bag)} {why}")
+            raise BadOption(
+                f"{len(bag)} names are for pictures: expected one bag"
+            )
         rows = read_bag(
             bag[0],
             joints_topic=joints_topic,
@@ -228,8 +230,7 @@ def _outcome(
         },
     }
     columns = ", ".join(log_columns(rows))
-    line = f"{path}: {len(rows)} rows of {columns} {units}"
-    return Outcome(document, [line])
+    return Outcome(document, [f"{path}: {len(rows)} rows of {columns} {units}"])
 
 
 def _noise(rows: Samples) -> str:

@@ -81,8 +81,10 @@ def plan(
 ) -> Outcome:
     is_model = robot.endswith(".calib")
     if not handeye or is_model:
-        why = "is for --handeye of ROBOT: a model knows its board"
-        refuse({"board": board, "eye": eye}, why)
+        refuse(
+            {"board": board, "eye": eye},
+            "is for --handeye of ROBOT: a model knows its board",
+        )
     elif board is None:
         raise BadOption(
             "--handeye needs --board, such as 7x5:24mm:18mm:5x5_100"
@@ -122,18 +124,17 @@ def plan(
             of_robot,
             "is for ROBOT: a model has its joints and its tip already",
         )
-        model = calib.load(robot)
-        source = model
-        shown = JointFormat(model.about, degrees)
+        source = calib.load(robot)
+        about = source.about
+        shown = JointFormat(about, degrees)
         # an arm was loaded with its ranges, which it may need where it states no limits
-        revolute = by_name(shown.names, model.about.revolute)
+        revolute = by_name(shown.names, about.revolute)
         within = in_si("--range", ranges, revolute, degrees)
     else:
         selection = Selection(joints, tip, planar, lock, ranges, degrees)
-        arm = selection.load(robot)
-        say(arm.notes)
-        source = arm
-        shown = JointFormat(arm, degrees)
+        source = selection.load(robot)
+        say(source.notes)
+        shown = JointFormat(source, degrees)
     margins = None
     if margin is not None:
         margins = [margin / factor for factor in shown.to_typed]
@@ -187,7 +188,7 @@ def _flange_poses(rig: str, output: str, count: int, seed: int) -> Outcome:
     """Write the flange poses that best determine what a rig left open."""
     import numpy as np
 
-    from calib.arm.rotations import quaternion_of
+    from calib.arm.rotations import QUATERNION, quaternion_of
     from calib.recording.next_poses import next_poses
     from calib.recording.rig import load_rig
     from calib.samples.tables import write_table
@@ -196,8 +197,7 @@ def _flange_poses(rig: str, output: str, count: int, seed: int) -> Outcome:
     numbers = np.column_stack(
         [flange[:, :3, 3], quaternion_of(flange[:, :3, :3])]
     )
-    names = ("x", "y", "z", "qx", "qy", "qz", "qw")
-    table = by_name(names, numbers.T)
+    table = by_name(("x", "y", "z", *QUATERNION), numbers.T)
     write_table(output, table)
     document = {
         "output": output,

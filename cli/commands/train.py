@@ -164,8 +164,10 @@ def _check_sources(
             f"ROBOT {robot!r} is a table: a log is given as --data {robot}"
         )
     if data:
-        why = "applies to simulated babbling, which --data replaces"
-        refuse(of_simulation, why)
+        refuse(
+            of_simulation,
+            "applies to simulated babbling, which --data replaces",
+        )
     else:
         refuse(of_logs, FOR_LOGS)
     if robot is not None and of_logs["prismatic"] is not None:
