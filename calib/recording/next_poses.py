@@ -238,7 +238,7 @@ def _greedy_by_trace(
         directions = after_reading(directions, reading)
         hand = after_reading(hand, reading)
         covariances.append(hand @ hand.T)
-    return np.array(chosen, dtype=np.intp), np.array(covariances)
+    return np.array(chosen, np.intp), np.array(covariances)
 
 
 def next_poses(

@@ -164,17 +164,17 @@ def log_video(
     if still is None:
         mean = frames / len(groups)
         notes.append(f"{len(groups)} rests of {mean:.0f} frames")
+    moving = int(usable.sum()) - frames
+    dropped = {**sightings.reasons, **dropped, why: moving}
 
     # tag, joints and time of each row
     tags = [_median_tag([sightings.tags[k] for k in group]) for group in groups]
+    q = np.array([q[group].mean(axis=0) for group in groups])
     about = {
         "source": "video",
         "time_offset": clocks.offset,
         "rate": clocks.rate,
     }
-    moving = int(usable.sum()) - frames
-    dropped = {**sightings.reasons, **dropped, why: moving}
-    q = np.array([q[group].mean(axis=0) for group in groups])
     log = _log_of(sightings, tags, joints.names, q, about, dropped)
     row_time = np.array([np.median(when[group]) for group in groups])
     notes += log.notes

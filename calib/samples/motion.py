@@ -166,7 +166,7 @@ def pose_index(q: Array) -> Index:
     # many equal rows would be each other's neighbours alone: they are one row here
     decimals = round(-np.log10(ONE_POSE.exact)) + 1
     distinct, place = np.unique(q.round(decimals), axis=0, return_inverse=True)
-    place = np.asarray(place.ravel(), dtype=np.intp)
+    place = np.asarray(place.ravel(), np.intp)
     count = len(distinct)
     if not 1 < count <= ONE_POSE.most_rows:
         return label_numbers(place)
@@ -197,7 +197,7 @@ def _joined(neighbour: Index, is_joined: Mask) -> Index:
     count = len(neighbour)
     pairs = (row, neighbour[is_joined])
     graph = coo_array((np.ones(len(row)), pairs), (count, count))
-    return np.asarray(connected_components(graph)[1], dtype=np.intp)
+    return np.asarray(connected_components(graph)[1], np.intp)
 
 
 def label_numbers(labels: Index) -> Index:

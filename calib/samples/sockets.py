@@ -71,7 +71,7 @@ class Touches(RowArrays):
         sockets = sorted({*map(tuple, points[touched])})
         place = {socket: number for number, socket in enumerate(sockets)}
         number = [place.get(tuple(names), -1) for names in points]
-        touches = Touches(np.array(number, dtype=np.intp), tuple(sockets))
+        touches = Touches(np.array(number, np.intp), tuple(sockets))
         stated = touches.means(x, median=True)
         facts = []
         for i, j in combinations(range(len(sockets)), 2):

@@ -154,8 +154,8 @@ class OnlineAdapter:
     def feed(self, q: Array, x: Array) -> Step:
         """Take the next samples of the stream, (n, dof) and (n, m), and learn from them."""
         model = self._model
-        q = np.asarray(q, dtype=float)
-        x = np.asarray(x, dtype=float)
+        q = np.asarray(q, float)
+        x = np.asarray(x, float)
         u = model.motor.scale.to_unit(q)
         v = model.sensory.scale.to_unit(x)
         if not len(u):

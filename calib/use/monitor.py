@@ -127,8 +127,8 @@ class Monitor:
         Orientations are not watched: a tool that turned about its tip is no alarm.
         """
         model = self._model
-        q = np.asarray(q, dtype=float)
-        x = np.asarray(x, dtype=float)
+        q = np.asarray(q, float)
+        x = np.asarray(x, float)
         expected = len(model.about.joint_names), len(model.axes)
         if (*q.shape, *x.shape) != expected:
             raise QueryError(
