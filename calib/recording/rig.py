@@ -124,14 +124,14 @@ class HandEye:
 
     @property
     def eye_is_doubtful(self) -> bool:
-        """Whether poses fit only as the base in the flange, and the hand is further off than it."""
+        """Whether only inverse poses fit, and then with the hand's distance above the base's."""
         is_inverse = self.convention is not None and self.convention["inverse"]
         hand, base = self.distances
         return is_inverse and hand > base
 
     @property
     def distances(self) -> tuple[float, float]:
-        """Distances [m] of what is in the hand from the flange, of what is at rest from the base."""
+        """Distances [m] from the flange to what is in the hand, from the base to what is at rest."""
         hand = math.hypot(*self.hand["position"])
         return hand, math.hypot(*self.base["position"])
 

@@ -41,7 +41,7 @@ class SocketFact:
         """How far places (p, 3) are off (k,) [m]."""
         points = places[list(self.points)]
         if self.value is not None:
-            apart = np.linalg.norm(points[:1] - points[1:], axis=1)
+            apart = row_lengths(points[:1] - points[1:])
             return np.asarray(apart - self.value)
         centred = points - points.mean(axis=0)
         normal = np.linalg.svd(centred)[2][2]

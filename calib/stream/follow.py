@@ -221,7 +221,7 @@ class OnlineAdapter:
         v = v[:: FOLLOW.glance]
         residual = self._vdsom.predict(u) - v
         residual *= self._model.sensory.scale.span
-        return float(np.linalg.norm(residual, axis=1).mean())
+        return float(row_lengths(residual).mean())
 
     def _beyond(self, u: Array, v: Array) -> float:
         """Share of some samples that are beyond the model's own bound on what a sensor reads.
@@ -267,7 +267,7 @@ class OnlineAdapter:
         residual = model.association.forward(u[rows], "activity")
         residual -= v[rows]
         residual *= span
-        error = np.linalg.norm(residual, axis=1).mean()
+        error = row_lengths(residual).mean()
         return np.array([zeta, error + noise])
 
     def _thresholds(self, sensory: Map) -> tuple[float, float]:

@@ -338,7 +338,7 @@ class _Equations:
 
         Of least absolute deviations: samples at rest hardly change it, nor does a wrong detection.
         """
-        size = np.linalg.norm(late, axis=1)
+        size = row_lengths(late)
         size = np.maximum(size, 1e-150)
         ratio = (y * late).sum(axis=1) / size**2
         self._delays.extend(zip(ratio.tolist(), size.tolist(), strict=True))

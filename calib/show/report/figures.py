@@ -199,7 +199,7 @@ def joints(study: Study) -> Figure | None:
     q = rows.q[spread]
     offsets = structure.groups["offset"]
     slope = structure.linearise(q, body.beta, offsets)[1]
-    levers = np.linalg.norm(slope[:, : structure.blocks[0]], axis=1)
+    levers = row_lengths(slope[:, : structure.blocks[0]])
     # a tip on a joint's axis shows nothing of that joint: its errors were given as 40 rad
     moves = levers.max(axis=0) > SETTINGS.hardly * levers.max()
     turning = np.flatnonzero(np.asarray(structure.revolute) & moves).tolist()
