@@ -131,7 +131,7 @@ class HandEye:
 
     @property
     def distances(self) -> tuple[float, float]:
-        """Distances [m] from the flange to what is in the hand, from the base to what is at rest."""
+        """Distance [m] of what is in the hand from the flange, then of the other from the base."""
         hand = math.hypot(*self.hand["position"])
         return hand, math.hypot(*self.base["position"])
 
