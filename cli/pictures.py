@@ -135,12 +135,14 @@ def record_board(
             "--eye needs --board COLSxROWS:SQUARE:MARKER:DICT, which is seen"
         )
     need_joints(source, joints)
-    shots = find_board(source, joints, board, camera=camera, names=names)
+    board_pictures = find_board(
+        source, joints, board, camera=camera, names=names
+    )
     known_lens = None
     if lens is not None:
-        known_lens, notes = load_lens(lens, shots.board)
+        known_lens, notes = load_lens(lens, board_pictures.board)
         say(notes)
-    log = shots.log(known_lens or shots.lens(), eye)
+    log = board_pictures.log(known_lens or board_pictures.lens(), eye)
     say(log.notes)
     return log
 
@@ -164,10 +166,10 @@ def log_of_pictures(
         )
     need_joints(source, joints_file)
     in_degrees = about.degrees if degrees is None else degrees
-    shots = find_board(
+    board_pictures = find_board(
         source, joints_file, board["board"], about, camera, degrees=in_degrees
     )
-    log = shots.log(lens_of_model(model), board["eye"])
+    log = board_pictures.log(lens_of_model(model), board["eye"])
     say(log.notes)
     return log
 

@@ -113,8 +113,6 @@ class _Pair:
         track_speed = _speed(joints_at(track_grid, self.t, self.x))
         scales = np.maximum(self.q.std(0), 1e-9)
         joints_speed = _speed(self.joints(joint_grid) / scales)
-        track_speed = track_speed - track_speed.mean()
-        joints_speed = joints_speed - joints_speed.mean()
 
         # their correlation at each lag at which most of the shorter one overlaps
         overlap = correlate(joints_speed**0, track_speed**0, method="fft")
@@ -221,11 +219,13 @@ class _Pair:
 
 
 def _speed(values: Array) -> Array:
-    """Smooth speed (n,) of values (n, d) on the grid of time."""
+    """Smooth speed (n,) of values (n, d) on the grid of time, less its mean."""
     velocity = np.gradient(values, 1.0 / CLOCK.grid, axis=0)
     speed = row_lengths(velocity)
     window = np.hanning(CLOCK.smooth)[1:-1]
-    return np.convolve(speed, window / window.sum(), "same")
+    smooth: Array = np.convolve(speed, window / window.sum(), "same")
+    smooth -= smooth.mean()
+    return smooth
 
 
 @one_blas_thread()

@@ -42,7 +42,6 @@ from .problem import problem_of_joints, problem_of_poses
 from .rig import HandEye as HandEye
 
 BoardSource = PictureSource | BoardPictures
-Eyes = str | Mapping[str, str]
 _T = TypeVar("_T")
 
 
@@ -51,7 +50,7 @@ def handeye(
     pictures: BoardSource | Mapping[str, BoardSource] | None = None,
     joints: FilePath | Source | JointTable | None = None,
     board: Pattern | str | None = None,
-    eye: Eyes = "hand",
+    eye: str | Mapping[str, str] = "hand",
     *,
     poses: FilePath | FlangeTable | Array | None = None,
     boards: Array | None = None,

@@ -34,7 +34,7 @@ def joint_columns(header: Sequence[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class JointTable:
-    """Joints as they were recorded; rows with a missing value are left out, and counted."""
+    """Recorded joints without rows that miss a value, which are counted."""
 
     label: str
     names: tuple[str, ...]
@@ -62,8 +62,8 @@ def read_joints(
 ) -> JointTable:
     """Read a table of joints; a column `time` [s], or one of pictures, assigns the rows.
 
-    joints : the joints' columns; all columns of numbers but those if not given; or names of the
-        columns of an array, or of lists in JSON, which have none
+    joints : the joints' columns, by default all other columns of numbers; for an array, or lists in
+        JSON, the names of its columns
     degrees, prismatic : whether joints that turn are in degrees, and which slide [m]
     Raises LogError if there are no joints, or they look like degrees without a declaration.
     """
@@ -105,7 +105,7 @@ def read_joints(
 
 
 def number_rows_of(source: Source, columns: Sequence[str]) -> JointTable:
-    """Read columns of numbers as `q`; rows in which one is missing are left out, and counted."""
+    """Read columns of numbers as `q`, without rows that miss one, which are counted."""
     numbers = source.numbers(columns)
     good = np.flatnonzero(finite_rows(numbers))
     pictures = None
@@ -141,9 +141,9 @@ def picture_column(source: Source) -> str | None:
 def read_shots(
     table: JointTable, source: FilePath | Sequence[str]
 ) -> tuple[list[int], Iterator[Shot], list[str]]:
-    """Rows of the joints (p), in their order, the shot of each, and notes of what is left out.
+    """Rows (p,) of the joints in their order, the shot of each, and notes of what is left out.
 
-    Notes of damaged pictures come as the shots are read.
+    Reading the shots adds notes of damaged pictures.
     Raises LogError if names of pictures do not fit, or without names their counts.
     """
     paths = list_pictures(source)

@@ -71,7 +71,7 @@ class Around:
 class ExpectedRig:
     """The expected camera X and board Y, with their uncertainty; symbols as in :mod:`.bundle`."""
 
-    in_hand: bool  # whether the camera is in the hand
+    eye: str  # "hand" or "base": where the camera is
     frames: Array  # (2, 4, 4), X and Y [m]
     lens: Lens
     points: Array  # (k, 3), the board's corners in its frame [m]
@@ -82,16 +82,20 @@ class ExpectedRig:
     # (LENS_SIZE + SHAPE_SIZE,), sd of the parameters of lens and board, 0 of known ones
     sizes: Array
 
+    @property
+    def in_hand(self) -> bool:
+        """Whether the camera is in the hand."""
+        return self.eye == "hand"
+
     @staticmethod
     def of(rig: HandEye) -> ExpectedRig:
         """The rig of pictures, whose lens and board count as known."""
-        in_hand = rig.eye == "hand"
         frames = np.stack([frame_of(rig.hand), frame_of(rig.base)])
         covariance = rig.covariance + 1e-14 * np.eye(2 * POSE_SIZE)
         slope = shifts_along_parents(frames)
         precision = slope.T @ np.linalg.inv(covariance) @ slope
         scenes = inverse(frames[1]) @ rig.flange @ frames[0]
-        if in_hand:
+        if rig.eye == "hand":
             scenes = inverse(scenes)
         else:  # the camera is at rest
             frames = frames[::-1]
@@ -104,7 +108,7 @@ class ExpectedRig:
         matrix = np.array(facts["matrix"])
         parameters = lens_parameters(matrix, facts["distortion"])
         return ExpectedRig(
-            in_hand,
+            rig.eye,
             frames,
             Lens.of((width, height), parameters),
             points=np.array(rig.board["points"]),
@@ -234,7 +238,7 @@ def _greedy_by_trace(
         directions = after_reading(directions, reading)
         hand = after_reading(hand, reading)
         covariances.append(hand @ hand.T)
-    return np.array(chosen, dtype=np.intp), np.array(covariances)
+    return np.array(chosen, np.intp), np.array(covariances)
 
 
 def next_poses(

@@ -37,20 +37,20 @@ _TURNS = {
 }
 """Columns of a turn by the rotation that they mean, except those of axes such as rx, ry, rz."""
 
-# rx, tcp_rx, rot_x, q.x, orientation.x
+# start of a column of a turn: rx, tcp_rx, rot_x, q.x, orientation.x
 _TURN = r"(?<![a-z])[qr][._]?x|rot|orient|quat|euler|rpy|angle"
 _KNOWN = (
     r"[rq]?[xyz]|qw|roll|pitch|yaw|[abcwpr]|r[1-3][1-3]|m[0-3][0-3]|"
     "picture|time|timestamp|episode|id|index|"
 )
-# the board before the camera, beside the flange: of MoveIt, easy_handeye, OpenCV's arguments
+# names of the board before the camera in MoveIt, easy_handeye and OpenCV's arguments
 _BOARD = "(?i:object_wrt|optical|target2?cam|board)"
-# "[mm]", "(deg)", "_mm": the fit finds units
+# "[mm]", "(deg)", "_mm": ignored, since the fit finds units
 _UNIT = r"\s*[\[(].*[\])]$|_(?:m|cm|mm|in|rad|deg|grad)$"
 _NUMBER = r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.])"
 _LIST = r"(\w*)[^\w\[\]\n]*\[([^\[\]]*)\]"
 _KINDS = (".csv", ".txt", ".json", ".npy", ".npz", ".yaml", ".yml")
-_ROUNDED = 0.05  # of quaternions and matrices of few digits
+_ROUNDED = 0.05  # largest rounding error of quaternions and matrices
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +60,16 @@ class FlangeTable:
     label: str
     numbers: Array  # (n, 3 + k): x, y, z and 3, 4 or 9 numbers of a turn
     pictures: Sequence[str] | None = None  # names of the rows' pictures
-    named: str = ""  # the rotation that the columns' names mean
+    named: str = ""  # the rotation by the columns' names
     dropped: int = 0  # rows with a missing value
-    # what the user states of the poses; by default all readings are tried
+    # the user's options; by default all readings are tried
     unit: str | None = None
     rotation: str | None = None
     degrees: bool | None = None
 
     @property
     def joints(self) -> JointTable:
-        """The same rows without a joint."""
+        """The rows as a table without joints."""
         q = np.zeros((len(self.numbers), 0))
         return JointTable(self.label, (), q, None, self.pictures, self.dropped)
 
@@ -120,7 +120,7 @@ def _document(path: Path) -> Json:
 
 
 def _filled(text: str) -> list[str]:
-    """Lines of a text that are neither empty nor comments."""
+    """Lines of a text without empty ones and comments."""
     lines = map(str.strip, text.splitlines())
     return [line for line in lines if line and not line.startswith("#")]
 
@@ -145,7 +145,7 @@ def _arrays(path: Path) -> Array | dict[str, list[Json]]:
 
 
 def _table(source: Source) -> FlangeTable:
-    """The poses of a table with a header; columns of other things are left out."""
+    """The poses of a table with a header; other columns are ignored."""
     shown = picture_column(source)
     names = {
         re.sub(_UNIT, "", name.lower()): name
@@ -173,7 +173,7 @@ def _table(source: Source) -> FlangeTable:
 
 
 def _columns(names: set[str]) -> list[tuple[str, list[str]]]:
-    """All ways (rotation, columns) in which a header of small letters names a pose."""
+    """All ways (rotation, columns) in which a header, in lower case, names a pose."""
     shifts = [["m03", "m13", "m23"]]
     turns = [(rotation, turn.split()) for rotation, turn in _TURNS.items()]
     for name in sorted(names):
@@ -208,7 +208,7 @@ def _text(label: str, text: str) -> FlangeTable:
     if lists:
         return _poses(label, lists)
 
-    # a header in a comment, as of numpy.savetxt
+    # a header in a comment, as numpy.savetxt writes it
     table = _named_columns([*above, *lines]) or _named_columns(lines)
     rows = _numbers(lines)
     names = [re.sub(_NUMBER, "", line).strip(" ,;\t") for line in lines]
@@ -228,7 +228,7 @@ def _text(label: str, text: str) -> FlangeTable:
 
 
 def _named_columns(lines: Sequence[str]) -> str:
-    """A table with commas, of lines whose first names columns between blanks; else nothing."""
+    """A table with commas from lines whose first one names columns between blanks; else ""."""
     # without units in brackets
     plain = [re.sub(r"\s*[\[(].*?[\])]", "", line) for line in lines]
     table = [re.split(r"[\s,;]+", line.strip("# \t")) for line in plain]
@@ -258,7 +258,7 @@ def _poses(
 
 
 def _of_flange(names: Iterable[str]) -> set[str]:
-    """Names without those of joints, and of a board before a camera where there are others."""
+    """Names without those of joints, and without those of a board if there are others."""
     no_joints = {name for name in names if "joint" not in name.lower()}
     no_boards = {name for name in no_joints if not re.search(_BOARD, name)}
     return no_boards or no_joints
@@ -289,7 +289,7 @@ def _rows(document: Json, path: str = "") -> Iterator[tuple[str, Array]]:
 
 
 def _poses_of_parts(document: dict[str, Json]) -> Array:
-    """Poses (n, 12) by rows of rotations (.., 3, 3) and shifts (.., 3) apart; else none."""
+    """Poses (n, 12), by rows, of separate rotations (.., 3, 3) and shifts (.., 3); else none."""
     # by number of columns and name
     parts: dict[tuple[int, str], list[Array]] = {}
     for name, item in _items(document):
@@ -320,7 +320,7 @@ def _items(document: dict[str, Json]) -> list[tuple[str, Json]]:
 
 
 def _axes(document: Json, path: str = "") -> dict[str, float]:
-    """Numbers in nested mappings by their paths in small letters; of lists by axes."""
+    """Numbers in nested mappings by their paths in lower case; in lists by their axes."""
     if isinstance(document, (int, float)):
         return {path: document}
     if isinstance(document, list) and len(document) < 5:
@@ -334,7 +334,7 @@ def _axes(document: Json, path: str = "") -> dict[str, float]:
 
 
 def _as_rows(numbers: Array) -> Array:
-    """Numbers as rows, of a row or of matrices in a stack, one below or one beside the other."""
+    """Numbers as rows: those of a row, or of matrices in a stack, below or beside each other."""
     if numbers.ndim == 2 and len(numbers) == 4:
         last_rows = np.resize(np.eye(4)[3], numbers.shape[1])
         if np.allclose(numbers[3], last_rows):

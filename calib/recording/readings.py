@@ -12,7 +12,7 @@ from ..arm.rigid import inverse, rigid
 from ..arm.rotations import matrix_of
 from ..common.arrays import Array
 from ..common.choices import ROTATIONS, check_choice
-from ..common.rows import row_lengths
+from ..common.rows import median_length
 from ..common.scale import METRES
 from ..errors import OptionError
 from .board_pictures import View
@@ -170,7 +170,7 @@ def _refuse_unit(table: FlangeTable) -> None:
         return
     check_choice("unit", table.unit, UNITS)
     places = table.numbers[:, :3] / METRES[table.unit]
-    distance = float(np.median(row_lengths(places)))
+    distance = median_length(places)
     nearest, farthest = _REACH
     # zero in any unit: a flange that turns at the base's origin
     if distance > 0.0 and not nearest < distance < farthest:

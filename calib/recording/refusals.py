@@ -55,7 +55,7 @@ class RefusalLimits:
     size: float = 0.05  # largest relative error of a print's size
 
 
-REFUSAL = RefusalLimits()
+REFUSAL_LIMITS = RefusalLimits()
 
 
 def refuse_readings(structure: SpatialStructure, view: View) -> None:
@@ -72,12 +72,12 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
         return rigid(turns, places)
 
     usual = find_start(flanges(q), view)
-    is_board = abs(np.expm1(usual.size)) < REFUSAL.size
-    if usual.misfit < REFUSAL.far and is_board:
+    is_board = abs(np.expm1(usual.size)) < REFUSAL_LIMITS.size
+    if usual.misfit < REFUSAL_LIMITS.far and is_board:
         return
 
     # the reading that explains some of the pictures far better
-    rows = spread_rows(len(q), REFUSAL.tried)
+    rows = spread_rows(len(q), REFUSAL_LIMITS.tried)
     thinned = replace(view, boards=view.boards[rows])
     other_eye = replace(thinned, eye=view.other_eye)
     others = list(_others(structure, view))
@@ -89,9 +89,11 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     best = None
     for start, (_, finding) in zip(starts, others, strict=True):
         # values of many turns are degrees, whatever else is wrong
-        is_sure = finding.kind == "degrees" and np.abs(q).max() > REFUSAL.most
-        explains = start.misfit < REFUSAL.unexplained or is_sure
-        if explains and start.misfit < REFUSAL.clear * least:
+        is_sure = (
+            finding.kind == "degrees" and np.abs(q).max() > REFUSAL_LIMITS.most
+        )
+        explains = start.misfit < REFUSAL_LIMITS.unexplained or is_sure
+        if explains and start.misfit < REFUSAL_LIMITS.clear * least:
             least = start.misfit
             best = finding
     if best is not None:
@@ -154,13 +156,13 @@ def refuse_poses(table: FlangeTable, choice: Choice, view: View) -> None:
     shifted = np.stack([np.roll(flange, by, axis=0) for by in (1, -1)])
     best = min(find_starts(shifted, view, start.unit), key=attrgetter("misfit"))
     words = "late or early: those of the row before or behind"
-    is_better = best.misfit < REFUSAL.clear * start.misfit
-    is_doubtful = is_better or start.misfit > REFUSAL.misfit
+    is_better = best.misfit < REFUSAL_LIMITS.clear * start.misfit
+    is_doubtful = is_better or start.misfit > REFUSAL_LIMITS.misfit
     # of few pictures no fit leaves some out
-    if is_doubtful and len(flange) <= REFUSAL.few:
+    if is_doubtful and len(flange) <= REFUSAL_LIMITS.few:
         pair, exchanged = _exchanged(table, view)
         least = min(best.misfit, start.misfit)
-        if exchanged.misfit < REFUSAL.exchanged * least:
+        if exchanged.misfit < REFUSAL_LIMITS.exchanged * least:
             best = exchanged
             is_better = True
             words = (
@@ -204,9 +206,9 @@ def refuse_mirrored(view: View, start: RigStart) -> None:
 def _refuse_one_axis(flange: Array) -> None:
     """Refuse poses (n, 4, 4) that turn about no second axis."""
     sizes = np.degrees(turning(flange)[0])
-    if sizes[1] < REFUSAL.turn:
+    if sizes[1] < REFUSAL_LIMITS.turn:
         words = "does not turn"
-        if sizes[0] > REFUSAL.turn:
+        if sizes[0] > REFUSAL_LIMITS.turn:
             words = "turns about one axis alone"
         raise LogError(
             f"the hand {words} (by {sizes[0]:.2g} deg, by {sizes[1]:.2g} about a second axis): "

@@ -29,7 +29,7 @@ KIND = "rig"
 UNWRITTEN = ("poses", "body")
 ARRAYS = ("flange", "misses", "covariance")
 FILED = (*ARRAYS, "names", "frames")
-"""What files hold, and JSON for people does not."""
+"""Fields that are in files, but not in the JSON for people."""
 
 Place = dict[str, list[float]]
 """A place as JSON: position [m], quaternion, and half-widths of 95 % intervals [m, rad]."""
@@ -72,7 +72,7 @@ class HandEye:
 
     Places are of the camera's optical frame (x right, y down, z ahead) or the board's: position
     [m], quaternion (qx, qy, qz, qw) and half-widths of their 95 % intervals, (3,) [m] and
-    (3,) [rad], with what no picture determines and without it.
+    (3,) [rad], with and without the part that no picture determines (`up_to_gauge`).
     """
 
     eye: str  # "hand": the first camera is in the hand and the board is at rest; or "base"
@@ -98,7 +98,7 @@ class HandEye:
     frames: tuple[str, str]  # names of the arm's base and of what carries
     names: tuple[str, ...]  # (n,), of the motions' pictures
     flange: Array  # (n, 4, 4), what carries in the base at each motion [m]
-    misses: Array  # (n,) [px], rms of the corners at each motion, by a fit without it
+    misses: Array  # (n,) [px], rms error of the corners at each motion by a fit without it
     # (12, 12), of turn and shift of the hand's and the base's frame
     covariance: Array
     # of joints: the pictures as `calib log --eye` writes
@@ -124,14 +124,14 @@ class HandEye:
 
     @property
     def eye_is_doubtful(self) -> bool:
-        """Whether poses fit as those of the base in the flange alone, with the hand far off."""
+        """Whether only inverse poses fit, and then with the hand's distance above the base's."""
         is_inverse = self.convention is not None and self.convention["inverse"]
         hand, base = self.distances
         return is_inverse and hand > base
 
     @property
     def distances(self) -> tuple[float, float]:
-        """How far what is in the hand is from the flange, and what is at rest from the base [m]."""
+        """Distance [m] of what is in the hand from the flange, then of the other from the base."""
         hand = math.hypot(*self.hand["position"])
         return hand, math.hypot(*self.base["position"])
 
@@ -156,7 +156,7 @@ class HandEye:
         return f"{two_digits(shift)} mm and {words} deg"
 
     def document(self) -> dict[str, object]:
-        """All but the log and the body, as plain values."""
+        """All fields but the log and the body, as plain values."""
         document = vars(self) | {
             name: getattr(self, name).tolist() for name in ARRAYS
         }
@@ -179,7 +179,7 @@ class HandEye:
         atomic_write(path, pack(header, {}))
 
     def places(self) -> dict[str, tuple[str, Place]]:
-        """Cameras and board by their names: each with the frame that it is in."""
+        """Cameras and board by their names, each with its parent frame."""
         base, tip = self.frames
         places = {
             self.hand_item: (tip, self.hand),

@@ -135,12 +135,13 @@ def log_video(
     notes = video.notes(len(time))
 
     # joints at the frames
-    clocks = Clocks(time_offset or 0.0)
     if time_offset is None:
         clocks = align_clocks(
             time, track, joint_time, joint_values, joints.revolute
         )
         notes.append(clocks.words())
+    else:
+        clocks = Clocks(time_offset)
     when = clocks.joints_time(time)
     q = joints_at(when, joint_time, joint_values)
     usable, dropped = _usable_frames(when, track, joint_time, max_gap)
@@ -163,21 +164,21 @@ def log_video(
     if still is None:
         mean = frames / len(groups)
         notes.append(f"{len(groups)} rests of {mean:.0f} frames")
+    moving = int(usable.sum()) - frames
+    dropped = {**sightings.reasons, **dropped, why: moving}
 
     # tag, joints and time of each row
     tags = [_median_tag([sightings.tags[k] for k in group]) for group in groups]
+    q = np.array([q[group].mean(axis=0) for group in groups])
     about = {
         "source": "video",
         "time_offset": clocks.offset,
         "rate": clocks.rate,
     }
-    moving = int(usable.sum()) - frames
-    dropped = {**sightings.reasons, **dropped, why: moving}
-    q = np.array([q[group].mean(axis=0) for group in groups])
     log = _log_of(sightings, tags, joints.names, q, about, dropped)
     row_time = np.array([np.median(when[group]) for group in groups])
-    row_time -= row_time[0]
-    return replace(log, time=row_time, notes=(*notes, *log.notes))
+    notes += log.notes
+    return replace(log, time=row_time - row_time[0], notes=tuple(notes))
 
 
 def _usable_frames(

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from ..common.rows import row_lengths
+from ..common.rows import median_length, row_lengths
 from ..common.wording import suggestion
 from ..errors import OptionError
 from .pictures import Picture, opencv
@@ -235,7 +235,7 @@ def _print_density(board_to_picture: Array, squares: Array) -> int:
     """Pixels of a square of the print, about as fine as the picture at places (n, 2) [squares]."""
     lower_right = _map_places(board_to_picture, squares + 0.5)
     diagonals = lower_right - _map_places(board_to_picture, squares - 0.5)
-    diagonal = np.median(row_lengths(diagonals))
+    diagonal = median_length(diagonals)
     pixels_of_square = round(TAG.dense * diagonal / np.sqrt(2))
     return int(np.clip(pixels_of_square, *TAG.squares))
 

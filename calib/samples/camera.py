@@ -51,7 +51,7 @@ def camera_of(about: Document, pixels: ArrayLike) -> Camera:
     about : may hold "lens", as `calib.samples.lens.Lens.to_json` writes it, or "size" of pictures
     Raises LogError if the lens is impossible, or pixels lie outside of its pictures.
     """
-    pixels = np.asarray(pixels, dtype=float)
+    pixels = np.asarray(pixels, float)
     low = pixels.min(axis=0)
     high = pixels.max(axis=0)
     if "lens" not in about:

@@ -112,7 +112,7 @@ def read_cells(
     counts = (len(roles.joints), len(roles.axes))
     q, x, orientation = np.split(values, np.cumsum(counts), axis=1)
     q *= [joint.factor for joint in joints]
-    points = np.full((len(q), 2), "", dtype=object)
+    points = np.full((len(q), 2), "", object)
     if roles.touched:
         for k, column in enumerate(roles.columns(SOCKET)):
             if column in source.header:
@@ -225,7 +225,7 @@ def repeated_joints(q: Array, x: Array) -> Mask:
     """
     rows = np.flatnonzero(repeated_readings(x, q)[2:-1]) + 2
     if len(rows) < READING.fewest_followers:
-        return np.zeros(len(q), dtype=bool)
+        return np.zeros(len(q), bool)
     step = x[rows] - x[rows - 1]
     around = x[rows + 1] - x[rows - 2]
     size = np.maximum(row_lengths(around), 1e-300)

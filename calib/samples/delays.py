@@ -171,7 +171,7 @@ def estimate_delay(
         return None
     rest = residual[rows]
     weight = _weights(rest, 1e-9 * np.abs(late).max())
-    root = np.sqrt(np.asarray(precision, dtype=float))
+    root = np.sqrt(np.asarray(precision, float))
     # the prior adds a row for each parameter
     target = np.append(weight * rest.ravel(), root * pull)
     beside = np.vstack(

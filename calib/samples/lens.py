@@ -53,7 +53,7 @@ class Lens:
 
     def distort(self, points: ArrayLike) -> Array:
         """Pixels (.., 2) of points (.., 2) of the plane at distance one."""
-        n = np.asarray(points, dtype=float)
+        n = np.asarray(points, float)
         k1, k2, p1, p2, k3 = self.distortion
         x = n[..., 0]
         y = n[..., 1]

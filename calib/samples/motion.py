@@ -166,7 +166,7 @@ def pose_index(q: Array) -> Index:
     # many equal rows would be each other's neighbours alone: they are one row here
     decimals = round(-np.log10(ONE_POSE.exact)) + 1
     distinct, place = np.unique(q.round(decimals), axis=0, return_inverse=True)
-    place = np.asarray(place.ravel(), dtype=np.intp)
+    place = np.asarray(place.ravel(), np.intp)
     count = len(distinct)
     if not 1 < count <= ONE_POSE.most_rows:
         return label_numbers(place)

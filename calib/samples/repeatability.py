@@ -139,7 +139,7 @@ def _agreeing(x: Array, visits: Visits) -> Mask:
         distance[rows] = row_lengths(x[rows] - np.median(x[rows], axis=0))
     apart = distance[distance > 0.0]
     if not len(apart):
-        return np.ones(len(x), dtype=bool)
+        return np.ones(len(x), bool)
     return np.asarray(distance <= MOST_MEDIANS * np.median(apart))
 
 

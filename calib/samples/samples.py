@@ -168,7 +168,7 @@ class Samples(LogFile, Readings, Motion):
                 raise LogError(
                     f"{name} has shape {np.shape(array)}, expected {shape}"
                 )
-            arrays[name] = frozen(np.array(array, dtype=float))
+            arrays[name] = frozen(np.array(array, float))
         return arrays
 
     def __repr__(self) -> str:

@@ -8,34 +8,36 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LogReading:
-    """What becomes of a log's values."""
+    """Limits of a log's values."""
 
-    # rows that are held in memory; of a longer log so many are drawn
+    # most rows that are held in memory; of a longer log this many, evenly spread, are read
     most_rows: int = 200_000
-    # shares of a range by which values may leave it: limits are rounded, and arms differ
+    # shares of a range by which values may leave it, since limits are rounded and since arms differ
     rounded: float = 1e-4
     slack: float = 0.05
-    # turns further from zero than which an angle is in degrees, or its encoder not reset for long
+    # turns from zero beyond which an angle is in degrees, or its encoder was not reset for long
     most_turns: float = 4.0
-    # share of the extent by which positions of a planar arm may leave their plane (rms)
+    # rms distance of positions of a planar arm from their plane, over their extent
     out_of_plane: float = 0.02
-    # a sensor that moves by this many of its last digits from row to row never reads the same twice
-    # while the joints move by this share of their mean step: 600 rows of a path with six held runs
-    # of 12 missed by 1 mm and showed backlash, .014 without them; by 5 mm of whole mm, an SO-101's
-    # whose sensor was stuck for 15 of 450 rows missed by 19 mm, .4 without them
+    # A reading that repeats is stuck if the sensor usually moves by at least `fine` of its last
+    # digits from row to row, and the joints moved by the share `moved` of their mean step.  A path
+    # of 600 rows with six stuck runs of 12 missed by 1 mm and showed backlash, .014 without these
+    # rows; an SO-101 with whole mm, whose sensor was stuck for 15 of 450 rows, missed by 19 mm, .4
+    # without them.
     fine: float = 5.0
     moved: float = 0.25
-    # share of three steps that the middle one is in motion, a third, rather than at rest, none;
-    # joints read at every third position of a path: bounds of 20 to 150 mm of .1 to .5
+    # length of a step over that of three: a third in motion, none at rest; between them is this
+    # limit.  Where joints were read at every third position of a path, bounds were 20 to 150 mm
+    # instead of .1 to .5.
     follows: float = 1 / 6
-    fewest_followers: int = 20  # such steps, the median of fewer is chance
-    # [s], equal joints for longer are a pose, as is a run of so many times the usual one
+    fewest_followers: int = 20  # steps of which a median is meaningful
+    # equal joints are a rest if they last longer [s], or this many times the usual run
     longest_hold: float = 0.25
     rest: float = 3.0
-    # [m], an extent beyond which positions are most likely in another unit: arms reach 3 m, a log
-    # of one in mm extends over hundreds
+    # [m], extent beyond which positions are probably in another unit: arms reach 3 m, in mm that
+    # is thousands
     largest_arm: float = 20.0
-    # a quaternion's length may differ from 1 by this much: files round to a few digits
+    # largest difference of a quaternion's length from 1: files round to a few digits
     rounded_length: float = 0.01
 
 
@@ -43,9 +45,9 @@ class LogReading:
 class LockedJoint:
     """Motion of a locked joint."""
 
-    locked: float  # [rad or m], beyond which it takes part
-    still: float  # [rad or m], beyond which it is reported
-    most_rows: float = 0.02  # share of the rows that may be wrong readings
+    locked: float  # [rad or m], motion beyond which the joint takes part
+    still: float  # [rad or m], motion beyond which it is reported
+    most_rows: float = 0.02  # largest share of rows with wrong readings
 
 
 @dataclass(frozen=True)
@@ -53,70 +55,73 @@ class OnePose:
     """When rows are at one pose."""
 
     exact: float = 1e-6  # [rad or m], rounding of a log's numbers
-    # [rad or m], encoders that read one pose as differently repeat nothing
+    # [rad or m], largest difference of rows of one pose
     most_apart: float = 0.01
-    # times further apart than rows of one pose that two poses have to be
+    # least distance of two poses over that of rows of one pose
     gap: float = 5.0
-    # near pairs of rows below which they may be chance: of random rows one pair in 25 logs
+    # least number of near pairs: fewer may be chance, as random rows have one pair in 25 logs
     least_pairs: int = 3
-    neighbours: int = 8  # of each row, among which rows of one pose are found
-    # of more, equal rows alone are one pose: 200,000 took 16 s
+    neighbours: int = (
+        8  # of each row, among which rows of its pose are searched
+    )
+    # most rows that are searched, since 200,000 took 16 s; of more, only equal rows are one pose
     most_rows: int = 20_000
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """How a log is read otherwise, and when that explains it."""
+    """Which interpretations of a log are tried, and when they explain it."""
 
-    # that are looked at: 720 orders of six joints take a second
+    # most rows that are compared: 720 orders of six joints take a second
     rows: int = 400
     # rows below which a similarity in space, or a tool of unknown size, explains nearly anything
     fewest_rows: int = 8
     tool_rows: int = 39
-    # an interpretation is reported where its misfit is below this share of the log's own: arms with
-    # links off by a tenth and offsets by 8 deg stay above it, exchanged columns below .1
+    # misfit of an interpretation over the log's own, below which it is reported: arms with links
+    # off by a tenth and offsets by 8 deg stay above it, exchanged columns below .1
     far_better: float = 0.2
-    # shares of the extent below which kinematics are right but for two exchanged columns, and
-    # nothing is doubted: a reversed wrist leaves 2 %, a drawing is right to .2 %
+    # misfits over the extent: below `good` two exchanged columns alone may be wrong, below `small`
+    # nothing is.  A reversed wrist leaves 2 %, a drawing is right to .2 %.
     good: float = 0.1
     small: float = 0.005
-    most_ordered: int = 6  # joints whose 720 orders are tried
+    most_ordered: int = 6  # most joints of which all orders (720) are tried
     # median step of the joints over their spread, above which they are no path
     path: float = 0.1
-    # an extent between these times the nominal one needs no word: lengths were typed wrong by less
+    # extents over the nominal one that are not reported: links that were typed wrong differ less
     usual_size: tuple[float, float] = (0.5, 2.0)
-    # it is that of another unit within this share: 900 is no millimetre
+    # largest relative difference from the factor of a unit: 900 is not 1000 mm
     same_unit: float = 0.05
-    # times the nominal extent beyond which that of pixels
+    # extent over the nominal one, beyond which positions may be pixels
     pixels_ratio: float = 5.0
-    most_behind: int = 20  # rows by which positions may follow the joints
+    most_behind: int = 20  # most rows by which positions may follow the joints
     # median turn [rad] beyond which orientations are not those of the joints
     turned: float = 0.3
 
 
 @dataclass(frozen=True)
 class ClearDelay:
-    """When a delay is corrected, or a doubt of the rows' joints."""
+    """When a delay is corrected, and when it is an uncertainty of the joints."""
 
-    deviations: float  # it is corrected beyond this many sds
-    share: float  # if it explains this share of the squared residuals
-    # [s or rows], an sd, or a doubt, beyond which rows show no delay
+    deviations: float  # least delay that is corrected [its sd]
+    share: float  # least share of the squared residuals that it explains
+    # [s or rows], sd or uncertainty beyond which rows show no delay
     most: float
-    least: float = 0.0  # [s or rows], a doubt below which there is none
+    least: float = 0.0  # [s or rows], uncertainty below which it counts as none
 
 
 @dataclass(frozen=True)
 class DelaySettings:
     """When a clock is late."""
 
-    # median steps of time beyond which two rows are not one motion
+    # pause, over the median step of time, beyond which two rows are not one motion
     longest_pause: float = 5.0
-    fewest_rows: int = 20  # that determine a delay
-    # with 5 sds and .1, models of 40 paths of 6 to 38 s, 3 ms late, erred by .155 mm on the average
-    # rather than .131; to a sensor that was mirrored rows were 472 +- 110 ms late
+    fewest_rows: int = 20  # least number that determines a delay
+    # of rows with times.  With 5 sds and .1, models of 40 paths of 6 to 38 s, 3 ms late, erred by
+    # .155 mm on average instead of .131; rows of a mirrored sensor seemed 472 +- 110 ms late.
     timed: ClearDelay = ClearDelay(deviations=3.0, share=0.03, most=0.05)
-    # rows without times are mostly poses at rest: a real series stays below .02, of 50 windows of
-    # 60 rows one reaches 3 and .13; their delays are below .004 rows in 50 windows of 30 to 150
+    # of rows without times, which are mostly poses at rest: a real series stays below a share of
+    # .02; of 50 windows of 60 rows one reaches 3 sds and .13; delays are below .004 rows in 50
+    # windows of 30 to 150
     in_rows: ClearDelay = ClearDelay(
         deviations=5.0, share=0.1, most=1.0, least=0.005
     )

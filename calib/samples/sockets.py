@@ -41,7 +41,7 @@ class SocketFact:
         """How far places (p, 3) are off (k,) [m]."""
         points = places[list(self.points)]
         if self.value is not None:
-            apart = np.linalg.norm(points[:1] - points[1:], axis=1)
+            apart = row_lengths(points[:1] - points[1:])
             return np.asarray(apart - self.value)
         centred = points - points.mean(axis=0)
         normal = np.linalg.svd(centred)[2][2]
@@ -71,7 +71,7 @@ class Touches(RowArrays):
         sockets = sorted({*map(tuple, points[touched])})
         place = {socket: number for number, socket in enumerate(sockets)}
         number = [place.get(tuple(names), -1) for names in points]
-        touches = Touches(np.array(number, dtype=np.intp), tuple(sockets))
+        touches = Touches(np.array(number, np.intp), tuple(sockets))
         stated = touches.means(x, median=True)
         facts = []
         for i, j in combinations(range(len(sockets)), 2):

@@ -117,7 +117,7 @@ def frame_parameters(body: Body) -> Index:
         for k in body.active
         if labels[k].group.startswith(("view.", "tool", "marker"))
     ]
-    return np.array(frame, dtype=np.intp)
+    return np.array(frame, np.intp)
 
 
 def error_curve(body: Body, joint: int, q: Array) -> tuple[Array, Array]:
@@ -167,7 +167,7 @@ def _independent(indices: Index, columns: Array) -> Index:
         if length > SETTINGS.same * np.linalg.norm(column):
             chosen.append(k)
             basis = np.column_stack([basis, rest / length])
-    return np.array(chosen, dtype=np.intp)
+    return np.array(chosen, np.intp)
 
 
 def _in_words(name: str, joint: str) -> str:

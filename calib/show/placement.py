@@ -24,7 +24,7 @@ class Placement:
 
     def lift(self, x: ArrayLike) -> Array:
         """Points (n, 3) [m] of the scene for positions (n, m) [unit]."""
-        u = self.scale.to_unit(np.asarray(x, dtype=float))
+        u = self.scale.to_unit(np.asarray(x, float))
         mapped = u @ self.matrix[:, :-1].T + self.matrix[:, -1]
         return mapped[..., :-1] / mapped[..., -1:]
 

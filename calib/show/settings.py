@@ -1,11 +1,11 @@
-"""Settings: how much is drawn, and from where on something is reported."""
+"""Settings: how much is drawn, and which sizes are reported."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How much is computed and drawn: a figure of 50 kB and a tenth of a second each."""
+    """How much is computed and drawn, so that a figure takes 50 kB and a tenth of a second."""
 
     postures: int = 200  # that show how parameters move the tip
     field: int = 6_000  # postures that a field of bounds is drawn with
@@ -17,14 +17,18 @@ class Settings:
     links: int = 24  # of a node
     photo_cells: int = 16  # along each side of a photo that is bent
 
-    # of the largest: deviations with less are not drawn
+    # least effect of a deviation that is drawn, over the largest one
     small_effect: float = 0.01
-    same: float = 0.03  # of a column: with less of its own, others tell it
-    # of the largest column of a unit: an axis moved along itself was reported as 461 mm off
+    # part of a column that others do not explain, below which it is the same as they
+    same: float = 0.03
+    # least size of a column, over the largest one of its unit: an axis that moved along itself was
+    # reported as 461 mm off
     hardly: float = 0.01
-    # of a joint's longest: with less, a row shows little of it
+    # least lever of a row that shows a joint's error, over the longest lever
     lever: float = 0.3
-    arrow: float = 0.08  # of the picture's width: the longest arrows
+    arrow: float = (
+        0.08  # length of the longest arrows, over the picture's width
+    )
 
 
 SETTINGS = Settings()

@@ -26,7 +26,7 @@ HORIZON = 10_000
 """Samples over which a re-formed map settles: half of what training takes."""
 
 BLOCK = 100
-"""Samples between two looks at distortion, gain and search trees."""
+"""Samples between two updates of distortion, gain and search trees."""
 
 
 @dataclass(frozen=True)
@@ -37,19 +37,19 @@ class FollowSettings:
     glance: int = 5
     # neighbourhood radius once settled [nodes]
     sigma_end: float = 0.5
-    # most samples that the local models are fitted to: the latest
+    # most samples, the latest ones, that the local models are fitted to
     latest: int = 20_000
-    # fewest samples since a change that a model can rest on
+    # fewest samples since a change that a model is fitted to
     least: int = 10
-    # samples that a running mean remembers
+    # samples over which the weight of older ones in a running mean fades by a factor of e
     window: float = 200.0
-    # distortion of a re-formed map that has settled, over that of a trained one
+    # distortion of a re-formed map over that of a trained one, below which it has settled
     at_rest: float = 1.2
-    # standard deviations of a running mean that are no chance
+    # deviation of a running mean that is a change [its sd]
     no_chance: float = 4.0
-    # times the error of an unchanged arm, from which that of the links is a change
+    # error of the links over that of an unchanged arm, beyond which the arm has changed
     unusual: float = 2.0
-    # share of samples beyond a log's own 95 % bound, from which that is a change
+    # share of samples beyond a log's own 95 % bound, beyond which the arm has changed
     beyond: float = 0.5
 
 
@@ -154,8 +154,8 @@ class OnlineAdapter:
     def feed(self, q: Array, x: Array) -> Step:
         """Take the next samples of the stream, (n, dof) and (n, m), and learn from them."""
         model = self._model
-        q = np.asarray(q, dtype=float)
-        x = np.asarray(x, dtype=float)
+        q = np.asarray(q, float)
+        x = np.asarray(x, float)
         u = model.motor.scale.to_unit(q)
         v = model.sensory.scale.to_unit(x)
         if not len(u):
@@ -221,7 +221,7 @@ class OnlineAdapter:
         v = v[:: FOLLOW.glance]
         residual = self._vdsom.predict(u) - v
         residual *= self._model.sensory.scale.span
-        return float(np.linalg.norm(residual, axis=1).mean())
+        return float(row_lengths(residual).mean())
 
     def _beyond(self, u: Array, v: Array) -> float:
         """Share of some samples that are beyond the model's own bound on what a sensor reads.
@@ -267,7 +267,7 @@ class OnlineAdapter:
         residual = model.association.forward(u[rows], "activity")
         residual -= v[rows]
         residual *= span
-        error = np.linalg.norm(residual, axis=1).mean()
+        error = row_lengths(residual).mean()
         return np.array([zeta, error + noise])
 
     def _thresholds(self, sensory: Map) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from ..body.belief import Body
 from ..body.body_fit import BodyFit, fit
 from ..body.rows import Rows as Measured
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from ..errors import CalibError
 from ..maps.association import Association
 from ..maps.links import SparseRows, Wiring
@@ -99,7 +100,7 @@ def _readout(
     smooth = BodyInBox(body_fit.body, motor.scale)
     held_out = body_fit.held_out
     predictor, residual = select(motor, judged, x[fitted], smooth, held_out)
-    errors = np.linalg.norm(residual, axis=1)
+    errors = row_lengths(residual)
     return body_fit.body, predictor, judged, errors
 
 
@@ -151,5 +152,5 @@ def _errors_of_links(
     for held_out, shown in ((even, odd), (odd, even)):
         learned = _learned(motor, sensory, wiring, u[shown], x[shown])
         residual = learned.linear.value(u[held_out]) - x[held_out]
-        errors[held_out] = np.linalg.norm(residual, axis=1)
+        errors[held_out] = row_lengths(residual)
     return errors

@@ -48,7 +48,7 @@ def board_postures(
     flange_at_start = None
     if start is not None:
         flange_at_start = _flange_at(posed, beta, start[None])[0]
-    rigs = _possible_rigs(source, board, eye == "hand", flange_at_start, rng)
+    rigs = _possible_rigs(source, board, eye, flange_at_start, rng)
     rig = rigs[0]
 
     # joints that bring the board to a random place, and see it
@@ -86,7 +86,7 @@ def board_postures(
 def _possible_rigs(
     source: Arm | Model,
     board: Pattern | str | bool,
-    in_hand: bool,
+    eye: str,
     flange: Array | None,
     rng: np.random.Generator,
 ) -> list[ExpectedRig]:
@@ -102,9 +102,9 @@ def _possible_rigs(
             "the middle of its picture"
         )
     pattern = parse_board(board)
-    rigs = [guessed_rig(flange, pattern, in_hand)]
+    rigs = [guessed_rig(flange, pattern, eye)]
     for _ in range(AIMING.guesses):
-        rigs.append(guessed_rig(flange, pattern, in_hand, rng))
+        rigs.append(guessed_rig(flange, pattern, eye, rng))
     return rigs
 
 
@@ -117,7 +117,7 @@ def _flange_at(posed: SpatialStructure, beta: Array, q: Array) -> Array:
 def guessed_rig(
     flange: Array,
     board: Pattern,
-    in_hand: bool,
+    eye: str,
     rng: np.random.Generator | None = None,
 ) -> ExpectedRig:
     """The rig of a camera that sees the middle of a board where the flange is (4, 4) [m].
@@ -133,7 +133,7 @@ def guessed_rig(
         facing = facing @ rigid(turns[0], middle - turns[0] @ middle)
         facing[:3, 3] *= rng.uniform(*AIMING.off_distance)
         off = rigid(turns[1], AIMING.off_shift * rng.standard_normal(3))
-    if in_hand:
+    if eye == "hand":
         camera = off
         frame = flange @ off @ facing
     else:
@@ -145,7 +145,7 @@ def guessed_rig(
     sizes = np.concatenate(
         [AIMING.lens_sd, np.full(SHAPE_SIZE, AIMING.board_sd)]
     )
-    return _rig(in_hand, np.stack([camera, frame]), lens, board, sizes)
+    return _rig(eye, np.stack([camera, frame]), lens, board, sizes)
 
 
 def expected_rig(source: Arm | Model) -> ExpectedRig:
@@ -159,10 +159,10 @@ def expected_rig(source: Arm | Model) -> ExpectedRig:
     described = model.about.options["board"]
     lens = Lens.from_json(described["lens"])
     board = parse_board(described["board"])
-    in_hand = described["eye"] == "hand"
-    if not in_hand:  # the camera comes first
+    eye = described["eye"]
+    if eye == "base":  # the camera comes first
         frames = frames[::-1]
-    return _rig(in_hand, frames, lens, board, np.zeros(LENS_SIZE + SHAPE_SIZE))
+    return _rig(eye, frames, lens, board, np.zeros(LENS_SIZE + SHAPE_SIZE))
 
 
 def _facing(board: Pattern, lens: Lens) -> Array:
@@ -173,11 +173,11 @@ def _facing(board: Pattern, lens: Lens) -> Array:
 
 
 def _rig(
-    in_hand: bool, frames: Array, lens: Lens, board: Pattern, sizes: Array
+    eye: str, frames: Array, lens: Lens, board: Pattern, sizes: Array
 ) -> ExpectedRig:
     """The rig of frames X and Y (2, 4, 4) [m] that may be anywhere."""
     return ExpectedRig(
-        in_hand,
+        eye,
         frames,
         lens,
         board.points(),

@@ -22,8 +22,8 @@ from ..samples.joint_values import check_joint_values
 from .nominal_target import NominalTarget
 from .settings import CORRECTION
 
-_REACHED = np.ones(1, dtype=bool)
-_UNREACHED = np.zeros(1, dtype=bool)
+_REACHED = np.ones(1, bool)
+_UNREACHED = np.zeros(1, bool)
 
 
 @dataclass(eq=False)  # frozen fields would take as long to set as C to answer
@@ -215,5 +215,5 @@ def _by_kernel(model: Model, q: ArrayLike) -> Corrected | None:
             return None
     # a strict model refuses instead of searching
     reachable = _REACHED if sure == 1 else _UNREACHED
-    given = np.array([q], dtype=float)
+    given = np.array([q], float)
     return Corrected(given, nearest, reachable, *shared)

@@ -127,8 +127,8 @@ class Monitor:
         Orientations are not watched: a tool that turned about its tip is no alarm.
         """
         model = self._model
-        q = np.asarray(q, dtype=float)
-        x = np.asarray(x, dtype=float)
+        q = np.asarray(q, float)
+        x = np.asarray(x, float)
         expected = len(model.about.joint_names), len(model.axes)
         if (*q.shape, *x.shape) != expected:
             raise QueryError(
@@ -338,7 +338,7 @@ class _Equations:
 
         Of least absolute deviations: samples at rest hardly change it, nor does a wrong detection.
         """
-        size = np.linalg.norm(late, axis=1)
+        size = row_lengths(late)
         size = np.maximum(size, 1e-150)
         ratio = (y * late).sum(axis=1) / size**2
         self._delays.extend(zip(ratio.tolist(), size.tolist(), strict=True))

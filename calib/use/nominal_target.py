@@ -122,7 +122,7 @@ class NominalTarget:
         Where the reading alone counts they are `q` in range.
         """
         start = self._in_range(q)
-        placed = np.ones(len(start), dtype=bool)
+        placed = np.ones(len(start), bool)
         if self.space is not None:
             position, rotation = self.pose(start)
             reach = Reach.of(self.space, posed=self.keeps_pose)

@@ -270,7 +270,7 @@ def farthest(scale: Scale, q: Array, n: int) -> Index:
     """
     u = scale.to_unit(q)
     distances = np.full(len(q), np.inf)
-    chosen = np.empty(n, dtype=np.intp)
+    chosen = np.empty(n, np.intp)
     for k in range(n):
         row = int(distances.argmax())
         chosen[k] = row
@@ -291,7 +291,7 @@ def shortest_tour(distances: Array) -> Index:
     Returns (n,), a permutation that begins with 0.
     """
     n = len(distances)
-    order = np.zeros(n, dtype=np.intp)
+    order = np.zeros(n, np.intp)
     waiting = np.arange(n) > 0
     for k in range(1, n):
         order[k] = np.where(waiting, distances[order[k - 1]], np.inf).argmin()

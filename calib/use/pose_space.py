@@ -57,7 +57,7 @@ class PoseSpace:
         """Joint values (n, dof) to choose from: corners, on faces, and inside."""
         dof = len(self.joint_names)
         corners_of_first = np.array(
-            list(np.ndindex(*(2,) * min(dof, PLANNING.corners))), dtype=float
+            list(np.ndindex(*(2,) * min(dof, PLANNING.corners))), float
         )
         count, first = corners_of_first.shape
         ends_of_others = rng.integers(2, size=(count, dof - first))
@@ -167,7 +167,7 @@ def usable_postures(
         outside = ~chain.sees(chain.evaluate(q)[0])
         doubts["the tip is outside of the camera's picture there"] = outside
         unchecked += ", links that hide the tip"
-    usable, dropped = usable_rows(np.ones(len(q), dtype=bool), doubts)
+    usable, dropped = usable_rows(np.ones(len(q), bool), doubts)
     notes = [
         f"{count} of {len(q)} candidates were left out because {why}"
         for why, count in dropped.items()
@@ -219,7 +219,7 @@ def hits_itself(
     # those that meet in each posture
     data = model.createData()
     results = pin.GeometryData(bodies)
-    met = np.zeros((len(q), len(bodies.collisionPairs)), dtype=bool)
+    met = np.zeros((len(q), len(bodies.collisionPairs)), bool)
     names = [*locked, *joint_names]
     places = [model.joints[model.getJointId(name)].idx_v for name in names]
     velocity = np.zeros(model.nv)

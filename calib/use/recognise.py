@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..change.judge import judge
+from ..common.rows import rms
 from ..errors import LogError, OptionError, require
 from ..model.model import Model
 from ..samples.samples import Samples
@@ -84,7 +85,7 @@ def recognise(models: Sequence[Model], log: Samples) -> Recognition:
             why = error
             fits.append(ModelFit(index, False, np.inf, np.inf))
             continue
-        distance = float(np.sqrt(np.mean(verdict.rows.distance**2)))
+        distance = rms(verdict.rows.distance)
         fits.append(
             ModelFit(index, verdict.changed is False, verdict.score, distance)
         )

@@ -54,7 +54,7 @@ def joints_towards(
     space: PoseSpace,
 ) -> tuple[Array, Array]:
     """Joints (n, dof) within their limits near targets (n, m), and their distance (n,)."""
-    turning = np.zeros(structure.dof, dtype=bool)
+    turning = np.zeros(structure.dof, bool)
     scale = Scale(space.lower, space.upper - space.lower, turning)
     newton = Newton(_Aim(structure, beta, scale, target.shape[1]), scale)
     iterate = newton.refine(scale.to_unit(q), target, 0.1 * AIMING.near)

@@ -40,7 +40,7 @@ class Panel:
 
     def lift(self, u: ArrayLike) -> Array:
         """Points (..., 3) of the scene for joints (..., dof) in their unit box."""
-        shares = np.asarray(u, dtype=float)[..., : len(self.edges)]
+        shares = np.asarray(u, float)[..., : len(self.edges)]
         return self.corner + shares @ self.edges
 
 
