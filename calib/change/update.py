@@ -24,8 +24,8 @@ from .causes import CREEP_WAVES
 from .evidence import Evidence, tool_turn
 from .explain import MARGIN, SEARCH
 from .explanation import POSTERIOR, Explanation, Posterior, with_least_waves
-from .noise import NOISIER, usual_noise
-from .significance import BEYOND
+from .noise import NOISE_RATIO, usual_noise
+from .significance import MOST_BEYOND
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def _is_better(
     if changed or not gains:
         return gains
     # see `UpdateSettings.after_refinement`
-    return evidence.tests.noisy is None and _is_surer(evidence, body)
+    return evidence.tests.noisy_joint is None and _is_surer(evidence, body)
 
 
 def _chance(gain: Array) -> float:
@@ -258,7 +258,7 @@ def _as_uncertain(body: Body, best: Explanation, evidence: Evidence) -> Body:
     if evidence.unnamed_log_evidence > greatest - MARGIN:
         differences.append(best.reference.beta - body.beta)
     usual = usual_noise(best.reference)
-    explains_all = evidence.is_attributed and best.noise < NOISIER * usual
+    explains_all = evidence.is_attributed and best.noise < NOISE_RATIO * usual
     is_unknown = not (explains_all or evidence.rows.widespread)
     if is_unknown or evidence.unnamed_log_evidence > greatest:
         # in the frame of the log, which is known where the sensor was put elsewhere
@@ -302,7 +302,7 @@ def _with_sound_bound(body: Body, q: Array, distance: Array) -> Body:
 
     The cause that a user states may be wrong: a longer link is no lens.
     """
-    if np.mean(distance > body.bound(q)) <= BEYOND:
+    if np.mean(distance > body.bound(q)) <= MOST_BEYOND:
         return body
     residual = float(np.quantile(distance, 0.95)) / RADIUS_95
     return replace(body, residual=np.maximum(body.residual, residual))
