@@ -40,17 +40,17 @@ def planar_starts(structure: PlanarStructure, rows: Rows) -> list[Start]:
 
 
 def _miss(start: Start, rows: Rows) -> float:
-    """Error [unit] of a start, rms."""
+    """Root mean square error of a start [unit]."""
     predicted = start.structure.predict(rows.q, start.beta)
     total = np.linalg.norm(rows.z - predicted)
     return float(total / np.sqrt(len(rows)))
 
 
 def _free_starts(structure: PlanarStructure, rows: Rows) -> Iterator[Start]:
-    """Chains of all signs and both sides that they are seen from.
+    """Chains of all signs, seen from both sides.
 
-    A first turning joint that turns the other way is a mirror; a slide that is reversed is another
-    offset: both are +1.
+    The first turning joint and all slides have the sign +1: reversed, the former is a mirror and
+    the latter another offset.
     """
     revolute = structure.revolute
     choices = [(1, -1) if turns else (1,) for turns in revolute]

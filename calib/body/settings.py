@@ -74,7 +74,7 @@ class PriorSettings:
     # pseudo-observations that hold it; in the plane 10 left 30 rows 1 % worse than 40
     curve_rows: float = 5.0
     curve_rows_in_plane: float = 40.0
-    # waves a turn up to which a planar arm's curve may be larger: eccentric wheels, loads
+    # waves a turn up to which a planar arm's curve is larger: by eccentric wheels, loads
     long: float = 3.0
     # waves a turn at which a curve's prior variance has fallen by exp(-1/2), and its share far
     # beyond: a real UR10 has 8 to 30 waves a turn of 0.15 to 0.37 mrad
@@ -97,17 +97,17 @@ class PriorSettings:
 class StartSettings:
     """Where a fit begins."""
 
-    # [nats], too little to distinguish starts
+    # [nats] within which starts are equally good
     tied_nats: float = 1e-2
-    rows: int = 400  # that the runs use at most
+    rows: int = 400  # most rows of the runs
     # damped steps of all runs, and of the best
     run_steps: tuple[int, int] = (6, 40)
-    runs: int = 8  # that get more steps
-    turned_ways: int = 16  # combinations of signs and mirrors that are refined
-    guessed_rows: int = 60  # that guesses of a frame use
-    guess_steps: int = 10  # damped, of a guess
-    steps: int = 40  # damped, of the best guess, and of a chain
-    # of the reach: tools to each side that the frame is guessed with
+    runs: int = 8  # best runs, which get more steps
+    turned_ways: int = 16  # best combinations of signs and mirrors, which run
+    guessed_rows: int = 60  # most rows of a guess of the frame
+    guess_steps: int = 10  # damped steps of a guess
+    steps: int = 40  # damped steps of the best guess, and of a chain
+    # length of tools to each side that guesses of the frame assume [reach]
     tool: float = 0.1
     # median residual over the spread of the rows: from here on they are of another arm, and pixels
     # of no camera; and median turn [rad] from which orientations are of another arm
@@ -120,8 +120,8 @@ class StartSettings:
     # fewest rows for a chain of which only the joints are known, and most rows of its search
     least_rows: int = 10
     chain_rows: int = 150
-    chains: int = 24  # that a round begins at
-    rounds: int = 3  # until the best two agree
+    chains: int = 24  # chains that a round begins at
+    rounds: int = 3  # most rounds, until the best two agree
     # numbers of best ends that get more steps, and of these steps: after 40 steps a UR5's short
     # path was explained 25 to 900 nats worse than by the true chain, now to 2
     further_steps: tuple[tuple[int, int], ...] = ((8, 100), (4, 300))

@@ -229,12 +229,11 @@ class Structure(Layout):
         column[active] = np.arange(len(active))
         slopes = np.zeros((len(active), outputs, n))
         for indices, derivative in self._columns(q, beta, state, sight):
-            places = column[indices.ravel()]
-            is_active = places >= 0
+            columns = column[indices.ravel()]
+            is_active = columns >= 0
             if is_active.any():
-                columns = derivative()
-                columns = columns.reshape(len(places), outputs, n)
-                slopes[places[is_active]] = columns[is_active]
+                part = derivative().reshape(len(columns), outputs, n)
+                slopes[columns[is_active]] = part[is_active]
         return sight.values, slopes.transpose(2, 1, 0)
 
     def _columns(

@@ -231,16 +231,16 @@ def in_structure(body: Body, structure: SpatialStructure) -> Body:
     """The belief in another structure of the arm, without parameters that this does not have."""
     before = [label.name for label in body.structure.labels]
     after = [label.name for label in structure.labels]
-    _, shared, places = np.intersect1d(before, after, return_indices=True)
+    _, old, new = np.intersect1d(before, after, return_indices=True)
 
-    def moved(belief: Gaussian) -> tuple[Array, Array]:
+    def reordered(belief: Gaussian) -> tuple[Array, Array]:
         beta = structure.neutral()
-        beta[places] = belief.beta[shared]
+        beta[new] = belief.beta[old]
         root = np.zeros((structure.size, belief.root.shape[1]))
-        root[places] = belief.full_root[shared]
+        root[new] = belief.full_root[old]
         return beta, root
 
-    return replace(body.with_beliefs(moved), structure=structure)
+    return replace(body.with_beliefs(reordered), structure=structure)
 
 
 def without_whole_motion(body: Body, q: Array) -> Body:

@@ -32,7 +32,7 @@ from .causes import FRAME, GROUPS
 from .evidence import Evidence, frame_between
 from .frame import LEAST_RESIDUAL
 from .judge import guarded_algebra, judge
-from .significance import CONTRADICTED
+from .significance import LEAST_CONTRADICTED
 from .update import Update
 from .verdict import Verdict
 
@@ -131,7 +131,7 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
     if not update.improved or not answers:
         bound = verdict.bound
         # noise is no error of the model
-        is_wrong = bound.beyond > CONTRADICTED and not bound.may_be_noise
+        is_wrong = bound.beyond > LEAST_CONTRADICTED and not bound.may_be_noise
         if verdict.changed or is_wrong:
             return _with_wider_bound(verdict, unchanged, model)
         return unchanged

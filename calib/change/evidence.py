@@ -249,7 +249,7 @@ class Evidence:
             score = max(score, 1.0 + self.misfit)
         is_contradicted = self.bound.is_contradicted and self.play is None
         if self.is_better and not self.bound.holds:
-            is_contradicted |= self.tests.noisy is None
+            is_contradicted |= self.tests.noisy_joint is None
         if is_contradicted:
             score = max(score, 1.0 + self.bound.beyond)
         if self.step is not None:

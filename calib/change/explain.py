@@ -67,11 +67,13 @@ class Candidate(NamedTuple):
     wave_size: float  # of `Reference.wave_sizes`
     indices: Indices  # (p,), parameters that are free
     log_evidence: float  # [nats]
-    normals: Array  # (p,), their best changes over the standard deviations by which they are free
+    normals: Array  # (p,), their best changes over their standard deviations `Search.sd`
 
 
-def _order(candidate: Candidate | Explanation) -> tuple[float, tuple[str, ...]]:
-    """What sorts sets of causes: the greatest evidence first."""
+def _sort_key(
+    candidate: Candidate | Explanation,
+) -> tuple[float, tuple[str, ...]]:
+    """Key by which sets of causes are sorted: the greatest evidence comes first."""
     return -candidate.log_evidence, candidate.causes
 
 
@@ -198,7 +200,7 @@ class Search:
             candidates.append(
                 Candidate(causes, wave_size, indices, best, normals)
             )
-        return sorted(candidates, key=_order)
+        return sorted(candidates, key=_sort_key)
 
     def fits(self, *, calm: bool) -> Iterable[Explanation]:
         """Fit no cause and, unless all is `calm`, the best sets of causes.
@@ -215,8 +217,8 @@ class Search:
                 key = candidate.causes, candidate.wave_size
                 if key not in fits:
                     fits[key] = self.explanation_of(candidate)
-            best = min(fits.values(), key=_order)
-            promise = min(candidates, key=_order)
+            best = min(fits.values(), key=_sort_key)
+            promise = min(candidates, key=_sort_key)
             if calm or abs(best.log_evidence - promise.log_evidence) < MARGIN:
                 break
             self.linearise(best.beta)
@@ -237,7 +239,7 @@ class Search:
                 if name not in shorter.causes
             }
             sets = [self.candidates_of(causes) for causes in longer]
-            beam = sorted((first for first, *_ in sets), key=_order)
+            beam = sorted((first for first, *_ in sets), key=_sort_key)
             beam = beam[: SEARCH.beam]
             # neither of two causes helps alone, but both together may
             is_pair = count > 1 and not best.causes
@@ -251,7 +253,7 @@ class Search:
                 best = beam[0]
             elif best.causes:
                 break
-        tried.sort(key=_order)
+        tried.sort(key=_sort_key)
         least = tried[0].log_evidence - SEARCH.nats_near
         near = [tested for tested in tried if tested.log_evidence > least]
         return [tested for tested in near[: SEARCH.fits] if tested.causes]
@@ -331,4 +333,4 @@ def explain(
             free_groups = (*FRAME, *certain_groups)
         search = Search(system, cause, free_groups)
         explanations += search.fits(calm=calm)
-    return tuple(sorted(explanations, key=_order))
+    return tuple(sorted(explanations, key=_sort_key))

@@ -163,7 +163,7 @@ def _verdict_on_body(
     )
     explanations = explain(systems, cause, calm=not evidence.fired)
     evidence = replace(evidence, explanations=explanations)
-    step = _step_within(evidence, all_observations, noise.system.noisy)
+    step = _step_within(evidence, all_observations, noise.system.noisy_joint)
     evidence = with_orientations(replace(evidence, step=step), systems)
 
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out
@@ -186,22 +186,24 @@ def _noise_and_play(
 
 
 def _step_within(
-    evidence: Evidence, all_observations: LogRows, noisy: NoisyJoint | None
+    evidence: Evidence,
+    all_observations: LogRows,
+    noisy_joint: NoisyJoint | None,
 ) -> Step | None:
     """The change within the log beside the best explanation, where a test hints at one.
 
     all_observations : of all rows, also of those that contradict the others
-    noisy : a joint whose encoder is noisy
+    noisy_joint : a joint whose encoder is noisy
     """
     if (
         evidence.rows.log.touch is not None
     ):  # touches have no order of their own
         return None
-    if not (evidence.fired or evidence.tests.noisier):
+    if not (evidence.fired or evidence.tests.is_noisier):
         return None
     best = evidence.best
     reference = replace(best.reference, beta=best.beta)
-    return find_step(reference, all_observations, noisy)
+    return find_step(reference, all_observations, noisy_joint)
 
 
 def _systems(

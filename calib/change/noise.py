@@ -36,7 +36,7 @@ FALSE_ALARM = 1e-3
 # Noise over the usual one from which it is reported, unless it is chance, and one encoder's noise
 # is searched: the noise of a log's body is a Student scale, up to 30 % less than the standard
 # deviation of series C
-NOISIER = 1.5
+NOISE_RATIO = 1.5
 
 JOINT_NOISES = tuple(2.0 ** np.arange(-1.0, 6.5, 0.5))
 """Noise of one encoder over that of the sensor, at the tip: with steps of two, 2 of 90 unchanged
@@ -70,16 +70,16 @@ class NoiseFit:
     @property
     def noisy_joint(self) -> NoisyJoint | None:
         """The joint whose encoder is noisy, and its noise [rad or m]."""
-        if self.system.noisy is None:
+        if self.system.noisy_joint is None:
             return None
-        joint, ratio = self.system.noisy
+        joint, ratio = self.system.noisy_joint
         return joint, ratio * self.size
 
     @property
     def is_larger(self) -> bool:
         """Whether the noise is larger than usual, by more than chance."""
         chance = self.chance_beside(self.likelihood_of_usual)
-        return self.size > NOISIER * self.usual and chance < FALSE_ALARM
+        return self.size > NOISE_RATIO * self.usual and chance < FALSE_ALARM
 
     def chance_beside(self, likelihood: float) -> float:
         """Chance (chi-square, 1) that one more parameter gains as much over a likelihood."""
@@ -408,9 +408,9 @@ def _follows_short_waves(noise: NoiseFit) -> bool:
     A curve has at most 48 cycles a turn; a strain wave gear has twice its ratio, such as 200.
     """
     system = noise.system
-    if system.noisy is None:
+    if system.noisy_joint is None:
         return False
-    joint, _ = system.noisy
+    joint, _ = system.noisy_joint
     observations = system.observations
     angles = observations.q[:, joint, None] * SHORT_WAVES
     waves = np.stack([np.cos(angles), np.sin(angles)], axis=2)

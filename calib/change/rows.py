@@ -33,9 +33,9 @@ OUTLIER = 5.0  # noises from which a row contradicts all others
 
 # fewest different rows for a verdict or a correction
 LEAST_ROWS = 10
-REPEATED = "{} repeated rows count once"
-LEARNED = "the model has learned {} of these rows, which show nothing new"
-_MISREAD = ("exchanged", "turns")
+REPEATED_ROWS = "{} repeated rows count once"
+LEARNED_ROWS = "the model has learned {} of these rows, which show nothing new"
+_MISTAKES = ("exchanged", "turns")
 
 
 @dataclass(frozen=True)
@@ -275,7 +275,7 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     ).take(answered)
     notes += sound_notes
     if repeated:
-        notes.append(REPEATED.format(repeated))
+        notes.append(REPEATED_ROWS.format(repeated))
     outside = np.count_nonzero(~answered)
     if outside:
         notes.append(
@@ -290,7 +290,7 @@ def _without_learned(model: Model, log: Samples) -> tuple[Samples, list[str]]:
         return log, []
     is_learned = learned_rows(model, log)
     learned = int(np.count_nonzero(is_learned))
-    notes = [LEARNED.format(learned)] if learned else []
+    notes = [LEARNED_ROWS.format(learned)] if learned else []
     if len(log) - learned >= LEAST_ROWS:
         log = log.take(~is_learned)
     return log, notes
@@ -333,7 +333,7 @@ def _misreadings(rows: LogRows) -> list[str]:
     ):
         pose = model.pose if knows_orientation(model.body) else None
         findings = diagnose(log, model.forward, pose)
-        notes = refuse_mistakes([f for f in findings if f.kind in _MISREAD])
+        notes = refuse_mistakes([f for f in findings if f.kind in _MISTAKES])
     names = model.about.joint_names
     for name, share in zip(names, rows.learned_shares.tolist(), strict=True):
         if share < ROWS.corner:

@@ -44,16 +44,16 @@ class SignificanceSettings:
 SIGNIFICANCE = SignificanceSettings()
 
 # Correlation time of residuals that are no longer noise [rows]
-LAGGING = 3.0
-LASTING = 10  # rows over which noise may be correlated
+LONGEST_NOISE = 3.0
+NOISE_ROWS = 10  # rows over which noise may be correlated
 # Largest share of rows beyond a 95 % bound that holds: halves of A and C have at most 13 %
-BEYOND = 0.2
+MOST_BEYOND = 0.2
 # Share of rows beyond their tolerance from which errors that repeat are a change: pieces of
 # unchanged halves have at most .25, waves of 60 cycles and 3 mrad .47
-CONTRADICTED = 1.0 / 3.0
+LEAST_CONTRADICTED = 1.0 / 3.0
 NOISE = "a noisier sensor or encoder, "
 NO_NOISE = "no noise, wrong rows, another sensor's or an unknown change, "
-SHOWN = {"scale": "sensor scale", "tilt": "sensor tilt"}
+PRINTED_NAMES = {"scale": "sensor scale", "tilt": "sensor tilt"}
 """Printed names of groups whose own names do not say that they are the sensor's."""
 
 
@@ -85,11 +85,11 @@ class GroupTests:
     noise: float
     usual: float  # [unit], noise that the belief expects
     # a joint whose encoder is noisy, with its noise [rad or m]
-    noisy: NoisyJoint | None = None
+    noisy_joint: NoisyJoint | None = None
     # whether the noise is larger than usual, by more than chance
-    noisier: bool = False
+    is_noisier: bool = False
     # whether joints have waves that may be those of an arm that has not changed
-    wavy: bool = False
+    is_wavy: bool = False
 
     @property
     def score(self) -> float:
@@ -179,7 +179,7 @@ class FTests:
         is_seen = precision > 0.0
         move = float((moves[is_seen] / scale[is_seen]).min())
         return GroupTest(
-            name=SHOWN.get(name, name),
+            name=PRINTED_NAMES.get(name, name),
             p_value=min(1.0, self.count * chance),
             statistic=statistic,
             freedom=freedom,
@@ -239,9 +239,9 @@ def group_tests(noise: NoiseFit, probes: Array) -> GroupTests:
         groups=tuple(tests.of_groups(groups, moves)),
         noise=noise.sd,
         usual=float(reference.body.noise[0]),
-        noisy=None if noise.is_wavy else noise.noisy_joint,
-        noisier=noise.is_larger,
-        wavy=noise.is_wavy,
+        noisy_joint=None if noise.is_wavy else noise.noisy_joint,
+        is_noisier=noise.is_larger,
+        is_wavy=noise.is_wavy,
     )
 
 
@@ -261,7 +261,7 @@ class BoundTest:
     @property
     def holds(self) -> bool:
         """Whether about as few rows as usual are beyond the bound."""
-        return self.beyond <= BEYOND
+        return self.beyond <= MOST_BEYOND
 
     def words(self, *, changed: bool) -> str:
         """The share beyond the bound in words and, where nothing `changed`, its possible causes."""
@@ -302,17 +302,18 @@ def bound_test(
     beyond = np.count_nonzero(is_beyond) + rows.strays
     is_missed = square > tolerance**2 + radius * shared_variance
     variance_by_joints = variance_of_places(rows.u, residual)
-    is_systematic = tests.wavy or follows_sides(residual, rows.side)
+    is_systematic = tests.is_wavy or follows_sides(residual, rows.side)
     repeats = is_systematic or variance_by_joints * radius > tests.noise**2
-    is_change = is_systematic or (repeats and tests.noisy is None)
+    is_change = is_systematic or (repeats and tests.noisy_joint is None)
     return BoundTest(
         beyond=float(beyond / (len(rows) + rows.strays)),
         usual=float(np.median(tolerance)),
         may_be_noise=rows.has_few_strays
         and not is_systematic
-        and autocorrelation_time(residual) < LAGGING,
+        and autocorrelation_time(residual) < LONGEST_NOISE,
         repeats=repeats,
-        is_contradicted=is_change and float(is_missed.mean()) > CONTRADICTED,
+        is_contradicted=is_change
+        and float(is_missed.mean()) > LEAST_CONTRADICTED,
     )
 
 
@@ -351,10 +352,10 @@ def neighbours_apart_in_time(u: Array) -> tuple[Index, Index]:
     from scipy.spatial import cKDTree
 
     # among as many neighbours at least one is far apart in time
-    count = min(2 * LASTING + 2, len(u))
+    count = min(2 * NOISE_ROWS + 2, len(u))
     _, neighbours = cKDTree(u).query(u, count)
     near = np.asarray(neighbours)
-    is_apart = np.abs(near - np.arange(len(u))[:, None]) > LASTING
+    is_apart = np.abs(near - np.arange(len(u))[:, None]) > NOISE_ROWS
     row = np.flatnonzero(is_apart.any(axis=1))
     nearest = is_apart[row].argmax(axis=1)
     pairs = np.sort(np.stack([row, near[row, nearest]], axis=1), axis=1)

@@ -64,19 +64,19 @@ class _Course(NamedTuple):
 def find_step(
     reference: Reference,
     observations: LogRows,
-    noisy: NoisyJoint | None,
+    noisy_joint: NoisyJoint | None,
 ) -> Step | None:
     """The change within a log, None where it may be chance.
 
     reference : with the parameters that explain the whole log best
     observations : all rows of the log, in the order of time
-    noisy : a joint whose encoder is noisy: its few large residuals are no step
+    noisy_joint : a joint whose encoder is noisy: its few large residuals are no step
     """
     rows = spread_rows(len(observations), SYSTEM.rows)
     starts = _starts(observations.u[rows])
     if not len(starts):
         return None
-    system = System(reference, observations.at_most(SYSTEM.rows), noisy)
+    system = System(reference, observations.at_most(SYSTEM.rows), noisy_joint)
     # rows that contradict all others are limited
     limit = OUTLIER * float(np.median(np.abs(system.y)))
     y = np.clip(system.y, -limit, limit)

@@ -61,7 +61,7 @@ class System:
 
     y : (N,), residuals
     columns : (N, d), derivatives of the predictions by all parameters
-    noisy : a joint whose encoder is noisy, and its noise over that of the sensor [rad or m / size]
+    noisy_joint : a joint whose encoder is noisy, and its noise [rad or m] over that of the sensor
     log_determinant : log |C| of the rows' noise, over the usual one
     nuisance : the `Nuisance` with waves of a size, one of `Reference.wave_sizes`
     """
@@ -70,12 +70,12 @@ class System:
         self,
         reference: Reference,
         observations: LogRows,
-        noisy: NoisyJoint | None = None,
+        noisy_joint: NoisyJoint | None = None,
     ) -> None:
         structure = reference.structure
         self.reference = reference
         self.observations = observations
-        self.noisy = noisy
+        self.noisy_joint = noisy_joint
         self.slope = structure.slope(observations.q, reference.beta)
         self.roots, self.log_determinant = self._roots()
         residual, self.columns = self.residual(reference.beta)
@@ -91,9 +91,9 @@ class System:
         sizes = self.reference.expected_noise
         rows = len(self.observations)
         white = np.tile(np.diag(1.0 / sizes), (rows, 1, 1))
-        if self.noisy is None:
+        if self.noisy_joint is None:
             return white, 0.0
-        joint, ratio = self.noisy
+        joint, ratio = self.noisy_joint
         g = self.slope[..., joint] / sizes
         square = (g**2).sum(axis=1)
         length = np.sqrt(np.maximum(square, 1e-300))

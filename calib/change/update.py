@@ -24,8 +24,8 @@ from .causes import CREEP_WAVES
 from .evidence import Evidence, tool_turn
 from .explain import MARGIN, SEARCH
 from .explanation import POSTERIOR, Explanation, Posterior, with_least_waves
-from .noise import NOISIER, usual_noise
-from .significance import BEYOND
+from .noise import NOISE_RATIO, usual_noise
+from .significance import MOST_BEYOND
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
     return best
 
 
-def _update(
+def _judged_update(
     evidence: Evidence,
     explanation: Explanation,
     body: Body,
@@ -148,22 +148,22 @@ def _update_by_posterior(
         at_rows = _with_sound_bound(body, q, distance)
         body = _as_uncertain(body, explanation, evidence)
     body = _with_sound_bound(body, q, distance)
-    return _update(evidence, explanation, body, rows, residual, at_rows)
+    return _judged_update(evidence, explanation, body, rows, residual, at_rows)
 
 
-def _with_tool(evidence: Evidence, update: Update) -> Update:
+def _with_tool(evidence: Evidence, best: Update) -> Update:
     """An update with the tool turned, too; where it is no better, with the tool turned alone."""
     log = evidence.rows
-    if not update.improved:
+    if not best.improved:
         rows = spread_rows(len(log), UPDATE.rows)
         residual = (log.x - log.predicted)[rows]
-        update = _update(
-            evidence, update.explanation, evidence.prior, rows, residual
+        best = _judged_update(
+            evidence, best.explanation, evidence.prior, rows, residual
         )
-    body = update.body
+    body = best.body
     tool = tool_turn(log, evidence.reference.structure, body.beta)
-    at_rows = None if update.at_rows is None else tool.of(update.at_rows)
-    return replace(update, body=tool.of(body), at_rows=at_rows, improved=True)
+    at_rows = None if best.at_rows is None else tool.of(best.at_rows)
+    return replace(best, body=tool.of(body), at_rows=at_rows, improved=True)
 
 
 def _is_better(
@@ -181,15 +181,15 @@ def _is_better(
     changed = evidence.score > 1.0
     gain = before - after
     share = UPDATE.after_change if changed else UPDATE.after_refinement
-    needed = max(_chance(gain), (1.0 - share) * float(before.mean()))
-    gains = evidence.is_explained and float(gain.mean()) > needed
-    if changed or not gains:
-        return gains
+    needed = max(_gain_by_chance(gain), (1.0 - share) * float(before.mean()))
+    is_gain = evidence.is_explained and float(gain.mean()) > needed
+    if changed or not is_gain:
+        return is_gain
     # see `UpdateSettings.after_refinement`
-    return evidence.tests.noisy is None and _is_surer(evidence, body)
+    return evidence.tests.noisy_joint is None and _is_surer(evidence, body)
 
 
-def _chance(gain: Array) -> float:
+def _gain_by_chance(gain: Array) -> float:
     """Mean gain that may be chance, by how the means of blocks of gains (k,) differ [unit]."""
     blocks = np.array_split(gain, POSTERIOR.blocks)
     means = np.array([block.mean() for block in blocks])
@@ -235,7 +235,9 @@ def _update_by_training(evidence: Evidence, explanation: Explanation) -> Update:
     rows = spread_rows(len(observations), UPDATE.rows_of_training)
     measured = [Rows(observations.q[rows], observations.x[rows])]
     fitted = fit(structure, measured, begin=explanation.beta)
-    return _update(evidence, explanation, fitted.body, rows, fitted.held_out)
+    return _judged_update(
+        evidence, explanation, fitted.body, rows, fitted.held_out
+    )
 
 
 def _as_uncertain(body: Body, best: Explanation, evidence: Evidence) -> Body:
@@ -258,7 +260,7 @@ def _as_uncertain(body: Body, best: Explanation, evidence: Evidence) -> Body:
     if evidence.unnamed_log_evidence > greatest - MARGIN:
         differences.append(best.reference.beta - body.beta)
     usual = usual_noise(best.reference)
-    explains_all = evidence.is_attributed and best.noise < NOISIER * usual
+    explains_all = evidence.is_attributed and best.noise < NOISE_RATIO * usual
     is_unknown = not (explains_all or evidence.rows.widespread)
     if is_unknown or evidence.unnamed_log_evidence > greatest:
         # in the frame of the log, which is known where the sensor was put elsewhere
@@ -302,7 +304,7 @@ def _with_sound_bound(body: Body, q: Array, distance: Array) -> Body:
 
     The cause that a user states may be wrong: a longer link is no lens.
     """
-    if np.mean(distance > body.bound(q)) <= BEYOND:
+    if np.mean(distance > body.bound(q)) <= MOST_BEYOND:
         return body
     residual = float(np.quantile(distance, 0.95)) / RADIUS_95
     return replace(body, residual=np.maximum(body.residual, residual))

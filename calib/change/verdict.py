@@ -11,7 +11,13 @@ from .causes import Cause
 from .evidence import Evidence
 from .noise import FALSE_ALARM
 from .rows import OUTLIER, LogRows
-from .significance import BEYOND, BoundTest, GroupTest, GroupTests, bound_test
+from .significance import (
+    MOST_BEYOND,
+    BoundTest,
+    GroupTest,
+    GroupTests,
+    bound_test,
+)
 from .update import Update
 
 # most rows that distortions are measured on
@@ -267,7 +273,7 @@ def verdict_on_maps(rows: LogRows) -> Verdict:
     tests = GroupTests((), noise, noise)
     limit = limit[sound]
     bound = bound_test(rows, limit, limit, rows.shared**2, tests)
-    score = bound.beyond / BEYOND
+    score = bound.beyond / MOST_BEYOND
     causes: tuple[Cause, ...] = ()
     if score > 1.0:
         words = (

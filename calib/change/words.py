@@ -21,7 +21,7 @@ from ..common.wording import by_name, for_people, quantity, two_digits
 from .causes import FRAME, GROUPS, Cause, cause_kind, indices_of
 from .evidence import Evidence, frame_between
 from .explain import MARGIN
-from .noise import NOISIER, Play
+from .noise import NOISE_RATIO, Play
 from .significance import moves_of
 
 SCATTER = (
@@ -112,8 +112,8 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
     causes: list[Cause] = []
     if not (drifted or evidence.bound.may_be_noise):
         return causes
-    if tests.noisy is not None and not drifted:
-        joint, sd = tests.noisy
+    if tests.noisy_joint is not None and not drifted:
+        joint, sd = tests.noisy_joint
         name, unit = _joint(evidence, joint)
         factor, shown_unit = for_people(unit)
         words = (
@@ -127,7 +127,7 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
         unit_noise = float(evidence.reference.expected_noise[0])
         noise = min(noise, evidence.best.noise * unit_noise)
     times = noise / tests.usual
-    if tests.noisier and times > NOISIER:
+    if tests.is_noisier and times > NOISE_RATIO:
         unit = evidence.unit
         words = f"the scatter is {quantity(noise, unit)} per axis"
         if times < WORDS.exact:

@@ -9,7 +9,12 @@ from ..arm.loading import arm_from_urdf
 from ..arm.rotations import logarithm, matrix_of, similarity
 from ..body.belief import knows_orientation
 from ..change.judge import judge
-from ..change.rows import LEARNED, LEAST_ROWS, REPEATED, first_of_equal_rows
+from ..change.rows import (
+    LEARNED_ROWS,
+    LEAST_ROWS,
+    REPEATED_ROWS,
+    first_of_equal_rows,
+)
 from ..change.verdict import Verdict
 from ..common.choices import check_choice
 from ..common.rows import finite_rows, median_length, row_lengths
@@ -156,8 +161,8 @@ def evaluate(
     notes: list[str] = []
     if learned and len(samples) - learned < TESTING.fewest:
         note = (
-            f"{LEARNED.format(learned)}: errors on rows that were held out while it was trained "
-            "follow"
+            f"{LEARNED_ROWS.format(learned)}: errors on rows that were held out "
+            "while it was trained follow"
         )
         training = as_made(model)
         left_out += training.left_out + len(samples) - learned
@@ -165,7 +170,7 @@ def evaluate(
             training, notes=(note,), learned=learned, left_out=left_out
         )
     if learned:
-        notes.append(LEARNED.format(learned))
+        notes.append(LEARNED_ROWS.format(learned))
         samples = samples.take(~is_learned)
         source += " that were not learned"
 
@@ -192,7 +197,7 @@ def _of_log(
         lost = len(different) - len(rows)
         if len(different) < len(samples):
             repeated = len(samples) - len(different)
-            notes.append(REPEATED.format(repeated))
+            notes.append(REPEATED_ROWS.format(repeated))
     else:
         verdict = judge(model, samples, learn=False, progress=progress)
         rows = verdict.rows.log
