@@ -43,7 +43,7 @@ def answer_one(
             "quaternion "
             + " ".join(with_decimals(value, 6) for value in quaternion)
         )
-    document |= numbers | query.meaning
+    document |= numbers | query.explain()
     outside = query.model.outside(q[0], degrees=joints.degrees)
     if outside is not None:
         note(f"no answer: {outside}")

@@ -96,7 +96,7 @@ def answer_one(
     document |= {"reachable": reachable, "solutions": solutions}
     if query.frame == "base" and not Space.of(query.model).sees(x).all():
         note("the camera's picture does not show the target")
-    document |= query.meaning
+    document |= query.explain()
     shown = by_name(query.axes, answer.position.T)
     shown |= _numbers(answer, options, query.bounds)
     if reachable:

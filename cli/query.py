@@ -134,8 +134,6 @@ class Query:
             from calib.model.nominal import has_free_frame
 
             is_relative = has_free_frame(model)
-        if is_relative:
-            note(f"the bound leaves out {UNDETERMINED}")
         return cls(model, frame, joints, positions, files, is_relative)
 
     @property
@@ -149,9 +147,8 @@ class Query:
         is_one = self.frame == "base" or self.model.about.source != "log"
         return BOUNDS[:1] if is_one else BOUNDS
 
-    @property
-    def meaning(self) -> dict[str, object]:
-        """What the numbers of an answer mean, for JSON."""
+    def explain(self) -> dict[str, object]:
+        """Return what the numbers of an answer mean as JSON; print what its bounds leave out."""
         about = self.model.about
         in_base = self.frame == "base"
         unit = self.positions.unit
@@ -164,6 +161,7 @@ class Query:
             meaning["frame"] = "base"
             if self.is_relative:
                 meaning["not_in_bound"] = UNDETERMINED
+                note(f"the bound leaves out {UNDETERMINED}")
         elif about.sensor:
             meaning["sensor"] = about.sensor
         return meaning
@@ -255,7 +253,7 @@ class Query:
                 code = EXIT_ACT
         if batch.invalid:
             code = 1
-        document |= {**(facts or {}), **self.meaning}
+        document |= {**(facts or {}), **self.explain()}
         if columns is None:
             return Outcome(document, lines, code=code)
         typed = dict(columns)
