@@ -168,6 +168,17 @@ def test_a_model_is_trained_from_an_mjcf_and_written_back(run, tmp_path):
     assert after < 0.02 * before
 
 
+def test_a_joint_that_follows_another_follows_it_in_the_mjcf_that_is_written(run, tmp_path):
+    file, model, out = (tmp_path / name for name in ("arm.urdf", "m.calib", "arm.xml"))
+    file.write_text(FOLLOWED)
+    run.done("train", file, "-n", "60", "--size", "3", "-o", model)
+    run.done("export", model, "--mjcf", out)
+    arm, again = calib.load_arm(file), calib.load_arm(out)
+    q = random_joints(arm, 20)
+    assert again.joint_names == arm.joint_names
+    assert_allclose(again.forward(q), arm.forward(q), atol=1e-6)
+
+
 def test_a_joint_that_an_equality_ties_to_another_follows_it():
     """MuJoCo's own constraint is at rest there: a_0, a_1 and both joints' ref are in it."""
     mujoco = pytest.importorskip("mujoco")

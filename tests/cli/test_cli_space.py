@@ -80,7 +80,9 @@ def test_pixels_and_the_tip_in_the_base_frame_are_those_of_the_truth(run, folder
     assert miss.mean() < 5e-4
     assert (miss <= base["expected_error"]).mean() >= 0.95
     assert list(base) == [*names, *"xyz", *ROTATION, *BOUNDS]
-    one = run("query", "forward", folder / "m.calib", *q[0], "--in", "base", "--json").document
+    done = run("query", "forward", folder / "m.calib", *q[0], "--in", "base", "--json")
+    assert "leaves out the base frame's turn" in done.err
+    one = done.document
     assert one["unit"] == one["units"]["positions"] == "m"
     assert one["position"] == pytest.approx([base[axis][0] for axis in "xyz"])
     ends = tips([[-0.3, 0.6, -1.0], [0.4, 0.8, -1.3]])

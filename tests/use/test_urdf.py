@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from chains import FOLLOWED, MIXED
+from chains import FOLLOWED, MIXED, chain_urdf, turning
 from models import arm, babbled, bare, in_pixels, in_space, lengths, log_of, model, no_arm
 from reference import pinocchio_pose, random_joints
 from scipy.spatial.transform import Rotation
@@ -152,6 +152,24 @@ def test_a_zero_is_one_number_with_an_interval_that_holds(written, tmp_path, run
     told = (zero["value"], zero["interval"])
     assert (lerobot["offsets"]["elbow"], lerobot["intervals"]["elbow"]) == pytest.approx(told)
     assert (entry["value"], entry["high"] - entry["value"]) == pytest.approx(told)
+    alone = fit_geometry(calib.train(rows, size=4, free="offsets")).offsets()["elbow"]
+    assert abs(alone.value + 0.05) < alone.interval < 0.3 * zero["interval"]
+
+
+@pytest.mark.parametrize("unit", ["m", "mm"])
+def test_drawn_turns_are_no_zeros_and_millimetres_scale_no_lengths(written, tmp_path, run, unit):
+    """Zeros were told up to 180 deg off where a drawing's origins are turned."""
+    text = chain_urdf(turning(), turning("0 0 -1", '0.25 0 0" rpy="0 0 1.2'))
+    drawn, real = arm_from_urdf(text), arm_from_urdf(text.replace("0.25", "0.256"))
+    q = random_joints(drawn, 60)
+    truth = real.forward(np.add(q, [0.0, 0.05]))
+    x = truth + np.random.default_rng(0).normal(0.0, 1e-4, (60, 2))
+    x *= 1000 if unit == "mm" else 1
+    _, path = written(calib.train(log_of(drawn, q, x, unit=unit), size=3))
+    assert lengths(calib.load_arm(path).forward(q) - truth).max() < 3e-4
+    words = run(f"info {tmp_path}/m.calib").out
+    assert float(re.search(r"j2: .*?([+-]\d+\.\d+) ±", words)[1]) == pytest.approx(2.86, abs=0.1)
+    assert "turns against" not in words
 
 
 @pytest.mark.parametrize("seed", [1, 2, 7])
