@@ -24,7 +24,7 @@ from ..samples.lens import Lens
 from .correct import usual_limit
 from .edits import number_text, pose_of
 from .geometry import Quantity
-from .geometry_fit import fit_geometry
+from .geometry_fit import fit_geometry, seen_in_lengths
 from .urdf import corrected_urdf
 
 
@@ -168,7 +168,8 @@ def corrected_arm(
     geometry_is_drawn : see `fit_geometry`
     Raises RobotError or OptionError where geometry does not describe the model.
     """
-    geometry = fit_geometry(model, geometry_is_drawn=geometry_is_drawn)
+    seen = seen_in_lengths(model)
+    geometry = fit_geometry(seen, geometry_is_drawn=geometry_is_drawn)
     return corrected_urdf(geometry), geometry.offsets()
 
 

@@ -146,6 +146,15 @@ def fit_geometry(model: Model, *, geometry_is_drawn: bool = False) -> Geometry:
     return fit_in_plane(arm, points, frame_is_free, geometry_is_drawn)
 
 
+def seen_in_lengths(model: Model) -> Model:
+    """Return a model as the first of its sensors that measures lengths sees the arm, if one does.
+
+    A geometry is fitted to the rows of one sensor: pixels determine no lengths.
+    """
+    models = (model.by(name) for name in model.sensors)
+    return next((seen for seen in models if seen.about.unit in METRES), model)
+
+
 def body_with_zeros(model: Model) -> Body | None:
     """Return a model's body with the zeros and intervals that `calib urdf` and `export` write.
 
@@ -157,7 +166,7 @@ def body_with_zeros(model: Model) -> Body | None:
     if body is None or is_simulated(model) or not about.urdf:
         return body
     try:
-        offsets = fit_geometry(model).offsets()
+        offsets = fit_geometry(seen_in_lengths(model)).offsets()
     except CalibError:  # no geometry is fitted to pixels of a plane in space
         return body
     structure = body.structure

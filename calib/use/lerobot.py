@@ -10,7 +10,7 @@ from ..errors import OptionError
 from ..model.model import Model
 from ..recording.lerobot import TICKS, Motors
 from .geometry import Quantity
-from .geometry_fit import fit_geometry
+from .geometry_fit import fit_geometry, seen_in_lengths
 
 # the register `Homing_Offset` holds a sign and eleven bits
 _LARGEST_OFFSET = 2047
@@ -26,7 +26,8 @@ def zeros_of(model: Model) -> dict[str, Quantity]:
     The first joint's is one with the sensor's frame, the last one's often with a turn of what is
     in the hand: those are left out.
     """
-    offsets = fit_geometry(model, geometry_is_drawn=True).offsets()
+    seen = seen_in_lengths(model)
+    offsets = fit_geometry(seen, geometry_is_drawn=True).offsets()
     return {
         name: zero
         for name, zero in offsets.items()

@@ -32,7 +32,7 @@ def urdf(
 ) -> Outcome:
     from calib.common.atomic import atomic_write
     from calib.model.nominal import assumption
-    from calib.use.geometry_fit import fit_geometry
+    from calib.use.geometry_fit import fit_geometry, seen_in_lengths
     from calib.use.urdf import (
         MOST_UNEXPLAINED,
         check_output,
@@ -41,7 +41,7 @@ def urdf(
     )
 
     check_file(output, (".urdf", ".xml"))
-    loaded = calib.load(model)
+    loaded = seen_in_lengths(calib.load(model))
     say(assessment.bound_warnings(loaded.about))
     check_output(output, loaded.about.urdf)
     geometry = fit_geometry(loaded, geometry_is_drawn=free == "offsets")
@@ -59,6 +59,8 @@ def urdf(
         "unit": unit,
         "units": units_of(loaded.about, unit),
     }
+    if loaded.about.sensor:
+        say([f"fitted to the rows of sensor {loaded.about.sensor!r} alone"])
     if geometry.frame_is_free:
         say([assumption(loaded)])
     share = 100.0 * geometry.residual / geometry.reach
