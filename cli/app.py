@@ -24,7 +24,7 @@ from .parsing import BadOption
 
 INPUTS = (
     *("robot", "data", "input_", "joints_file", "poses_file", "tags_at"),
-    *("calibration", "lerobot", "bag"),
+    *("calibration", "lerobot", "bag", "lens"),
 )
 """Parameters whose files no output may replace; a model may replace a model."""
 

@@ -1,4 +1,4 @@
-"""Correct joint values so that the real arm reaches where the nominal arm would be.
+"""Correct joint values: the measured point of the real arm reaches where the nominal one is.
 
 Exit code 3 if the real arm cannot reach one of these places, or if a joint would change by
 more than the limit; the other rows are written.
