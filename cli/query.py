@@ -19,6 +19,7 @@ from calib.common.scale import METRES
 from calib.common.wording import error_size, for_people, listing
 from calib.use import assessment
 
+from .logs import check_sensor
 from .output import EXIT_ACT, Outcome, TextTable, note, say, with_decimals
 from .parsing import TABLES, BadOption, bad_value, check_file, refuse
 from .units import JointFormat, units_of
@@ -38,14 +39,9 @@ Failures = Mapping[str, tuple[Index, str]]
 def model_in(path: str, frame: str, *, base: bool = False) -> calib.Model:
     """Load a model as one of its sensors sees the arm; as the first one in the `base` frame."""
     model = calib.load(path)
-    names = [name for name in model.sensors if name]
-    if frame in names:
+    check_sensor(model, frame, *(["base"] if base else []))
+    if frame in model.sensors:
         model = model.by(frame)
-    elif frame != "sensor" and not (base and frame == "base"):
-        choices = names or ["sensor"]
-        if base:
-            choices.append("base")
-        raise BadOption(f"--in {frame!r}: expected {', '.join(choices)}")
     say(assessment.bound_warnings(model.about))
     return model
 

@@ -97,6 +97,11 @@ class Source:
         cells = self.read([name])[name].cast(str).fill_null("")
         return cells.str.strip_chars().to_list()
 
+    def of_sensor(self, name: str) -> Source:
+        """Return the rows whose column `sensor` has this name."""
+        measured = np.array(self.texts(SENSOR)) == name
+        return replace(self, table=self.table.filter(measured))
+
     def seconds(self, name: str) -> Array:
         """Read a column of times (n,) [s]: numbers, or dates as text; NaN where it has neither.
 
@@ -265,13 +270,7 @@ def sources_by_sensor(
         tables = {label: source}
         names = names_of_sensors(source)
         if names:
-            measured = np.array(source.texts(SENSOR))
-            tables = {
-                name: replace(
-                    source, table=source.table.filter(measured == name)
-                )
-                for name in names
-            }
+            tables = {name: source.of_sensor(name) for name in names}
         for name, table in tables.items():
             numbered = (f"{name}-{number}" for number in count(2))
             while name in by_name:

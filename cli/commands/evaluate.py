@@ -10,7 +10,7 @@ from calib.common.wording import with_unit
 from calib.use import assessment
 
 from .. import options as opt
-from ..logs import FOR_LOGS, LogFormat, log_of, with_facts
+from ..logs import ANY_SENSOR, FOR_LOGS, LogFormat, log_of, with_facts
 from ..output import Outcome, progress, say
 from ..parsing import BadOption, refuse
 from ..summary import error_table, summary
@@ -32,7 +32,7 @@ def evaluate(
         Literal["kept", "free"],
         opt.option("--frame", "free: the sensor's frame is found anew."),
     ] = "kept",
-    sensor: opt.OfSensor = "sensor",
+    sensor: opt.OfSensor = ANY_SENSOR,
     iso: Annotated[
         bool,
         opt.option("--iso9283", "Accuracy and repeatability of poses, too."),
@@ -42,7 +42,7 @@ def evaluate(
 
     loaded = model_in(model, sensor)
     log_format = LogFormat(columns, unit, time_offset, degrees)
-    log = log_of(loaded, data, log_format)
+    log = log_of(loaded, data, log_format, sensor)
     if log is None:
         anew = None if frame == "kept" else frame
         of_logs = {"distance": distance, "plane": plane, "frame": anew}

@@ -187,6 +187,33 @@ def test_a_sensor_is_asked_by_its_name(two, run, tmp_path):
     refused(calib.OptionError, "'base': expected none", nameless.forward, q, sensor="base")
 
 
+def test_a_log_that_names_no_sensor_of_the_model_is_not_taken_for_the_first(two, run, tmp_path):
+    """It was: a fresh log of the second one had drifted by 80 deg, and was adapted to."""
+    path, new = tmp_path / "two.calib", tmp_path / "new.csv"
+    two.save(path)
+    log = seen_from("right", 40, 7, 0.5)[0]
+    calib.write_log(log, new)
+    page = ("-o", tmp_path / "page.html")
+    for words in (["check"], ["adapt"], ["recognise"], ["evaluate"], ["report", *page]):
+        words += [path, "--data", new]
+        run.refused(1, "of the model's, left, right; say --in SENSOR", *words)
+        done = run(*words, "--in", "right")
+        assert done.code == (3 if words[0] == "adapt" else 0), done.err
+        run.refused(2, "'top': expected left, right", *words, "--in", "top")
+    check = ("check", path, "--data", new)
+    assert "--in left re-calibrates it" in run(*check, "--in", "left").out
+    for names in (["other"], ["other", "right"], ["right"]):
+        rows = np.resize(names, len(log))
+        table = pl.read_csv(new, comment_prefix="#").with_columns(sensor=rows)
+        table.write_csv(new)
+        if names != ["right"]:
+            run.refused(1, f"names {', '.join(names)}: expected one of the model's", *check)
+        assert run.done(*check, "--in", "right", "--json").document["samples"] >= 20
+    run.done(*check)
+    assert calib.read_log(new, joints=two.about.joint_names).sensor == "right"
+    run.refused(2, "--in left: the column", *check, "--in", "left")
+
+
 def test_a_log_is_judged_as_its_sensor_sees_the_arm(two):
     q = draw(two, 40, seed=3)
     x = two.by("right").forward(q) + np.random.default_rng(3).normal(0.0, 2e-5, q.shape)
