@@ -108,6 +108,26 @@ def test_a_pixel_on_a_plane_gives_a_point_and_joints_that_stand_there(run, folde
     run.refused(1, "--on z=H", *ask, u, v, "--near", "0,0.5,-1", "--keep-orientation")
 
 
+def test_a_pixel_is_of_the_camera_that_is_named(run, folder, tmp_path):
+    """The first one's was taken: half a metre off."""
+    east = Camera(position=(1.0, 0.5, 0.6), target=(0.1, 0.0, 0.2), roll=0.0, **LENS)
+    q = random_joints(THREE, 45, 4)
+    seen_by_east = east.project(tips(q)) + np.random.default_rng(4).normal(0, 0.3, (45, 2))
+    names = THREE.joint_names
+    table(tmp_path / "tracker.csv", [*names, *"xyz"], np.c_[q, tips(q) + 0.5])
+    table(tmp_path / "east.csv", [*names, *"uv"], np.c_[q, seen_by_east])
+    files = f"--data {tmp_path}/tracker.csv --data {folder}/log.csv --data {tmp_path}/east.csv"
+    run.done(f"train spatial_three {files} --size 3 -o {tmp_path}/m.calib")
+    point = tips([0.3, 0.9, -1.4])[0]
+    for name, camera in (("log", CAMERA), ("east", east)):
+        ask = ("query", "inverse", tmp_path / "m.calib", *camera.project(point), "--on")
+        found = run.done(*ask, f"z={point[2]}", "--in", name, "--json").document
+        assert found["on_plane"]["position"] == pytest.approx(point, abs=1e-3)
+        assert found["frame"] == "base"
+    for frame in ([], ["--in", "base"], ["--in", "tracker"]):
+        run.refused(2, "tracker is no camera: expected --in log or east", *ask, "z=0.1", *frame)
+
+
 def test_check_and_adapt_follow_a_camera_that_was_moved(run, folder):
     moved = np.array([0.02, 0.03, -0.01])
     write_pictures(folder / "moved.csv", 30, 2, moved)
