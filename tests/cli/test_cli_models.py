@@ -155,6 +155,16 @@ def test_noise_tells_sensor_and_return_apart(lab, run, tmp_path):
     assert document["intervals"]["sensor"] == pytest.approx(document["sensor"] * scale)
     assert "expected" not in run("noise", lab / "cycles.csv").out
     run.refused(1, "none of the log's", "noise", lab / "log.csv")
+    # with one reading for each visit it was taken for the arm's alone
+    log = calib.read_log(lab / "cycles.csv", joints=["shoulder", "elbow"])
+    calib.write_log(log.take(np.arange(0, 300, 2)), tmp_path / "once.csv")
+    document = run.done("noise", tmp_path / "once.csv", "--json").document
+    assert document["sensor"] is document["return"] is None
+    assert document["together"] == pytest.approx(np.hypot(SENSOR, RETURN), rel=0.15)
+    low, high = document["intervals"]["together"]
+    assert low < document["together"] < high
+    assert document["intervals"]["sensor"] == document["intervals"]["return"] == [0.0, high]
+    assert "no pose twice in a row: each is between 0" in run("noise", tmp_path / "once.csv").out
     # a wrong reading is no noise
     text = (lab / "cycles.csv").read_text()
     header, *_, last = text.splitlines()
