@@ -118,6 +118,16 @@ def test_two_sensors_see_a_planar_arm_from_both_sides_in_units_of_their_own(run,
         q = rng.uniform(arm.lower, arm.upper, (40, 2))
         z = axes * (arm.forward(q) + 0.1 + rng.normal(0.0, NOISE / 2, (40, 2)))
         rows.append(log_of(arm, q, z, sensor=name, unit=unit))
+    train = ["train", "two_link", "--size", "3"]
+    for log in rows:
+        columns = (*arm.joint_names, *"xy")
+        table = pl.DataFrame(np.hstack([log.q, log.x]), columns)
+        table.write_csv(tmp_path / f"{log.sensor}.csv")
+        train += ["--data", tmp_path / f"{log.sensor}.csv"]
+    # no `--unit` is right for both
+    run.refused(1, "or name the columns `x [mm]`", *train)
+    table.rename({"x": "x [mm]", "y": "y [mm]"}).write_csv(tmp_path / "back.csv")
+    run.done(*train, "-o", tmp_path / "both.calib")
     both = calib.train(rows, size=3)
     fresh = rng.uniform(arm.lower, arm.upper, (100, 2))
     for name, _, axes in sides:
