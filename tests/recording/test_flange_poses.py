@@ -260,7 +260,19 @@ def test_poses_of_the_board_alone_are_enough():
     seen, rng = world.boards, np.random.default_rng(0)
     rig = calib.handeye(poses=world.flange, boards=seen, eye="hand")
     np.testing.assert_allclose(rig.hand["position"], world.camera[:3, 3], atol=1e-6)
-    refused(calib.OptionError, "z > 0", calib.handeye, poses=world.flange, boards=-seen, eye="hand")
+    hole, flange = np.where(np.arange(len(seen))[:, None, None] == 3, np.nan, 1.0), world.flange
+    for words, boards, poses in (
+        ("z > 0", -seen, flange),
+        (r"boards\[3\] holds what is no number", hole * seen, flange),
+        (r"poses\[3\] holds what is no number", seen, hole * flange),
+        ("boards: 16, poses: 15: expected a board of each pose", seen, flange[1:]),
+        ("boards: 15, poses: 16", seen[1:], flange),  # the last pose was ignored
+    ):
+        refused(calib.OptionError, words, calib.handeye, poses=poses, boards=boards, eye="hand")
+    in_mm = seen.copy()
+    in_mm[:, :3, 3] *= 1e3
+    rig = calib.handeye(poses=flange, boards=in_mm, eye="hand")
+    assert "1000 times too long by the arm's motions, as where they are in mm" in str(rig.notes)
     # of small tags: with their scatter, and their size
     seen[:, :3, :3] @= Rotation.from_rotvec(rng.normal(0.0, 0.06, (len(seen), 3))).as_matrix()
     seen[:, :3, 3] *= 1.02
