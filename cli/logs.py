@@ -112,9 +112,10 @@ def read_measured_log(
     sensor: str = "",
 ) -> calib.Samples:
     """Read a log, for the robot where there is one, and report what was assumed."""
-    from calib.samples.tables import open_source
+    from calib.samples.tables import open_source, refuse_unnamed
 
     source = open_source(path)  # once: it may be a pipe
+    refuse_unnamed(source)
     sliding = log_format.prismatic or ()
     arm = None
     joints = selection.joints
