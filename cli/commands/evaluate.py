@@ -84,7 +84,7 @@ def evaluate(
         return Outcome(document, lines, warnings=warnings)
     others = [] if log is not None else loaded.sensors[1:]
     lines = [
-        f"{model}: {assessment.accuracy(loaded, result)}",
+        f"{model}: {_of_sensor(loaded)}{assessment.accuracy(loaded, result)}",
         *(assessment.accuracy_as_made(loaded.by(name)) for name in others),
         *limit,
     ]
@@ -95,6 +95,11 @@ def evaluate(
     title = f"errors on {result.rows} {result.source}"
     table = error_table(loaded, result.errors, title)
     return Outcome(document, lines, [table], warnings=warnings)
+
+
+def _of_sensor(model: calib.Model) -> str:
+    """Return the beginning of a line that names the sensor, if it has a name."""
+    return f"{model.about.sensor}: " if model.about.sensor else ""
 
 
 def _standard(model: calib.Model, log: calib.Samples | None) -> Iso9283:

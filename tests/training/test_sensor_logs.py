@@ -38,7 +38,9 @@ def test_files_and_a_column_make_the_same_model_of_two_sensors(logs, run, tmp_pa
     assert sensors == [("left", 40), ("right", 60)]
     one = run.done(*train[:-1], "--data", both, "-o", tmp_path / "one.calib")
     assert ", 100 rows, " in one.out
-    assert "left (40 rows), right (60 rows)" in run("info", tmp_path / "one.calib").out
+    told = run("info", tmp_path / "one.calib").out
+    assert "left (40 rows), right (60 rows)" in told
+    assert " 100 rows of 2 logs, seed 0" in told
     assert (tmp_path / "two.calib").read_bytes() == (tmp_path / "one.calib").read_bytes()
     words = ("evaluate", tmp_path / "two.calib", "--data", tmp_path / "right.csv", "--json")
     assert run(*words).document["learned"] == 60
@@ -161,6 +163,8 @@ def test_poses_that_are_read_again_are_no_new_poses(logs):
     twice = calib.train(log.take(np.tile(np.arange(40), 2)), size=3)
     assert twice.about.errors == calib.train(log, size=3).about.errors
     assert twice.about.samples == 40
+    notes = calib.train([log, replace(log, sensor="again")], size=3).notes
+    assert any("again: 40 of its 40 rows are those of left" in note for note in notes)
 
 
 def test_a_sensor_is_asked_by_its_name(two, run, tmp_path):
@@ -189,7 +193,8 @@ def test_a_sensor_is_asked_by_its_name(two, run, tmp_path):
     told = run("evaluate", path, "--in", "right", "--json").document
     assert told["errors"] == two.by("right").about.errors
     for command in ("info", "evaluate"):
-        assert "right: " in run(command, path).out
+        for name in ("left: ", "right: "):
+            assert name in run(command, path).out
     run("export", path, "-o", tmp_path / "first.h")
     run("export", path, "-o", tmp_path / "right.h", "--in", "right")
     assert (tmp_path / "first.h").read_bytes() != (tmp_path / "right.h").read_bytes()
