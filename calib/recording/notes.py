@@ -89,7 +89,8 @@ def notes_of(
     """All notes on a calibration."""
     notes: list[str] = []
     for view in problem.views:
-        notes += view.notes
+        camera = f"{view.name}: " if len(problem.views) > 1 else ""
+        notes += [f"{camera}{note}" for note in view.notes]
     choice = problem.choice
     if choice is not None:
         convention = choice.convention
@@ -104,16 +105,17 @@ def notes_of(
         )
     notes += _contradicting(rig, agreeing)
     notes += _open(rig, agreeing)
-    if problem.views[0].is_of_poses:
-        notes += _posed_boards(fit, rig)
-    else:
-        notes += _size(rig)
-        notes += _lenses(problem, fit)
+    # what was moved, a little, looks as of another focal length, too
     arm = problem.arm
     if arm is not None:
         notes += _arm(problem, arm, fit, rig)
     else:
         notes += _poses(rig)
+    if problem.views[0].is_of_poses:
+        notes += _posed_boards(fit, rig)
+    else:
+        notes += _size(rig)
+        notes += _lenses(problem, fit)
     return tuple(notes)
 
 

@@ -26,8 +26,8 @@ from .options import TrainingOptions
 from .settings import LEARNING, TOUCHING
 
 _BASE = (
-    "no touch tells where the base stands and how it is turned about the first axis: both stay as "
-    "drawn and are left out of intervals"
+    "no touch tells where the base stands and how it is turned or tilted: both stay as drawn and "
+    "are left out of intervals"
 )
 _SIZE = (
     "touches alone do not tell how large the arm is: its size stays as drawn; state the distance "

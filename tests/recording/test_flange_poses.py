@@ -171,6 +171,17 @@ def test_a_board_that_was_moved_among_few_pictures_is_told_from_an_arm_that_repe
         assert words in " ".join(few.notes)
 
 
+def test_a_board_that_slipped_is_told_before_a_focus_that_looks_as_if_it_changed():
+    world = World(0, count=7)
+    slip = motion(Rotation.from_rotvec(np.radians([0.09, -0.12, 0.26])), [1.2e-3, 1.6e-3, 0.0])
+    world.placed = slip @ world.placed
+    while world.count < 14:
+        turn = Rotation.from_rotvec(world.rng.uniform(-0.65, 0.65, 3))
+        world.show(turn, world.rng.uniform([-0.12, -0.07, 0.3], [0.12, 0.07, 0.6]))
+    notes = " ".join(world.solve().notes)
+    assert 0 < notes.index("camera or board was moved") < notes.index("autofocus")
+
+
 @pytest.mark.parametrize("seed", [1, 5, 10, 11])
 def test_few_pictures_tell_turns_of_the_arm_from_shifts_and_from_noise_of_corners(seed):
     """Turns of .1 deg ended at none."""
@@ -287,19 +298,23 @@ def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):
     world = World(7, in_hand=False, count=10, second=True)
     for number, name in enumerate(("left", "right")):
         (tmp_path / "rig" / name).mkdir(parents=True)
-        for k in range(world.count):
+        for k in range(world.count + 1):  # the last one without a board
             mark = np.full((SIZE[1], SIZE[0]), 10 * number, np.uint8)
             mark[0, 1] = k
             cv2.imwrite(str(tmp_path / "rig" / name / f"{k}.png"), mark)
 
     def find(board, grey):  # drawing the pictures takes longer than all the rest
-        return dict(enumerate(world.corners[grey[0, 0] // 10][grey[0, 1]]))
+        camera, number = grey[0, 0] // 10, grey[0, 1]
+        return dict(enumerate(world.corners[camera][number])) if number < 10 else {}
 
     monkeypatch.setattr("calib.recording.board.Chessboard.find", find)
-    np.savetxt(tmp_path / "flange.txt", world.flange.reshape(-1, 16))
+    rows = world.flange[[*range(10), 0]].reshape(-1, 16)
+    np.savetxt(tmp_path / "flange.txt", rows)
     words = ["--poses-file", tmp_path / "flange.txt", "--board", world.board, "--eye", "base"]
     made = ("--transform", tmp_path / "t.json", "--json")
     done = run.done("handeye", tmp_path / "rig", *words, *made)
+    for name in ("left", "right"):
+        assert f"note: {name}: no board" in done.err
     left, right = done.document["cameras"]
     assert (left["name"], right["name"]) == ("left", "right")
     assert (misses(left["base"], world.camera) < 2.0).all()
