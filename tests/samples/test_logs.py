@@ -89,8 +89,7 @@ def test_any_finite_numbers_come_back(tmp_path, rows, suffix):
 @pytest.mark.parametrize(("sep", "code"), [(";", "utf-8"), ("\t", "utf-16"), (";", "utf-8-sig")])
 def test_tables_of_spreadsheets_have_commas_in_their_decimals(sep, code, file):
     rows = [["a", "b", "x", "y"], ["-0,5", "1", "2,25e-1", ",5"], ["0,5", "3,0", "4", "1,5"]]
-    text = "\n".join(map(sep.join, rows))
-    log = read_log(file(text.encode(code)), joints=["a", "b"])
+    log = read_log(file("\n".join(map(sep.join, rows)).encode(code)), joints=["a", "b"])
     assert log.q.tolist() == [[-0.5, 1.0], [0.5, 3.0]]
     assert log.x.tolist() == [[0.225, 0.5], [4.0, 1.5]]
 
