@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import calib
-from calib.common.wording import by_name
+from calib.common.wording import by_name, listing
 
 from .output import say
 from .parsing import BadOption, OfJoint, refuse
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from calib.samples.tables import Source
 
 FOR_LOGS = "applies to a log: expected --data LOG too"
+ANY_SENSOR = "sensor"
+"""What `--in` is where no sensor is typed."""
 
 
 @dataclass(frozen=True)
@@ -110,9 +112,10 @@ def read_measured_log(
     sensor: str = "",
 ) -> calib.Samples:
     """Read a log, for the robot where there is one, and report what was assumed."""
-    from calib.samples.tables import open_source
+    from calib.samples.tables import open_source, refuse_unnamed
 
     source = open_source(path)  # once: it may be a pipe
+    refuse_unnamed(source)
     sliding = log_format.prismatic or ()
     arm = None
     joints = selection.joints
@@ -190,16 +193,25 @@ def with_facts(
 
 
 def log_for(
-    model: calib.Model, path: str, log_format: LogFormat
+    model: calib.Model,
+    path: str,
+    log_format: LogFormat,
+    sensor: str = ANY_SENSOR,
 ) -> calib.Samples:
-    """Read a log of a model's joints, in the model's unit where that is known."""
+    """Read a log of a model's joints, in the model's unit where that is known.
+
+    sensor : that measured it, as typed
+    """
     from calib.common.scale import METRES
     from calib.errors import LogError
     from calib.samples.joint_values import check_joint_values
-    from calib.samples.tables import open_source
+    from calib.samples.tables import names_of_sensors, open_source
 
     source = open_source(path)  # once: it may be a pipe
-    sensor = _sensor_of_log(model, source)
+    names = names_of_sensors(source)
+    sensor = sensor_of_log(model, source.label, names, sensor)
+    if sensor in names:
+        source = source.of_sensor(sensor)
     model = model.by(sensor)
     about = model.about
     unit = log_format.unit or source.unit or about.unit
@@ -243,25 +255,52 @@ def log_for(
     return replace(log, x=log.x * factor, unit=about.unit, source=facts)
 
 
-def _sensor_of_log(model: calib.Model, source: Source) -> str:
-    """Name the sensor of a log among a model's: by its column `sensor`, or the file's name.
+def sensor_of_log(
+    model: calib.Model, label: str, names: Sequence[str], typed: str
+) -> str:
+    """Name the sensor, among a model's, that measured a log: as typed, else as the log says.
 
-    It is the first one's where neither names another.
+    label : name of the log's file
+    names : in its column `sensor`; the file's name counts where there are none
+    Raises LogError where neither says one of several sensors.
     """
-    from calib.samples.tables import names_of_sensors
+    from calib.errors import LogError
 
-    if len(model.sensors) == 1:
+    check_sensor(model, typed)
+    sensors = [name for name in model.sensors if name]
+    column = f"the column `sensor` of {label} names {listing(names)}"
+    if typed != ANY_SENSOR and typed in sensors:
+        if typed not in names and {*names} & {*sensors}:
+            raise BadOption(f"--in {typed}: {column}")
+        return typed
+    if not sensors or (len(sensors) == 1 and not names):
         return ""
-    names = (*names_of_sensors(source), Path(source.label).stem)
-    sensors = [name for name in names if name in model.sensors]
-    return sensors[0] if sensors else model.sensors[0]
+    said = tuple(names) or (Path(label).stem,)
+    if len(said) == 1 and said[0] in sensors:
+        return said[0]
+    what = column if names else f"{label} is named after no sensor"
+    raise LogError(
+        f"{what}: expected one of the model's, {listing(sensors)}",
+        hint="say --in SENSOR, or name the file, or its rows in the column `sensor`, after it",
+    )
+
+
+def check_sensor(model: calib.Model, typed: str, *others: str) -> None:
+    """Refuse what `--in` names, if it is none of a model's sensors and of `others`."""
+    sensors = [name for name in model.sensors if name]
+    if typed not in (*sensors, *others, ANY_SENSOR):
+        choices = (*(sensors or [ANY_SENSOR]), *others)
+        raise BadOption(f"--in {typed!r}: expected {', '.join(choices)}")
 
 
 def log_of(
-    model: calib.Model, path: str | None, log_format: LogFormat
+    model: calib.Model,
+    path: str | None,
+    log_format: LogFormat,
+    sensor: str = ANY_SENSOR,
 ) -> calib.Samples | None:
     """Read a log to look at; None where none is given."""
     if path is None:
         refuse(vars(log_format), FOR_LOGS)
         return None
-    return log_for(model, path, log_format)
+    return log_for(model, path, log_format, sensor)

@@ -242,7 +242,7 @@ InFrame = Annotated[
     str, value("--in SENSOR|base", "Frame of positions (the first sensor's).")
 ]
 OfSensor = Annotated[
-    str, value("--in SENSOR", "Which sensor's frame counts (the first's).")
+    str, value("--in SENSOR", "The sensor (of a log its own, else the first).")
 ]
 PositionUnit = Annotated[
     str | None,

@@ -30,7 +30,7 @@ _WIDTH = 100  # of lines of words and of tables
 JsonDocument = Mapping[str, object] | Sequence[object]
 
 _QUOTED = re.compile(r"`([A-Za-z_]\w*)(?:=([^`]*))?`")
-_WORDS = "adapt calib check expected_error homing_offset model_error names point time"
+_WORDS = "adapt calib check expected_error homing_offset model_error names point sensor time"
 """Words in backquotes that are no parameter which an option sets."""
 _RENAMED = {
     "changes": "--change",

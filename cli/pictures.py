@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import calib
 from calib.common.choices import PICTURES, VIDEOS
 
-from .logs import LogFormat, log_of
+from .logs import ANY_SENSOR, FOR_LOGS, LogFormat, log_of, sensor_of_log
 from .output import say
 from .parsing import BadOption
 
@@ -153,11 +153,17 @@ def log_of_pictures(
     joints_file: str | None,
     camera: str | None,
     degrees: bool | None,
+    sensor: str,
 ) -> calib.Samples:
-    """Make a log of pictures, read as those of the model were."""
+    """Make a log of pictures, read as those of the model were.
+
+    sensor : that took them, as typed
+    """
     from calib.recording.board_pictures import find_board
     from calib.recording.lens import lens_of_model
 
+    sensor = sensor_of_log(model, source, (), sensor)
+    model = model.by(sensor)
     about = model.about
     board: Mapping[str, str] | None = about.board
     if board is None:
@@ -171,7 +177,7 @@ def log_of_pictures(
     )
     log = board_pictures.log(lens_of_model(model), board["eye"])
     say(log.notes)
-    return log
+    return replace(log, sensor=sensor)
 
 
 def photo_of_log(
@@ -201,11 +207,20 @@ def photo_of_log(
 
 
 def load_drawn(
-    path: str, data: str | None, photo: str | None, no_photo: bool
+    path: str,
+    data: str | None,
+    sensor: str,
+    photo: str | None,
+    no_photo: bool,
 ) -> tuple[calib.Model | calib.HandEye, calib.Samples | None]:
-    """Load a model or a rig as it is to be drawn, and a log of its own arm where one is given."""
+    """Load a model or a rig as it is to be drawn, and a log of its own arm where one is given.
+
+    sensor : that measured the log, as typed
+    """
     from calib.recording.rig import is_rig, load_rig
 
+    if data is None and sensor != ANY_SENSOR:
+        raise BadOption(f"--in {FOR_LOGS}")
     if is_rig(path):
         if data is not None or photo is not None:
             raise BadOption(
@@ -213,7 +228,7 @@ def load_drawn(
             )
         return load_rig(path), None
     model = calib.load(path)
-    log = log_of(model, data, LogFormat())
+    log = log_of(model, data, LogFormat(), sensor)
     if photo is not None:
         model = with_photo(model, photo, log)
     elif no_photo:

@@ -17,8 +17,10 @@ from calib.common.arrays import Array, Index, Mask
 from calib.common.rows import finite_rows
 from calib.common.scale import METRES
 from calib.common.wording import error_size, for_people, listing
+from calib.model.space import Space
 from calib.use import assessment
 
+from .logs import check_sensor
 from .output import EXIT_ACT, Outcome, TextTable, note, say, with_decimals
 from .parsing import TABLES, BadOption, bad_value, check_file, refuse
 from .units import JointFormat, units_of
@@ -42,16 +44,24 @@ Failures = Mapping[str, tuple[Index, str]]
 def model_in(path: str, frame: str, *, base: bool = False) -> calib.Model:
     """Load a model as one of its sensors sees the arm; as the first one in the `base` frame."""
     model = calib.load(path)
-    names = [name for name in model.sensors if name]
-    if frame in names:
+    check_sensor(model, frame, *(["base"] if base else []))
+    if frame in model.sensors:
         model = model.by(frame)
-    elif frame != "sensor" and not (base and frame == "base"):
-        choices = names or ["sensor"]
-        if base:
-            choices.append("base")
-        raise BadOption(f"--in {frame!r}: expected {', '.join(choices)}")
     say(assessment.bound_warnings(model.about))
     return model
+
+
+def _refuse_no_camera(path: str, model: calib.Model) -> None:
+    """Refuse pixels of a sensor of the model in a file that is no camera, where another one is."""
+    if Space.of(model).camera:
+        return
+    whole = calib.load(path)
+    cameras = [
+        name for name in whole.sensors if Space.of(whole.by(name)).camera
+    ]
+    if cameras:
+        expected = f"expected --in {' or '.join(cameras)}"
+        raise BadOption(f"--on: {model.about.sensor} is no camera: {expected}")
 
 
 @dataclass(frozen=True)
@@ -122,9 +132,17 @@ class Query:
         unit: str | None,
         degrees: bool,
         frame: str = "sensor",
+        *,
+        of_pixel: bool = False,
     ) -> Query:
-        """Return a query of the model in a file, in the frame of a sensor or of the base."""
+        """Return a query of the model in a file, in the frame of a sensor or of the base.
+
+        of_pixel : whether a camera's pixel is asked about, and answered in the frame of the base
+        """
         model = model_in(path, frame, base=True)
+        if of_pixel:
+            _refuse_no_camera(path, model)
+            frame = "base"
         frame = "base" if frame == "base" else "sensor"
         unit_of_answers = "m" if frame == "base" else model.about.unit
         joints = JointFormat(model.about, degrees)

@@ -283,8 +283,7 @@ def six():
     # uncertain too, in another posture of gravity
     active = np.concatenate([structure.groups[group] for group in groups])
     root = rng.normal(0, 1e-5, (len(active), 9))
-    body = replace(drawn.body, beta=beta, active=active, root=root)
-    return replace(drawn, body=body)
+    return replace(drawn, body=replace(drawn.body, beta=beta, active=active, root=root))
 
 
 def of_the_drawing(body) -> np.ndarray:

@@ -60,8 +60,7 @@ class Camera:
 
     def rays(self, pixels: Array) -> Array:
         """Return directions in the world (..., 3) of pixels (..., 2)."""
-        seen = (pixels - self.centre) / self.focal
-        r = np.linspace(0.0, 1.2, 4001)
+        seen, r = (pixels - self.centre) / self.focal, np.linspace(0.0, 1.2, 4001)
         bent = r * (1.0 + self.k1 * r**2 + self.k2 * r**4)
         inverse = np.divide(r, bent, out=np.ones_like(r), where=r > 0)
         # steps of 3e-4: linear between them is exact to 1e-8
@@ -189,8 +188,7 @@ class Desk:
         w, h = self.camera.size
         far = self.camera.position[2] / np.maximum(-self._rays[..., 2], 1e-3)
         x, y = (self.camera.position[k] + far * self._rays[..., k] for k in (0, 1))
-        rng = np.random.default_rng(self.seed)
-        coarse = rng.normal(0, 1, (h // 6, w // 6))
+        coarse = np.random.default_rng(self.seed).normal(0, 1, (h // 6, w // 6))
         grain = cv2.resize(coarse, (w, h), interpolation=cv2.INTER_CUBIC)
         wood = 12 * np.sin(60 * y + 3 * np.sin(7 * x)) + 5 * np.sin(400 * y + 9 * np.sin(11 * x))
         scene = (150 + wood + 6 * grain).astype(np.float32)
@@ -248,8 +246,7 @@ class Desk:
 
 def board_shots(desk: Desk, made: Sticker, count: int, rng: np.random.Generator) -> list[Image]:
     """Return pictures of the board held near the camera, tilted this way and that."""
-    pictures = []
-    camera = desk.camera
+    pictures, camera = [], desk.camera
     for _ in range(count):
         pixel = camera.size * rng.uniform([0.32, 0.35], [0.68, 0.65])
         place = camera.position + rng.uniform(0.35, 0.6) * camera.rays(pixel)

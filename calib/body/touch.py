@@ -2,7 +2,7 @@
 
 Where a socket is, nobody measured: each is a flat parameter of the fit, and is left out of the
 belief once the fit is done, which eliminates it exactly.  Sockets alone determine neither where the
-arm's base is nor how it is turned about its first axis: both stay as drawn.
+arm's base is nor how it is turned: both stay as drawn.
 """
 
 from __future__ import annotations

@@ -60,7 +60,7 @@ def adapt(
     model : Model
         The old model.
     log : Samples
-        New samples of the same arm, at least ten.
+        New samples of the same arm, at least ten, of `log.sensor` (the first one if "").
     method : {"few-shot", "online"}
         A Bayesian update of the body, for tens to thousands of samples; or the paper's rule
         (eq. 10 to 12), which needs thousands.

@@ -61,7 +61,7 @@ def judge(
     ----------
     model : Model
     log : Samples
-        At least ten different rows of the same arm.
+        At least ten different rows of the same arm, of `log.sensor` (the first one if "").
     cause : {"sensor", "joints"}, optional
         What is known about the change.
     free : {"all", "offsets"}
@@ -295,7 +295,7 @@ def check(
     ----------
     model : Model
     log : Samples
-        At least ten different rows of the same arm.
+        At least ten different rows of the same arm, of `log.sensor` (the first one if "").
     cause : {"sensor", "joints"}, optional
         What is known about a change.
     tolerance : float, optional [unit]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -163,9 +163,16 @@ class MeasuredRows(ReadOnly):
 
 
 def facts(
-    about: About, size_in_words: str, *, degrees: bool = True
+    about: About,
+    size_in_words: str,
+    others: Sequence[About] = (),
+    *,
+    degrees: bool = True,
 ) -> dict[str, str]:
-    """Return names and values; ranges of joints that turn in degrees or in rad."""
+    """Return names and values; ranges of joints that turn in degrees or in rad.
+
+    others : of further sensors
+    """
     options = about.options
     words = {"robot": about.robot or "none, learned from a log alone"}
     for k, name in enumerate(about.joint_names):
@@ -183,7 +190,7 @@ def facts(
         words["plane"] = ", ".join(axes)
     words |= {
         "positions in": about.unit,
-        "learned from": _source(about),
+        "learned from": _source(about, others),
         "maps": f"{options['map']}, {options['rule']} rule, {size_in_words}",
         "expected error": f"95 % bound on the distance to the {about.bound_of}",
         "model error": (
@@ -236,9 +243,12 @@ def error_statistics(
             yield direction, name, unit, statistics
 
 
-def _source(about: About) -> str:
-    kind = "simulated samples" if about.simulation else "rows of a log"
-    words = [f"{about.samples} {kind}", f"seed {about.seed}"]
+def _source(about: About, others: Sequence[About]) -> str:
+    kind = f"rows of {len(others) + 1} logs" if others else "rows of a log"
+    if about.simulation:
+        kind = "simulated samples"
+    samples = about.samples + sum(other.samples for other in others)
+    words = [f"{samples} {kind}", f"seed {about.seed}"]
     if about.simulation:
         noise = about.simulation.get("noise") or 0.0
         if noise:

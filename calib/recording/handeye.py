@@ -95,6 +95,11 @@ def handeye(
     motions = _motions(arm, poses)
     spatial_arm = None
     if isinstance(motions, FlangeTable):
+        if boards is not None and len(boards) != len(motions.numbers):
+            raise OptionError(
+                f"boards: {len(boards)}, poses: {len(motions.numbers)}: expected a board of each "
+                "pose"
+            )
         motions = replace(
             motions, unit=unit, rotation=rotation, degrees=degrees
         )
@@ -214,11 +219,17 @@ def _flange_table(poses: FilePath | FlangeTable | Array) -> FlangeTable:
 
 
 def _matrices(name: str, values: Array) -> Array:
-    """Poses (n, 4, 4) of an option.  Raises OptionError where they have another shape."""
+    """Poses (n, 4, 4) of an option, all of numbers.  Raises OptionError of others."""
     matrices = np.asarray(values, float)
     if matrices.ndim != 3 or matrices.shape[1:] != (4, 4):
         raise OptionError(
             f"{name} of shape {matrices.shape}: expected (n, 4, 4), or a table"
+        )
+    finite = np.isfinite(matrices).all(axis=(1, 2))
+    if not finite.all():
+        raise OptionError(
+            f"{name}[{np.argmin(finite)}] holds what is no number: expected a pose (4, 4)",
+            hint="leave it out of boards and poses",
         )
     return matrices
 

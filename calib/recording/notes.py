@@ -11,6 +11,7 @@ import numpy as np
 from ..arm.arm import SpatialArm
 from ..body.covariance import Z95
 from ..common.arrays import Array, Mask
+from ..common.scale import METRES
 from ..common.wording import listing, two_digits
 from .bundle import POSE_SIZE
 from .fit import CornerFit
@@ -30,6 +31,7 @@ class NoteLimits:
         0.01  # half of an interval beyond which a direction is unknown [m]
     )
     size: float = 4e-3  # of a board's size
+    unit: float = 0.05  # of a factor between two units
     focal: float = 2e-3  # of the focal length of a lens that was given
     doubtful: float = 0.01  # of the focal length, half of its interval
     focus: float = 1e-3  # sd of the focal length from picture to picture
@@ -87,7 +89,8 @@ def notes_of(
     """All notes on a calibration."""
     notes: list[str] = []
     for view in problem.views:
-        notes += view.notes
+        camera = f"{view.name}: " if len(problem.views) > 1 else ""
+        notes += [f"{camera}{note}" for note in view.notes]
     choice = problem.choice
     if choice is not None:
         convention = choice.convention
@@ -102,16 +105,17 @@ def notes_of(
         )
     notes += _contradicting(rig, agreeing)
     notes += _open(rig, agreeing)
-    if problem.views[0].is_of_poses:
-        notes += _posed_boards(fit, rig)
-    else:
-        notes += _size(rig)
-        notes += _lenses(problem, fit)
+    # what was moved, a little, looks as of another focal length, too
     arm = problem.arm
     if arm is not None:
         notes += _arm(problem, arm, fit, rig)
     else:
         notes += _poses(rig)
+    if problem.views[0].is_of_poses:
+        notes += _posed_boards(fit, rig)
+    else:
+        notes += _size(rig)
+        notes += _lenses(problem, fit)
     return tuple(notes)
 
 
@@ -173,11 +177,17 @@ def _size(rig: HandEye) -> Iterator[str]:
 def _posed_boards(fit: CornerFit, rig: HandEye) -> Iterator[str]:
     """Notes by motions on boards that were given as poses."""
     if _is_of_another_size(rig):
-        off = 100 * (rig.square["said"] / rig.square["measured"] - 1.0)
-        side = "long" if off > 0.0 else "short"
+        ratio = rig.square["said"] / rig.square["measured"]
+        side = "long" if ratio > 1.0 else "short"
+        off = f"{two_digits(100 * abs(ratio - 1.0))} %"
+        why = "of a tag of another size"
+        for unit, factor in METRES.items():
+            if unit != "m" and abs(ratio / factor - 1.0) < NOTE_LIMITS.unit:
+                off = f"{factor:.4g} times"
+                why = f"where they are in {unit} and no m"
         yield (
-            f"shifts of the boards are {two_digits(abs(off))} % too {side} by the arm's motions, "
-            "as of a tag of another size: the motions' size is used"
+            f"shifts of the boards are {off} too {side} by the arm's motions, as {why}: the "
+            "motions' size is used"
         )
     turn = np.degrees(fit.noise.corner[0] / rig.lens["focal"])
     if turn > NOTE_LIMITS.posed:

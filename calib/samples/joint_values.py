@@ -78,7 +78,15 @@ class JointColumn:
         is_small = not self.degrees and most <= TURN
         is_outside = beyond(values, *limits) > READING.slack
         fits_other = is_outside and beyond(other, *limits) <= READING.slack
+        # within less than a turn few angles but wrapped ones are in range a turn away
+        wrapped = wrap(values, *limits)
+        is_wrapped = (
+            limits[1] - limits[0] < 0.75 * TURN
+            and np.abs(wrapped - values).max() < 1.5 * TURN
+            and beyond(wrapped, *limits) <= READING.slack
+        )
         fits = self.limits is not None and not is_small and fits_other
+        fits = fits and not is_wrapped
         if not (fits or np.ptp(values) > 2.02 * TURN or most > too_many):
             return
         if (most if self.degrees else math.radians(most)) > too_many:

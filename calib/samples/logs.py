@@ -54,7 +54,8 @@ def read_log(
     in the sensor's own unit and axes; to x, y, z a plane is fitted. Of a log with more than 200,000
     rows that many, evenly spread, are read. Rows stay in the order of the file.  A column `point`,
     and optionally `setup`, names the socket that the tip touched: then x, y, z are its known
-    coordinates in its fixture's frame, and in a row without a point what a sensor measured.
+    coordinates in its fixture's frame, and in a row without a point what a sensor measured.  A
+    column `sensor` names the sensor.
 
     path : CSV or Parquet; `-` reads CSV from standard input
     arm : gives the joints' names and limits; its kinematics show other units, exchanged columns and
@@ -87,7 +88,7 @@ def read_log(
         outputs = outputs or arm.outputs
     roles = find_roles(source, arm, joints, columns or {})
     unit = _unit(source, roles, unit)
-    _check_sensors(source)
+    sensor = _sensor(source)
     _check_axes(label, roles, unit, arm, outputs)
     names = by_name(roles.joints, roles.columns(roles.joints))
     joint_columns = columns_of_joints(
@@ -114,7 +115,7 @@ def read_log(
     notes += _camera_notes(samples.camera, lens)
     if arm is not None and not roles.touched:
         notes += refuse_mistakes(_diagnosis(samples, arm), label)
-    samples = replace(samples, notes=tuple(notes))
+    samples = replace(samples, notes=tuple(notes), sensor=sensor)
     return samples if time_offset is None else with_offset(samples, time_offset)
 
 
@@ -244,14 +245,18 @@ def _unit(source: Source, roles: Roles, unit: str | None) -> str:
     return unit or stated or ("px" if roles.pixels else "m")
 
 
-def _check_sensors(source: Source) -> None:
-    """Raise LogError for the rows of several sensors."""
+def _sensor(source: Source) -> str:
+    """Name of the sensor in the column `sensor`, "" where there is none.
+
+    Raises LogError for the rows of several sensors.
+    """
     sensors = names_of_sensors(source)
     if len(sensors) > 1:
         raise LogError(
             f"{source.label} has rows of several sensors, {listing(sensors)}: expected a log of "
             "one; write the rows of each to a file of its own"
         )
+    return "".join(sensors)
 
 
 def _check_axes(

@@ -36,10 +36,12 @@ class Repeatability:
     sensor : float [unit]
         Of readings of one visit.
     arm : float [unit]
-        Of the place that the arm returns to.  Where each visit has one reading it contains the
-        sensor's noise.
-    sensor_interval, arm_interval : (float, float) [unit]
-        95 % intervals.
+        Of the place that the arm returns to.
+    together : float [unit]
+        Of readings of different visits, which the sensor and the arm make differ.  Where each
+        visit has one reading the log determines this alone.
+    sensor_interval, arm_interval, together_interval : (float, float) [unit]
+        95 % intervals; from 0 to that of both of what is not told apart.
     poses : int
         Poses that were measured more than once.
     repeats : int
@@ -54,8 +56,10 @@ class Repeatability:
 
     sensor: float
     arm: float
+    together: float
     sensor_interval: tuple[float, float]
     arm_interval: tuple[float, float]
+    together_interval: tuple[float, float]
     poses: int
     repeats: int
     returns: int
@@ -64,8 +68,8 @@ class Repeatability:
 
     @property
     def reading(self) -> float:
-        """Standard deviation of a single reading of a pose [unit]."""
-        return float(np.hypot(*np.nan_to_num([self.sensor, self.arm])))
+        """Standard deviation of a single reading of a pose, as far as it is known [unit]."""
+        return self.together if np.isfinite(self.together) else self.sensor
 
     def to_json(self) -> dict[str, object]:
         """Return what `calib noise --json` prints."""
@@ -74,6 +78,7 @@ class Repeatability:
         document["intervals"] = {
             "sensor": document.pop("sensor_interval"),
             "return": document.pop("arm_interval"),
+            "together": document.pop("together_interval"),
         }
         return document
 
@@ -109,19 +114,27 @@ def repeatability(samples: Samples) -> Repeatability:
     between = float((readings_of_visit[:, None] * off**2).sum())
     sensor = _deviation(within, axes * (repeats - returns))
     arm = np.full(3, np.nan)
+    together = arm
     if returns:
         squares = np.bincount(pose, readings_of_visit.astype(float) ** 2)
         weights = readings_of_pose - squares / readings_of_pose
-        noise = sensor if repeats > returns else np.zeros(3)
+        told_apart = repeats > returns
+        noise = sensor if told_apart else np.zeros(3)
         return_weight = axes * float(weights.sum())
         arm = _return_sd(between, axes * returns, return_weight, noise)
-    sensor_sd, sensor_low, sensor_high = sensor.tolist()
-    arm_sd, arm_low, arm_high = arm.tolist()
+        together = np.hypot(noise, arm)
+        if not told_apart:
+            sensor = arm = np.array([np.nan, 0.0, together[2]])
+    sensor_sd, *sensor_interval = sensor.tolist()
+    arm_sd, *arm_interval = arm.tolist()
+    together_sd, *together_interval = together.tolist()
     return Repeatability(
         sensor=sensor_sd,
         arm=arm_sd,
-        sensor_interval=(sensor_low, sensor_high),
-        arm_interval=(arm_low, arm_high),
+        together=together_sd,
+        sensor_interval=tuple(sensor_interval),
+        arm_interval=tuple(arm_interval),
+        together_interval=tuple(together_interval),
         poses=poses,
         repeats=repeats,
         returns=returns,

@@ -32,7 +32,8 @@ class Readings(RowArrays):
     x: Array  # (n, 2) or (n, 3), tip positions in the sensor's plane, or in space [unit]
     _: KW_ONLY
     unit: str = "m"  # of the positions: "m", "sensor", or what the user stated
-    sensor: str = ""  # its name where there are several
+    # its name where there are several; "" is the first one of a model
+    sensor: str = ""
     plane: Plane | None = None  # that was fitted to x, y and z
     camera: Camera | None = None  # of pixels of an arm in space
     orientation: Array | None = None  # (n, 4), qx, qy, qz, qw

@@ -163,16 +163,17 @@ class Touches(RowArrays):
     def _in_each_setup(
         self, text: str, points: Sequence[str], what: str
     ) -> list[tuple[int, ...]]:
-        """Numbers of some points in the setups that have all of them."""
+        """Numbers of some different points in the setups that have all of them."""
         numbers = []
         for setup in sorted({setup for setup, _ in self.sockets}):
             sockets = [(setup, point.strip()) for point in points]
-            if {*sockets} <= {*self.sockets}:
+            each_once = len({*sockets}) == len(sockets)
+            if each_once and {*sockets} <= {*self.sockets}:
                 numbers.append(tuple(map(self.sockets.index, sockets)))
         if not numbers:
             choices = listing(sorted({point for _, point in self.sockets}))
             raise OptionError(
-                f"{text!r}: expected {what} of one setup, of {choices}"
+                f"{text!r}: expected {what} of one setup, each once, of {choices}"
             )
         return numbers
 

@@ -45,6 +45,9 @@ _LATEST = 1e11  # [s] after 1970: a clock of the year 5138 counts in ms or less
 _POSITION_SUFFIX = ".pos"
 # start of records, columns or lists: a header may begin with a bracket, too
 _JSON = rb"\s*(\[\s*[\[{\]]|\{\s*[\"}])"
+_PACKED = {b"PK\3\4": "a workbook or an archive", b"\x1f\x8b": "compressed"}
+"""Kinds of files that hold a table, by their first bytes."""
+
 # a model file begins with the length of its header, in 8 bytes, and with this entry of it
 _MODEL = b'{"__metadata__":{"calib":'
 
@@ -96,6 +99,11 @@ class Source:
         """Read a column as text, "" where it is empty."""
         cells = self.read([name])[name].cast(str).fill_null("")
         return cells.str.strip_chars().to_list()
+
+    def of_sensor(self, name: str) -> Source:
+        """Return the rows whose column `sensor` has this name."""
+        measured = np.array(self.texts(SENSOR)) == name
+        return replace(self, table=self.table.filter(measured))
 
     def seconds(self, name: str) -> Array:
         """Read a column of times (n,) [s]: numbers, or dates as text; NaN where it has neither.
@@ -159,6 +167,12 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
             f"{label} is a model, not a log",
             hint="`log` takes a log (CSV or Parquet), a model is named without an option",
         )
+    for first, kind in _PACKED.items():
+        if content.startswith(first):
+            raise LogError(
+                f"{label} is {kind}: expected a table itself, CSV, Parquet or JSON",
+                hint="save it as CSV, or unpack it",
+            )
     source = parse_source(content, label)
     cells = (name.partition("_duplicated_")[0] for name in source.header)
     if re.fullmatch(r"[-+\d.eE\s\[\]]+", " ".join(cells)):
@@ -211,7 +225,7 @@ def _parse(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
             table = pl.DataFrame(np.load(io.BytesIO(content)))
             about = ""
         elif re.match(_JSON, content):
-            table = _of_records(json.loads(content))
+            table = _of_records(_documents(content))
             about = ""
         else:
             table, about = read_text(content, label)
@@ -230,6 +244,18 @@ def _parse(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
         raise LogError(
             f"{label} cannot be read: {reason}: {EXPECTED}"
         ) from None
+
+
+def _documents(content: bytes) -> Any:
+    """What JSON holds, or the list of what its lines hold."""
+    try:
+        return json.loads(content)
+    except json.JSONDecodeError as error:
+        if error.msg != "Extra data":
+            raise
+        return [
+            json.loads(line) for line in content.split(b"\n") if line.strip()
+        ]
 
 
 def _of_records(document: Any) -> pl.DataFrame:
@@ -265,19 +291,22 @@ def sources_by_sensor(
         tables = {label: source}
         names = names_of_sensors(source)
         if names:
-            measured = np.array(source.texts(SENSOR))
-            tables = {
-                name: replace(
-                    source, table=source.table.filter(measured == name)
-                )
-                for name in names
-            }
+            tables = {name: source.of_sensor(name) for name in names}
         for name, table in tables.items():
             numbered = (f"{name}-{number}" for number in count(2))
             while name in by_name:
                 name = next(numbered)
             by_name[name] = table
     return by_name
+
+
+def refuse_unnamed(source: Source) -> None:
+    """Raise LogError for a table without names of columns, as an array of NumPy is."""
+    if all(name.startswith(UNNAMED) for name in source.header):
+        raise LogError(
+            f"{source.label} has no names of columns: expected the joints' and x, y",
+            hint="write it as CSV with a header",
+        )
 
 
 def names_of_sensors(source: Source) -> tuple[str, ...]:

@@ -48,9 +48,9 @@ def prepare(
     if not others:
         log = _prepare_one_sensor(first, options)
         return [replace(log, notes=_notes_with_play(log))]
+    given = _logs_by_sensor(logs, options)
     logs_by_sensor = {
-        name: _prepare_one_sensor(log, options)
-        for name, log in _logs_by_sensor(logs, options).items()
+        name: _prepare_one_sensor(log, options) for name, log in given.items()
     }
     prepared = _with_common_play(logs_by_sensor)
     poses = {name: log.samples for name, log in prepared.items()}
@@ -61,8 +61,12 @@ def prepare(
         for name, samples in poses.items()
     ]
     covariance = np.sum(covariances, axis=0)
+    repeats = _given_twice(given)
     return [
-        _with_common_body(log, _with_covariance(fits[name], covariance))
+        _with_common_body(
+            replace(log, notes=(*log.notes, *repeats[name])),
+            _with_covariance(fits[name], covariance),
+        )
         for name, log in prepared.items()
     ]
 
@@ -93,6 +97,25 @@ def _logs_by_sensor(
             )
         by_sensor[name] = replace(log, sensor=name, lower=lower, upper=upper)
     return by_sensor
+
+
+def _given_twice(logs: Mapping[str, Samples]) -> dict[str, list[str]]:
+    """Notes on each sensor, of rows that are those of an earlier one to the last digit."""
+    notes: dict[str, list[str]] = {}
+    sensors: dict[bytes, str] = {}
+    for name, log in logs.items():
+        rows = [
+            np.append(q, x).tobytes() for q, x in zip(log.q, log.x, strict=True)
+        ]
+        alike = [sensors[row] for row in rows if row in sensors]
+        notes[name] = []
+        if alike:
+            notes[name].append(
+                f"{len(alike)} of its {len(rows)} rows are those of {alike[0]}: a log that is "
+                "given twice is no second sensor, and makes intervals too narrow"
+            )
+        sensors |= dict.fromkeys(rows, name)
+    return notes
 
 
 def _with_common_play(logs: Mapping[str, FittedLog]) -> dict[str, FittedLog]:

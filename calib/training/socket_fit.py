@@ -26,8 +26,8 @@ from .options import TrainingOptions
 from .settings import LEARNING, TOUCHING
 
 _BASE = (
-    "no touch tells where the base stands and how it is turned about the first axis: both stay as "
-    "drawn and are left out of intervals"
+    "no touch tells where the base stands and how it is turned or tilted: both stay as drawn and "
+    "are left out of intervals"
 )
 _SIZE = (
     "touches alone do not tell how large the arm is: its size stays as drawn; state the distance "
@@ -161,7 +161,7 @@ def _of_right_size(
     """The fit that has the arm's size right, and notes.
 
     The size is that of stated distances; that of a sensor, or else of the drawing, where none are
-    stated, or where they and the other differ.
+    stated of touched points, or where they and the other differ.
     """
     no_sensor = bool(touch.is_touch.all())
     if not touch.distances and no_sensor:
@@ -173,11 +173,14 @@ def _of_right_size(
         samples, replace(touch, facts=planes), structure, seed
     )
     size = _size_by_distances(samples, touch, without)
-    if size is None or not size.differs:
+    if size is not None and not size.differs:
         return sockets, []
-    if no_sensor and size.is_plausible:
-        without = _with_size_sd(without, size.difference / Z95)
-    return without, [size.words(touch)]
+    notes = [] if size is None else [size.words(touch)]
+    if not no_sensor:
+        return without, notes
+    if size is not None and size.is_plausible:
+        return _with_size_sd(without, size.difference / Z95), notes
+    return _with_size_sd(without, DRAWN_SIZE), [*notes, _SIZE]
 
 
 def _with_size_sd(sockets: SocketFit, sd: float) -> SocketFit:

@@ -11,7 +11,7 @@ from calib.common.choices import MethodWord
 from calib.common.wording import with_unit
 
 from .. import options as opt
-from ..logs import LogFormat, log_for
+from ..logs import ANY_SENSOR, LogFormat, log_for
 from ..output import EXIT_ACT, Line, Outcome, as_typed, fields, progress, say
 from ..parsing import check_file
 from ..pictures import photo_of_log
@@ -51,12 +51,14 @@ def adapt(
     unit: opt.Unit = None,
     time_offset: opt.TimeOffset = None,
     degrees: opt.LogDegrees = None,
+    sensor: opt.OfSensor = ANY_SENSOR,
 ) -> Outcome:
     loaded = calib.load(model)
     stem = Path(model).name.removesuffix(".calib").removesuffix(".adapted")
     path = output or str(Path(model).with_name(f"{stem}.adapted.calib"))
     check_file(path, (".calib",))  # before the work whose result would be lost
-    log = log_for(loaded, data, LogFormat(columns, unit, time_offset, degrees))
+    log_format = LogFormat(columns, unit, time_offset, degrees)
+    log = log_for(loaded, data, log_format, sensor)
     result = calib.adapt(
         loaded, log, method=method, cause=cause, free=free, progress=progress
     )

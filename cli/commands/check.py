@@ -15,7 +15,7 @@ from calib.common.wording import error_size, for_people, with_unit
 from calib.use import assessment
 
 from .. import options as opt
-from ..logs import LogFormat, log_for
+from ..logs import ANY_SENSOR, LogFormat, log_for
 from ..output import EXIT_ACT, Outcome, TextTable, progress, say
 from ..parsing import above_zero, refuse
 from ..pictures import log_of_pictures
@@ -47,12 +47,13 @@ def check(
     degrees: opt.LogDegrees = None,
     joints_file: opt.JointsFile = None,
     camera: opt.DatasetCamera = None,
+    sensor: opt.OfSensor = ANY_SENSOR,
 ) -> Outcome:
     loaded = calib.load(model)
     log_format = LogFormat(columns, unit, time_offset, degrees)
     if joints_file is None and not Path(data).is_dir():
         refuse({"camera": camera}, "is of a LeRobotDataset")
-        log = log_for(loaded, data, log_format)
+        log = log_for(loaded, data, log_format, sensor)
     else:
         of_tables = {
             "columns": columns,
@@ -60,7 +61,9 @@ def check(
             "time_offset": time_offset,
         }
         refuse(of_tables, "is of tables, not of pictures")
-        log = log_of_pictures(loaded, data, joints_file, camera, degrees)
+        log = log_of_pictures(
+            loaded, data, joints_file, camera, degrees, sensor
+        )
     verdict = calib.check(
         loaded, log, cause=cause, tolerance=tolerance, progress=progress
     )
@@ -71,9 +74,10 @@ def check(
         "unit": verdict.unit,
         "units": units_of(loaded.about, verdict.unit),
     }
-    lines = _verdict(
-        verdict, f"calib adapt {quote(model)} --data {quote(data)}"
-    )
+    adapt = f"calib adapt {quote(model)} --data {quote(data)}"
+    if sensor != ANY_SENSOR:
+        adapt += f" --in {quote(sensor)}"
+    lines = _verdict(verdict, adapt)
     for episode in verdict.drifted_episodes:
         title = f"episode {episode.episode}: DRIFTED"
         lines.append(f"{title}: {episode.main_cause}")

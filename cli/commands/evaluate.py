@@ -10,7 +10,7 @@ from calib.common.wording import with_unit
 from calib.use import assessment
 
 from .. import options as opt
-from ..logs import FOR_LOGS, LogFormat, log_of, with_facts
+from ..logs import ANY_SENSOR, FOR_LOGS, LogFormat, log_of, with_facts
 from ..output import Outcome, progress, say
 from ..parsing import BadOption, refuse
 from ..summary import error_table, summary
@@ -32,7 +32,7 @@ def evaluate(
         Literal["kept", "free"],
         opt.option("--frame", "free: the sensor's frame is found anew."),
     ] = "kept",
-    sensor: opt.OfSensor = "sensor",
+    sensor: opt.OfSensor = ANY_SENSOR,
     iso: Annotated[
         bool,
         opt.option("--iso9283", "Accuracy and repeatability of poses, too."),
@@ -42,7 +42,7 @@ def evaluate(
 
     loaded = model_in(model, sensor)
     log_format = LogFormat(columns, unit, time_offset, degrees)
-    log = log_of(loaded, data, log_format)
+    log = log_of(loaded, data, log_format, sensor)
     if log is None:
         anew = None if frame == "kept" else frame
         of_logs = {"distance": distance, "plane": plane, "frame": anew}
@@ -84,7 +84,7 @@ def evaluate(
         return Outcome(document, lines, warnings=warnings)
     others = [] if log is not None else loaded.sensors[1:]
     lines = [
-        f"{model}: {assessment.accuracy(loaded, result)}",
+        f"{model}: {_of_sensor(loaded)}{assessment.accuracy(loaded, result)}",
         *(assessment.accuracy_as_made(loaded.by(name)) for name in others),
         *limit,
     ]
@@ -95,6 +95,11 @@ def evaluate(
     title = f"errors on {result.rows} {result.source}"
     table = error_table(loaded, result.errors, title)
     return Outcome(document, lines, [table], warnings=warnings)
+
+
+def _of_sensor(model: calib.Model) -> str:
+    """Return the beginning of a line that names the sensor, if it has a name."""
+    return f"{model.about.sensor}: " if model.about.sensor else ""
 
 
 def _standard(model: calib.Model, log: calib.Samples | None) -> Iso9283:

@@ -39,9 +39,10 @@ def info(model: opt.ModelFile, degrees: opt.Degrees = False) -> Outcome:
         "notes": [as_typed(text) for text in loaded.notes],
         "backlash": play,
     }
+    others = [model_of_sensor.about for model_of_sensor in loaded.others]
     words = {
         "model": f"{model} ({Path(model).stat().st_size / 1e6:.2f} MB)",
-        **facts(about, loaded.size_in_words, degrees=degrees),
+        **facts(about, loaded.size_in_words, others, degrees=degrees),
         **{f"note {k}": text for k, text in enumerate(loaded.notes, start=1)},
     }
     sensors = [loaded.by(name) for name in loaded.sensors]

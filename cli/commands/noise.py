@@ -1,11 +1,14 @@
 """Print the noise of a log's sensor, and how well the arm returns to a pose.
 
-They are told apart where poses were measured again: readings that follow each other while the
-arm stands are the sensor's, visits to one pose the arm's. No model is needed.
+They are told apart where poses were read several times in a row: such readings differ by the
+sensor's noise alone, those of different visits by the arm's return too. No model is needed.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Annotated
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument
 
@@ -14,6 +17,9 @@ from calib.common.wording import with_unit
 from .. import options as opt
 from ..logs import LogFormat, Selection, read_measured_log
 from ..output import Outcome, say
+
+if TYPE_CHECKING:
+    from calib.samples.repeatability import Repeatability
 
 
 def noise(
@@ -51,18 +57,33 @@ def noise(
     )
     unit = result.unit
     document = {"log": log, **result.to_json(), "units": {"positions": unit}}
-    lines = []
-    for what, deviation, interval in (
-        ("the sensor reads to", result.sensor, result.sensor_interval),
-        ("the arm returns to", result.arm, result.arm_interval),
-    ):
-        low, high = (with_unit(end, unit) for end in interval)
-        size = f"{with_unit(deviation, unit)} along an axis ({low} to {high})"
-        if not math.isfinite(deviation):
-            size = "not told by this log, which measured no pose again"
-        lines.append(f"{what}: {size}")
+    lines = list(_lines(result))
     counts = f"{result.repeats} further readings and {result.returns} returns"
     if result.left_out:
         counts += f", without {result.left_out} that contradict others,"
     lines.append(f"from {counts} to {result.poses} poses")
     return Outcome(document, lines)
+
+
+def _lines(result: Repeatability) -> Iterator[str]:
+    """Report how far readings repeat: the sensor's share and the arm's, or both together."""
+
+    def size(deviation: float, interval: tuple[float, float]) -> str:
+        low, high = (with_unit(end, result.unit) for end in interval)
+        sd = with_unit(deviation, result.unit)
+        return f"{sd} along an axis ({low} to {high})"
+
+    if math.isfinite(result.together) and not math.isfinite(result.sensor):
+        both = size(result.together, result.together_interval)
+        yield f"sensor and arm together repeat to: {both}"
+        most = with_unit(result.arm_interval[1], result.unit)
+        yield (
+            "they are not told apart by this log, which read no pose twice in a row: each is "
+            f"between 0 and {most}"
+        )
+        return
+    yield f"the sensor reads to: {size(result.sensor, result.sensor_interval)}"
+    arm = "not told by this log, which returned to no pose"
+    if math.isfinite(result.arm):
+        arm = size(result.arm, result.arm_interval)
+    yield f"the arm returns to: {arm}"

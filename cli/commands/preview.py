@@ -7,6 +7,7 @@ from typing import Annotated
 import calib
 
 from .. import options as opt
+from ..logs import ANY_SENSOR
 from ..output import PRINT_MODE, Outcome, note
 from ..parsing import check_file, whole
 from ..pictures import load_drawn, size_of_page
@@ -18,6 +19,7 @@ def preview(
         str | None, opt.value("--html FILE", "Write the page for any browser.")
     ] = None,
     data: opt.Data = None,
+    sensor: opt.OfSensor = ANY_SENSOR,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
     port: Annotated[
@@ -28,7 +30,7 @@ def preview(
     ] = False,
 ) -> Outcome:
     check_file(html, (".html", ".htm"), option="--html")
-    loaded, log = load_drawn(model, data, photo, no_photo)
+    loaded, log = load_drawn(model, data, sensor, photo, no_photo)
     browse = not no_open
     with calib.preview(loaded, html, log, port=port, browse=browse) as page:
         if html is not None:

@@ -8,7 +8,7 @@ import calib
 from calib.common.wording import error_size, for_people
 
 from .. import options as opt
-from ..logs import LogFormat, log_for
+from ..logs import ANY_SENSOR, LogFormat, log_for
 from ..output import EXIT_ACT, Outcome, TextTable
 from ..units import units_of
 
@@ -19,9 +19,10 @@ def recognise(
         Argument(metavar="MODEL..", help="A model for each state of the arm."),
     ],
     data: opt.NewLog,
+    sensor: opt.OfSensor = ANY_SENSOR,
 ) -> Outcome:
     loaded = [calib.load(path) for path in models]
-    log = log_for(loaded[0], data, LogFormat())
+    log = log_for(loaded[0], data, LogFormat(), sensor)
     result = calib.recognise(loaded, log)
     name = None if result.index is None else models[result.index]
     about = loaded[0].by(log.sensor).about

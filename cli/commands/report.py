@@ -10,6 +10,7 @@ import calib
 from calib.use import assessment
 
 from .. import options as opt
+from ..logs import ANY_SENSOR
 from ..output import Outcome, progress
 from ..parsing import BadOption, bad_value, check_file
 from ..pictures import load_drawn, size_of_page
@@ -27,6 +28,7 @@ def report(
         str | None, opt.value("--figures FOLDER", "Its figures as SVG.")
     ] = None,
     data: opt.Data = None,
+    sensor: opt.OfSensor = ANY_SENSOR,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
 ) -> Outcome:
@@ -41,7 +43,7 @@ def report(
     for option, folder in (("--png", png), ("--figures", figures)):
         if folder is not None and Path(folder).is_file():
             raise bad_value(folder, "a folder", option)
-    loaded, log = load_drawn(model, data, photo, no_photo)
+    loaded, log = load_drawn(model, data, sensor, photo, no_photo)
     warnings = []
     if isinstance(loaded, calib.Model):
         warnings = assessment.bound_warnings(loaded.about)

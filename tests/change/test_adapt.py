@@ -222,8 +222,7 @@ def test_a_smooth_error_of_one_log_moves_nothing_and_makes_no_belief_surer(learn
         log = rows_of(u, lambda q, u=u: arm().forward(q) + 2.4e-4 * np.sin(3 * np.pi * u), 1e-4)
         assert not calib.adapt(learned, log).improved
     rng = np.random.default_rng([0, 40])
-    u = 0.7 * rng.random(2) + 0.3 * rng.random((40, 2))
-    phase = rng.uniform(0, 6.28, 2)
+    u, phase = 0.7 * rng.random(2) + 0.3 * rng.random((40, 2)), rng.uniform(0, 6.28, 2)
     log = rows_of(u, lambda q: arm().forward(q) + 1e-4 * np.sin(2 * np.pi * u + phase), 1e-4)
     few = rows_of(np.random.default_rng(1).random((100, 2)), arm().forward, 1e-4)
     assert not calib.adapt(calib.train(few, size=6), log).improved
@@ -270,8 +269,7 @@ def test_a_correction_that_knows_nothing_leaves_no_bound_that_fails(seed, simula
     """The old model stayed as it was, sure to a hair and 5 mm off."""
     log, _ = waves_along_a_line(seed)
     found = calib.adapt(simulated, log)
-    is_noted = any("a tenth of the reach or more" in note for note in found.notes)
-    assert is_noted == (seed == 45)
+    assert any("a tenth of the reach or more" in note for note in found.notes) == (seed == 45)
     assert not np.any(found.model.expected_error(log.q) < found.before["mean"])
 
 
@@ -279,8 +277,7 @@ def test_a_correction_that_knows_nothing_leaves_no_bound_that_fails(seed, simula
 def test_a_change_without_a_name_is_known_near_the_rows_that_saw_it(seed, simulated):
     """Its doubt elsewhere made bounds of 8 and 6 mm of errors of .3 mm at the rows, too."""
     log, moved = waves_along_a_line(seed)
-    model = calib.adapt(simulated, log).model
-    between = (log.q[1:] + log.q[:-1]) / 2
+    model, between = calib.adapt(simulated, log).model, (log.q[1:] + log.q[:-1]) / 2
     assert accuracy(model, between, moved(between), "expected_error")[1] > 0.95
     assert model.expected_error(between).mean() < 2e-3
     _, covered = elsewhere(model, moved)
@@ -301,15 +298,13 @@ def waves_along_a_line(seed):
     """Thirty rows along a line of joints that follow waves of 8 mrad, and the moved arm."""
     rng = np.random.default_rng(seed)
     moved = waving(8e-3, rng.integers(3, 16, 2), rng.uniform(0, 6.28, 2))
-    u = np.linspace(*rng.uniform(0.05, 0.95, (2, 2)), 30)
-    return rows_of(u, moved, 5e-4), moved
+    return rows_of(np.linspace(*rng.uniform(0.05, 0.95, (2, 2)), 30), moved, 5e-4), moved
 
 
 def test_rows_of_one_pose_name_no_cause(learned):
     """A gain, a joint that turns the other way and another unit fitted them as well."""
     for offset in ([0.0, 0.02], [0.1, 0.0], [0.012, 0.0]):
-        u = np.full((40, 2), 0.4)
-        q = random_joints(arm(), 200, 9)
+        u, q = np.full((40, 2), 0.4), random_joints(arm(), 200, 9)
         found = calib.adapt(learned, rows_of(u, lambda q, o=offset: arm().forward(q + o)))
         assert [cause.cause for cause in found.changed] == ["unknown"]
         assert not found.improved
@@ -365,8 +360,7 @@ def test_local_models_follow_the_arm():
         noise = np.random.default_rng(seed).normal(0.0, 2e-4, rows.x.shape)
         return replace(rows, x=real(rows.q + offset) + noise)
 
-    offset = np.array([0.0, 0.02, 0.0])
-    learned = calib.train(measured(1000, 1, 0.0), size=6)
+    offset, learned = np.array([0.0, 0.02, 0.0]), calib.train(measured(1000, 1, 0.0), size=6)
     found = calib.adapt(learned, measured(60, 5, offset))
     q = calib.babble(robot, 500, seed=9).q
     assert found.improved
@@ -376,8 +370,7 @@ def test_local_models_follow_the_arm():
 
 def test_a_path_of_a_changed_world_leaves_the_bound_wide():
     """Of a change that no cause explains a path tells little of the rest: it covered 75 %."""
-    three = calib.load_arm("three_link")
-    rng = np.random.default_rng(1)
+    three, rng = calib.load_arm("three_link"), np.random.default_rng(1)
     waves, more = rng.normal(0.0, 3e-4, (2, 3))
     turn = np.array([[1.0, 5.75e-4], [-5.75e-4, 1.0]])
     shift = (-1.9e-4, 2e-5)

@@ -52,8 +52,7 @@ def test_each_episode_of_a_log_has_a_verdict():
     calm, bumped = babbled(n=60, seed=1), babbled("elbow.offset=0.02", n=60, seed=2)
     columns = ("q", "x", "side")
     rows = {n: np.vstack([getattr(log, n) for log in (calm, bumped)]) for n in columns}
-    both = replace(calm, **rows, episode=np.repeat([4.0, 7.0], 60))
-    verdict = calib.check(model(1e-3), both)
+    verdict = calib.check(model(1e-3), replace(calm, **rows, episode=np.repeat([4.0, 7.0], 60)))
     assert verdict.drifted
     assert not verdict.is_calm
     told = [(each.episode, each.samples, each.drifted) for each in verdict.episodes]
@@ -182,8 +181,7 @@ def test_rows_of_another_sensor_are_no_noise_and_no_calm(n, every):
 def test_a_simulated_arm_holds_as_its_queries_promise(changes):
     """1 deg was within a bound of 0.0000 mm, and 40 exact rows were too few to say."""
     simulated = trained("six_axis", 400, 6)
-    rows = bare("six_axis", 40, 3, *changes, noise=0.0)
-    stages = []
+    rows, stages = bare("six_axis", 40, 3, *changes, noise=0.0), []
     verdict = calib.check(simulated, rows, progress=lambda *step: stages.append(step[:2]))
     off = np.linalg.norm(simulated.forward(rows.q) - rows.x, axis=1)
     share = np.mean(off <= simulated.expected_error(rows.q) + 1e-9)
@@ -195,8 +193,7 @@ def test_a_simulated_arm_holds_as_its_queries_promise(changes):
 
 def test_rows_that_a_model_learned_show_nothing_new():
     """They hid a knock from `check` that `evaluate` saw; where there are no others they count."""
-    rows = bare("two_link", 400, 7)
-    new = bare("two_link", 40, 8, "elbow.offset=0.01")
+    rows, new = bare("two_link", 400, 7), bare("two_link", 40, 8, "elbow.offset=0.01")
     names = ("q", "x", "side")
     both = replace(rows, **{n: np.vstack([getattr(rows, n), getattr(new, n)]) for n in names})
     for log, count in ((both, 40), (rows, 400)):
@@ -239,8 +236,7 @@ def test_the_drawing_is_trusted_but_the_zeros():
 
 def test_a_flipped_elbow_is_told_and_the_shoulder_is_not_blamed():
     rows = bare("two_link_full", 100, 1)
-    flipped = replace(rows, q=rows.q * [1.0, -1.0])
-    made = calib.adapt(learned("two_link_full"), flipped)
+    made = calib.adapt(learned("two_link_full"), replace(rows, q=rows.q * [1.0, -1.0]))
     for causes in (made.verdict.causes, made.changed):
         assert [cause.cause for cause in causes] == ["sign:elbow"]
         assert "elbow turns the other way" in causes[0].words
@@ -304,8 +300,7 @@ def maps_alone():
 
 @pytest.mark.parametrize("change", ["sensor.rotate=0.05", "sensor.mirror=x", "elbow.length=+10%"])
 def test_a_change_beyond_errors_of_maps_is_drift_and_learned_from_a_stream_only(maps_alone, change):
-    rows = bare("two_link", 200, 5, change, noise=1e-3)
-    found = calib.adapt(maps_alone, rows)
+    found = calib.adapt(maps_alone, bare("two_link", 200, 5, change, noise=1e-3))
     drift = found.verdict
     assert drift.drifted
     assert not drift.adapts
@@ -326,8 +321,7 @@ def states():
 @pytest.mark.parametrize(("change", "who"), [((), 0), ((TOOL,), 1), (("elbow.length=-20%",), None)])
 def test_the_state_is_recognised_by_few_rows_or_none_is(change, who):
     for seed in (5, 6):
-        rows = babbled(*change, n=25, seed=seed)
-        assert calib.recognise(states(), rows).index == who
+        assert calib.recognise(states(), babbled(*change, n=25, seed=seed)).index == who
 
 
 def test_states_that_differ_by_less_than_the_noise_are_told_by_many_rows():
@@ -349,8 +343,7 @@ def test_a_lens_that_folds_over_elsewhere_is_no_error():
     wide = {"lower": np.minimum(a.lower, c.lower), "upper": np.maximum(a.upper, c.upper)}
     learned = calib.train(replace(c, **wide))
     start = (len(a) - 30) * 3 // 9
-    verdict = calib.check(learned, replace(a, **wide).take(slice(start, start + 30)))
-    assert verdict.changed
+    assert calib.check(learned, replace(a, **wide).take(slice(start, start + 30))).changed
 
 
 DEGREE = "0.0174533"
@@ -454,8 +447,7 @@ def test_a_noisier_sensor_is_no_drift(times):
 def test_an_error_that_follows_a_joints_direction_is_no_noise():
     """It was 5.3 times the usual scatter, the exit code 0, and 0 % of the rest within the bound."""
     log = bare("two_link", 100, 3)
-    model = learned()
-    found = calib.adapt(model, replace(log, x=log.x + 1e-3 * log.side[:, :1]))
+    found = calib.adapt(learned(), replace(log, x=log.x + 1e-3 * log.side[:, :1]))
     assert not found.verdict.is_calm
     assert np.all(found.model.expected_error(log.q) > 1e-3)
 

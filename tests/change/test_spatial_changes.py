@@ -97,8 +97,7 @@ def test_a_simulated_arm_that_was_adapted_promises_readings():
 def test_an_arm_that_is_built_a_little_off_its_drawing_has_no_step(seed):
     """What a play explained by chance, of residuals 20 times the noise, was left as a step."""
     body = simulated().body
-    groups = body.structure.groups
-    beta = body.beta.copy()
+    groups, beta = body.structure.groups, body.beta.copy()
     beta[groups["placement"]] += np.random.default_rng(seed).normal(0.0, 1.5e-3, 36)
     beta[groups["offset"][2]] += 0.0175
     q = np.random.default_rng(0).uniform(SIX.lower, SIX.upper, (100, 6))
@@ -197,8 +196,7 @@ def test_a_zero_and_a_gain_that_nearly_cancel_are_both_named(seed):
 def test_a_tracker_that_stands_elsewhere_is_told_by_its_turn_and_its_shift():
     model = calib.train(log_of(0), size=6, motor_size=6)
     elsewhere = {"turn": np.eye(3), "shift": (0.0, 3.0, 0.0)}
-    log = log_of(4, **elsewhere)
-    adapted = calib.adapt(model, log)
+    adapted = calib.adapt(model, log_of(4, **elsewhere))
     (cause,) = adapted.verdict.causes
     assert cause.cause == "sensor"
     assert "turned 90.00" in cause.words

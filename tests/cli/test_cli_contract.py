@@ -80,8 +80,7 @@ def _there(home, monkeypatch):
 def test_a_command_ends_with_its_code_and_its_document(run, line, code, kind):
     done = run(f"{line} --json")
     assert done.code == code, done.err
-    whole = reduce(or_, map(KINDS.get, kind.split(" + ")))
-    assert misfits(done.document, whole) == []
+    assert misfits(done.document, reduce(or_, map(KINDS.get, kind.split(" + ")))) == []
 
 
 @pytest.mark.parametrize(("line", "code", "first"), FIRST_WORDS)

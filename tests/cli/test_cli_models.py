@@ -35,8 +35,7 @@ def test_options_reach_the_training(run):
 def test_tables_of_joints_are_read_in_degrees(run, model):
     """One of the two ways to a target is asked for; no test saw joints of tables in degrees."""
     q = np.array([[0.4, 1.0], [1.2, 0.8]])
-    x = calib.load(model).forward(q)
-    degrees = np.degrees(q)
+    x, degrees = calib.load(model).forward(q), np.degrees(q)
     table("q.csv", ["shoulder", "elbow"], degrees)
     answered = read(run.done(f"query forward {model} --degrees --input q.csv").out)
     np.testing.assert_allclose(np.transpose([answered["x"], answered["y"]]), x, atol=1e-6)
@@ -155,6 +154,16 @@ def test_noise_tells_sensor_and_return_apart(lab, run, tmp_path):
     assert document["intervals"]["sensor"] == pytest.approx(document["sensor"] * scale)
     assert "expected" not in run("noise", lab / "cycles.csv").out
     run.refused(1, "none of the log's", "noise", lab / "log.csv")
+    # with one reading for each visit it was taken for the arm's alone
+    log = calib.read_log(lab / "cycles.csv", joints=["shoulder", "elbow"])
+    calib.write_log(log.take(np.arange(0, 300, 2)), tmp_path / "once.csv")
+    document = run.done("noise", tmp_path / "once.csv", "--json").document
+    assert document["sensor"] is document["return"] is None
+    assert document["together"] == pytest.approx(np.hypot(SENSOR, RETURN), rel=0.15)
+    (low, high), *apart = (document["intervals"][key] for key in ("together", "sensor", "return"))
+    assert low < document["together"] < high
+    assert apart == [[0.0, high], [0.0, high]]
+    assert "no pose twice in a row: each is between 0" in run("noise", tmp_path / "once.csv").out
     # a wrong reading is no noise
     text = (lab / "cycles.csv").read_text()
     header, *_, last = text.splitlines()
@@ -235,8 +244,7 @@ def test_batch_forward_and_back_returns_the_positions(run, model, tmp_path):
     targets.write_text(forward.out)
     found = read(run.done("query", "inverse", model, "--input", targets).out)
     assert list(found) == ["x", "y", "shoulder", "elbow", "distance", *bounds, "reachable"]
-    joints = np.c_[found["shoulder"], found["elbow"]]
-    assert np.abs(two_link(joints) - positions).max() < 1e-3
+    assert np.abs(two_link(np.c_[found["shoulder"], found["elbow"]]) - positions).max() < 1e-3
     empty = run("query", "forward", model, "--input", "-", stdin="shoulder,elbow\n")
     assert empty.err == "standard input has no rows below its header\n"
 

@@ -87,8 +87,7 @@ def test_pixels_and_the_tip_in_the_base_frame_are_those_of_the_truth(run, folder
     assert one["position"] == pytest.approx([base[axis][0] for axis in "xyz"])
     ends = tips([[-0.3, 0.6, -1.0], [0.4, 0.8, -1.3]])
     table(folder / "ends.csv", "xyz", ends)
-    path = f"query path {folder}/m.calib --input {folder}/ends.csv --in base"
-    way = read(run.done(path).out)
+    way = read(run.done(f"query path {folder}/m.calib --input {folder}/ends.csv --in base").out)
     np.testing.assert_allclose(matrix(way, "xyz")[[0, -1]], ends)
     miss = lengths(tips(matrix(way, names)) - matrix(way, "xyz"))
     assert (miss <= way["expected_error"]).mean() >= 0.95
@@ -108,6 +107,25 @@ def test_a_pixel_on_a_plane_gives_a_point_and_joints_that_stand_there(run, folde
     assert run(*ask, u, v, "--on", "x=1").code == 2
     run.refused(3, "does not show the target", *ask, 0.3, -2.0, 0.3, "--in", "base")
     run.refused(1, "--on z=H", *ask, u, v, "--near", "0,0.5,-1", "--keep-orientation")
+
+
+def test_a_pixel_is_of_the_camera_that_is_named(run, folder, tmp_path):
+    """The first one's was taken: half a metre off."""
+    east = Camera(position=(1.0, 0.5, 0.6), target=(0.1, 0.0, 0.2), roll=0.0, **LENS)
+    q, names = random_joints(THREE, 45, 4), THREE.joint_names
+    seen_by_east = east.project(tips(q)) + np.random.default_rng(4).normal(0, 0.3, (45, 2))
+    table(tmp_path / "tracker.csv", [*names, *"xyz"], np.c_[q, tips(q) + 0.5])
+    table(tmp_path / "east.csv", [*names, *"uv"], np.c_[q, seen_by_east])
+    files = f"--data {tmp_path}/tracker.csv --data {folder}/log.csv --data {tmp_path}/east.csv"
+    run.done(f"train spatial_three {files} --size 3 -o {tmp_path}/m.calib")
+    point = tips([0.3, 0.9, -1.4])[0]
+    for name, camera in (("log", CAMERA), ("east", east)):
+        ask = ("query", "inverse", tmp_path / "m.calib", *camera.project(point), "--on")
+        found = run.done(*ask, f"z={point[2]}", "--in", name, "--json").document
+        assert found["on_plane"]["position"] == pytest.approx(point, abs=1e-3)
+        assert found["frame"] == "base"
+    for frame in ([], ["--in", "base"], ["--in", "tracker"]):
+        run.refused(2, "tracker is no camera: expected --in log or east", *ask, "z=0.1", *frame)
 
 
 def test_check_and_adapt_follow_a_camera_that_was_moved(run, folder):

@@ -50,8 +50,7 @@ def test_all_branches_and_no_others(robot, least, answering):
     inside = ((ways >= model.about.lower) & (ways <= model.about.upper)).all(axis=2)
     missed = invented = 0
     for k, found in enumerate(model.inverse_all(x)):
-        known = ways[k][inside[k]]
-        gap = np.abs(found[:, None] - known).max(axis=2)
+        gap = np.abs(found[:, None] - ways[k][inside[k]]).max(axis=2)
         missed += np.count_nonzero(gap.min(axis=0) > 2e-3)
         invented += np.count_nonzero(gap.min(axis=1) > 2e-3)
     assert inside.sum() > least * 2000 - 1
@@ -104,8 +103,7 @@ def test_where_both_elbows_meet_there_is_one_way():
 def test_four_to_seven_joints(joints, slide):
     names = [f"j{k + 1}" for k in range(joints)]
     arm = arm_from_urdf(planar_chain(joints, slide), names, tip="tip")
-    rows = {4: 600, 5: 900, 7: 4600}[joints]
-    model = calib.train(calib.babble(arm, rows, seed=0), size=8)
+    model = calib.train(calib.babble(arm, {4: 600, 5: 900, 7: 4600}[joints], seed=0), size=8)
     assert len(model.motor.lattice.shape) == 2
     q = draw(model, 100, seed=6)
     x = arm.forward(q)
@@ -123,8 +121,7 @@ def family_count(x, n=8001):
     turn = np.linspace(-np.pi, np.pi, n)
     wrist = x - 0.15 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     cosine = ((wrist**2).sum(axis=1) - 0.30**2 - 0.25**2) / (2 * 0.30 * 0.25)
-    exists = np.abs(cosine) <= 1
-    inside = []
+    exists, inside = np.abs(cosine) <= 1, []
     for side in (1, -1):
         elbow = side * np.arccos(np.clip(cosine, -1, 1))
         fore = np.arctan2(0.25 * np.sin(elbow), 0.30 + 0.25 * np.cos(elbow))
@@ -162,8 +159,7 @@ def test_every_connected_family_is_named_once_whatever_else_is_asked():
 @pytest.mark.parametrize("free", ["x", "y", "z"])
 def test_ways_to_a_pose_with_an_open_turn_are_told_once_each(free):
     """Four ways were one: the nearest of many slid to one place."""
-    model = trained("six_axis", n=400, size=4)
-    down = np.array([0.0, 1.0, 0.0, 0.0])
+    model, down = trained("six_axis", n=400, size=4), np.array([0.0, 1.0, 0.0, 0.0])
     answers = solve_poses(model, np.array([[0.4, 0.1, 0.5]]), down, None, every=True, free=free)
     assert answers.reachable.all()
     apart = np.abs(answers.q[:, None] - answers.q[None]).max(axis=2)
@@ -192,8 +188,7 @@ def test_a_way_beside_one_that_went_stays():
 @pytest.mark.parametrize(("bound", "reached"), [(1e-3, 1e-3), (0.02, 1e-2)])
 def test_a_target_counts_as_reached_within_the_expected_error_and_a_hundredth(bound, reached):
     """Within the smaller of the expected error and 1 % of the workspace's extent."""
-    model = trained("two_link")
-    q = np.array([[0.7, ELBOW[0]]])
+    model, q = trained("two_link"), np.array([[0.7, ELBOW[0]]])
     edge, extent = two_link(q), model.solver.extent
     unsure = replace(model, bounds=np.full(model.motor.size, bound * extent))
     outwards = edge / np.linalg.norm(edge)
@@ -217,8 +212,7 @@ def test_no_attainable_point_is_closer_and_the_edge_is_reached(robot):
     grid = rng.uniform(arm.lower, arm.upper, (20_000, arm.dof))
     for k in range(arm.dof):  # the workspace ends where joints do
         grid[k::6, k] = rng.choice([arm.lower[k], arm.upper[k]], len(grid[k::6]))
-    positions = arm.forward(grid)
-    targets = rng.uniform(-0.9, 0.9, (80, 2))
+    positions, targets = arm.forward(grid), rng.uniform(-0.9, 0.9, (80, 2))
     closest = np.array([lengths(positions - x).min() for x in targets])
     # from joints far away, too: of ways that miss the one that misses least
     for near in (grid[:80], None):
@@ -243,16 +237,14 @@ def test_no_attainable_point_is_closer_and_the_edge_is_reached(robot):
 def test_a_small_step_goes_where_the_jacobian_says_and_a_gain_is_a_share_of_the_way():
     model = trained("two_link")
     q = draw(model, 50, seed=1, margin=0.2)
-    gap = 1e-5 * np.random.default_rng(2).normal(size=(50, 2))
-    x = two_link(q)
+    gap, x = 1e-5 * np.random.default_rng(2).normal(size=(50, 2)), two_link(q)
     moved = two_link(model.servo(x, x + gap, q, gain=1.0)) - x
     assert_allclose(moved, gap, rtol=0.05, atol=5e-7)
     assert_allclose(model.servo(x, x, q), q, atol=1e-12)  # on target
     for gain in (0.0, -1.0, 1.5, float("nan")):
         refused(calib.QueryError, "gain", model.servo, x, x, q, gain=gain)
     # a step keeps the limits and is never long
-    q = draw(model, 100, seed=6)
-    far = np.random.default_rng(7).uniform(-5, 5, (100, 2))
+    q, far = draw(model, 100, seed=6), np.random.default_rng(7).uniform(-5, 5, (100, 2))
     after = model.servo(two_link(q), far, q, gain=1.0)
     assert (after >= model.about.lower - 1e-12).all()
     assert (after <= model.about.upper + 1e-12).all()
@@ -286,8 +278,7 @@ def steps(path, model):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_path_stays_on_the_branch_where_it_starts(model, sign):
     waypoints = np.array([[0.33, 0.30], [0.30, 0.35], [0.33, 0.33]])
-    start = two_link_inverse(waypoints[:1], sign)[0]
-    path = model.path(waypoints, start=start)
+    path = model.path(waypoints, start=two_link_inverse(waypoints[:1], sign)[0])
     assert len(path.jumps) == 0
     assert (np.sign(path.q[:, 1]) == sign).all()
     assert_allclose(path.q, two_link_inverse(path.target, sign), atol=1e-6)
@@ -304,8 +295,7 @@ def test_a_jump_that_cannot_be_avoided_is_told_where_it_is(model):
         tried += 1
         path = model.path([a, b])
         # elbows change sides at the stretched pose, or by a jump that is told
-        far = np.flatnonzero(steps(path, model) > 0.2) + 1
-        assert set(far) <= set(path.jumps.tolist())
+        assert set(np.flatnonzero(steps(path, model) > 0.2) + 1) <= set(path.jumps.tolist())
         assert len(path.jumps) <= 1
         told += len(path.jumps)
     assert tried == 6
@@ -316,8 +306,7 @@ def test_rows_lie_on_the_lines_at_most_a_step_apart(model):
     path = model.path(SQUARE, step=0.007)
     assert lengths(np.diff(path.target, axis=0)).max() <= 0.007 + 1e-12
     for k, waypoint in enumerate(SQUARE):
-        last = np.flatnonzero(path.waypoint == k)[-1]
-        assert_array_equal(path.target[last], waypoint)
+        assert_array_equal(path.target[np.flatnonzero(path.waypoint == k)[-1]], waypoint)
     assert (np.diff(path.waypoint) >= 0).all()
     assert_allclose(two_link(path.q), path.target, atol=1e-8)
 
@@ -338,8 +327,7 @@ def with_limits(model, limits):
 
 
 def test_a_joint_goes_on_over_the_seam_where_it_can_and_is_told_where_it_turns_round():
-    corners = two_link(np.array([[3.0, 1.0], [3.3, 1.0]]))
-    model = turning()
+    corners, model = two_link(np.array([[3.0, 1.0], [3.3, 1.0]])), turning()
     path = model.path(corners, step=0.01)
     assert len(path.jumps) == 1  # its log knows one turn
     row = path.jumps[0]
@@ -379,8 +367,7 @@ def test_a_path_of_the_base_frame_is_followed_by_pinocchios_arm():
 
 @pytest.mark.parametrize("frame", ["sensor", "base"])
 def test_joints_that_turn_fast_beside_the_first_axis_are_told(frame):
-    arm = calib.load_arm("spatial_three")
-    model = trained("spatial_three", n=60, size=4)
+    arm, model = calib.load_arm("spatial_three"), trained("spatial_three", n=60, size=4)
     path = model.path([[0.25, 0.04, 0.6], [-0.25, 0.04, 0.6]], frame=frame)
     turn = np.abs(np.diff(path.q, axis=0)).max(axis=1)
     assert np.isfinite(path.expected_error).all()

@@ -80,8 +80,7 @@ def test_a_free_axis_leaves_the_turn_about_it_open(answering):
     joints = model.inverse_pose(position, spun, q, free="z")
     place, reached = model.pose(joints)
     assert_allclose(place, position, atol=1e-7)
-    axes = matrix_of(reached)[:, :, 2]
-    assert_allclose(axes, matrix_of(turn)[:, :, 2], atol=1e-7)
+    assert_allclose(matrix_of(reached)[:, :, 2], matrix_of(turn)[:, :, 2], atol=1e-7)
     assert np.abs(joints - q).max() < 0.3  # as the turn is free, they hardly have to move
     refused(calib.QueryError, "one of x, y, z", model.inverse_pose, position, spun, q, free="w")
 
@@ -94,8 +93,7 @@ def closed_form(position: np.ndarray, frame: np.ndarray, tip: np.ndarray) -> np.
     """
     r = frame @ tip.T
     wrist = position - TOOL * r[:, 1]
-    out = []
-    far = np.hypot(wrist[0], wrist[1])
+    out, far = [], np.hypot(wrist[0], wrist[1])
     for side in (np.arcsin(SIDE / far), np.pi - np.arcsin(SIDE / far)):
         q1 = np.arctan2(wrist[1], wrist[0]) - side
         back = exponential(np.array([0.0, 0.0, -q1]))
@@ -105,8 +103,7 @@ def closed_form(position: np.ndarray, frame: np.ndarray, tip: np.ndarray) -> np.
             s5 = np.sin(q5)
             total = np.arctan2(-m[2, 1] / s5, m[0, 1] / s5)
             q6 = np.arctan2(-m[1, 2] / s5, -m[1, 0] / s5)
-            x = w[0] + DROP * np.sin(total)
-            z = -(w[2] - HEIGHT + DROP * np.cos(total))
+            x, z = w[0] + DROP * np.sin(total), -(w[2] - HEIGHT + DROP * np.cos(total))
             bend = (x * x + z * z - UPPER**2 - FORE**2) / (2 * UPPER * FORE)
             if abs(bend) > 1:
                 continue
@@ -127,10 +124,8 @@ def test_every_reachable_pose_of_seven_joints_is_reached_and_none_is_invented(fi
     for answers in (model.inverse(places), model.inverse_pose(places, turns)):
         assert np.isfinite(answers).all()
         assert ((answers >= arm.lower - 1e-9) & (answers <= arm.upper + 1e-9)).all()
-        reached = pinocchio_forward(arm, answers)
-        assert_allclose(reached, pinocchio_forward(arm, q), atol=1e-6)
-    turned = matrix_of(arm.pose(answers)[1])
-    assert_allclose(turned, matrix_of(turns), atol=1e-5)
+        assert_allclose(pinocchio_forward(arm, answers), pinocchio_forward(arm, q), atol=1e-6)
+    assert_allclose(matrix_of(arm.pose(answers)[1]), matrix_of(turns), atol=1e-5)
 
 
 @needs_robots
@@ -152,8 +147,7 @@ def test_what_lies_just_inside_of_the_edge_of_a_redundant_arm_is_reached():
 @either_way
 def test_no_rows_are_no_answers(answering):
     """Once bounds in space, and compiled C asked for every way, failed at an empty batch."""
-    model = answering(six())
-    none = np.empty((0, 3))
+    model, none = answering(six()), np.empty((0, 3))
     assert model.expected_error(np.empty((0, 6))).shape == (0,)
     for every in (False, True):
         answers = solve_poses(model, none, np.empty((0, 4)), every=every)

@@ -69,8 +69,7 @@ def test_joints_alone_and_together_are_answered_as_by_numpy(kind):
     q = np.vstack([poses(model, 30), np.full(len(model.about.lower), 1e9)])
     atol = 1e-9 * model.reach
     for name in ("forward", "expected_error", "model_error", "jacobian"):
-        expected = getattr(model, name)(q)
-        one = np.array([getattr(fast, name)(row) for row in q])
+        expected, one = getattr(model, name)(q), np.array([getattr(fast, name)(row) for row in q])
         assert_allclose(one, expected, rtol=0, atol=atol)
         assert_allclose(getattr(fast, name)(q), expected, rtol=0, atol=atol)
         assert np.isnan(expected[-1]).all()
@@ -107,8 +106,7 @@ def test_one_inverse_reaches_its_target_on_the_nearest_branch(kind, away):
 def test_a_position_that_nothing_reaches_is_answered_without_the_batch(kind):
     """Once a single call fell to the batch, for a third of a second, where C found nothing."""
     model = MODELS[kind]()
-    fast = warm(model)
-    near = (model.about.lower + model.about.upper) / 2
+    fast, near = warm(model), (model.about.lower + model.about.upper) / 2
     middle = model.sensory.weights.mean(axis=0)
     far = middle + 2.0 * model.solver.extent * np.eye(len(middle))[0]
     together = model.solve(far, near)
@@ -117,8 +115,7 @@ def test_a_position_that_nothing_reaches_is_answered_without_the_batch(kind):
     assert said == 3
     assert np.isnan(joints).all()
     assert np.isnan(fast.inverse(far, near=near)).all()
-    close = fast.inverse(far, near=near, nearest=True)
-    assert_allclose(close, together.q[0], atol=1e-6)
+    assert_allclose(fast.inverse(far, near=near, nearest=True), together.q[0], atol=1e-6)
 
 
 def poses_in_millimetres():
@@ -175,8 +172,7 @@ def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond():
     assert (time.thread_time() - started) / 20 < 1e-3
     assert "bounded search" in model.unanswered
     # without an orientation, or without `near`, too
-    place = model.inverse_pose(position, near=q)
-    assert_allclose(model.forward(place), position, atol=1e-7)
+    assert_allclose(model.forward(model.inverse_pose(position, near=q)), position, atol=1e-7)
     assert_allclose(model.forward(model.inverse(position)), position, atol=1e-7)
     assert np.isnan(model.inverse(position + 9.0)).all()
     assert "nothing reaches" in model.unanswered
@@ -241,8 +237,7 @@ def test_a_small_posterior_is_as_sure_as_the_whole_where_rows_were():
 def test_a_position_a_hair_beyond_a_limit_is_no_answer():
     """Once a last step that a limit cut short was not looked at, and its miss called a solution."""
     model = trained("polar")
-    fast = warm(model)
-    q = draw(model, 50, seed=5)
+    fast, q = warm(model), draw(model, 50, seed=5)
     q[:, 1] = model.about.upper[1]
     x = model.forward(q)
     beyond = x + 1e-2 * (x - model.forward(q - [0, 1e-4]))  # 1 um beyond the stop of a slide

@@ -42,8 +42,7 @@ def test_activity_is_equation_6_relative_to_the_winner(bandwidth):
     square = ((u[:, None] - nodes.units[None]) ** 2).sum(axis=2)
     expected = np.exp(-square / (bandwidth * nodes.spacing) ** 2)
     expected /= expected.max(axis=1, keepdims=True)
-    found = activity(nodes, u, bandwidth).toarray()
-    assert_allclose(found, expected, rtol=1e-9, atol=1e-300)
+    assert_allclose(activity(nodes, u, bandwidth).toarray(), expected, rtol=1e-9, atol=1e-300)
 
 
 def test_a_local_bandwidth_is_that_of_each_node():
@@ -59,8 +58,7 @@ def test_a_local_bandwidth_is_that_of_each_node():
 
 def test_links_are_the_fixed_point_of_ojas_rule_but_for_weak_ones(pair):
     a_motor, a_sensory = (a.toarray() for a in pair)
-    dense = a_motor.T @ a_sensory / (a_sensory**2).sum(axis=0)
-    links = link(*pair).toarray()
+    dense, links = a_motor.T @ a_sensory / (a_sensory**2).sum(axis=0), link(*pair).toarray()
     kept = links > 0
     assert_allclose(links[kept], dense[kept], rtol=1e-6)
     weakest = np.minimum(dense.max(axis=1)[:, None], dense.max(axis=0)[None])
@@ -75,8 +73,7 @@ def test_links_are_the_fixed_point_of_ojas_rule_but_for_weak_ones(pair):
 
 def test_mutual_links_are_the_same_in_both_directions(pair):
     there = link(*pair, mutual=True).toarray()
-    back = link(*pair[::-1], mutual=True).toarray()
-    assert_allclose(there, back.T, rtol=1e-6)
+    assert_allclose(there, link(*pair[::-1], mutual=True).toarray().T, rtol=1e-6)
     # the cosine between the activities of two nodes, where they have been active enough
     i, j = (a.toarray() / np.linalg.norm(a.toarray(), axis=0) for a in pair)
     kept = there > 0
@@ -190,8 +187,7 @@ def polynomial(degree, d=2, seed=0):
 def test_polynomials_of_the_models_degree_are_reproduced_with_their_slopes(d, degree, n):
     value, slope = polynomial(degree, d)
     motor, u = grid({2: 18, 3: 7}[d], (False,) * d), points(3000, d=d)
-    models = fitted(motor, u, value(u), degree, n)
-    fresh = points(300, seed=1, d=d)
+    models, fresh = fitted(motor, u, value(u), degree, n), points(300, seed=1, d=d)
     blend = Blend(motor, fresh)
     said, tilt = correction(models, blend), correction_slope(models, blend)
     assert_allclose(said, value(fresh), atol=1e-6)
@@ -205,8 +201,7 @@ def test_models_join_at_the_seam_of_a_joint_that_turns_round():
         angle = 2 * np.pi * u[:, 0]
         return np.stack([np.cos(angle) + u[:, 1], np.sin(angle)], axis=1)
 
-    models = fitted(motor, u, truth(u), 2, 60)
-    y = np.linspace(0.05, 0.95, 50)
+    models, y = fitted(motor, u, truth(u), 2, 60), np.linspace(0.05, 0.95, 50)
     before, after = (np.stack([np.full(50, x), y], axis=1) for x in (1 - 1e-9, 1e-9))
     low, high = (correction(models, Blend(motor, p)) for p in (before, after))
     assert_allclose(low, high, atol=1e-6)
@@ -236,8 +231,7 @@ def test_nodes_count_smoothly_by_their_share_and_have_slopes_where_many_stand_on
     assert_allclose(blend.weight, 0.25)
     assert_array_equal(blend.tilt(), 0.0)
     weight = np.array([[0.2, 0.8], [0.35, 0.65], [0.4, 0.6], [0.45, 0.55], [0.6, 0.4]])
-    speaking = np.tile([True, False], (5, 1))
-    answers = model_weights(weight, speaking)[:, 0]
+    answers = model_weights(weight, np.tile([True, False], (5, 1)))[:, 0]
     ramp = 0.25**2 * (3 - 2 * 0.25)  # a quarter of the way from silent to full
     assert_allclose(answers, [0.0, ramp, 0.5, 1 - ramp, 1.0], atol=1e-12)
 
@@ -287,8 +281,7 @@ def test_a_defect_is_mended_and_nothing_is_said_far_from_it():
     predictor, held = chosen(u, bump(u) + noise())
     models = predictor.models
     left = lengths(predictor.value(fresh) - fresh - bump(fresh))
-    before = lengths(bump(fresh))
-    near = inside(fresh)
+    before, near = lengths(bump(fresh)), inside(fresh)
     assert left[near].mean() < 0.3 * before[near].mean()
     assert left[~near].mean() < 3e-5
     has_model = (models.coefficients != 0.0).any(axis=(1, 2))

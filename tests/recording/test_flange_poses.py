@@ -171,6 +171,17 @@ def test_a_board_that_was_moved_among_few_pictures_is_told_from_an_arm_that_repe
         assert words in " ".join(few.notes)
 
 
+def test_a_board_that_slipped_is_told_before_a_focus_that_looks_as_if_it_changed():
+    world = World(0, count=7)
+    slip = motion(Rotation.from_rotvec(np.radians([0.09, -0.12, 0.26])), [1.2e-3, 1.6e-3, 0.0])
+    world.placed = slip @ world.placed
+    while world.count < 14:
+        turn = Rotation.from_rotvec(world.rng.uniform(-0.65, 0.65, 3))
+        world.show(turn, world.rng.uniform([-0.12, -0.07, 0.3], [0.12, 0.07, 0.6]))
+    notes = " ".join(world.solve().notes)
+    assert 0 < notes.index("camera or board was moved") < notes.index("autofocus")
+
+
 @pytest.mark.parametrize("seed", [1, 5, 10, 11])
 def test_few_pictures_tell_turns_of_the_arm_from_shifts_and_from_noise_of_corners(seed):
     """Turns of .1 deg ended at none."""
@@ -180,8 +191,7 @@ def test_few_pictures_tell_turns_of_the_arm_from_shifts_and_from_noise_of_corner
 
 @pytest.mark.parametrize("seed", [36, 93])
 def test_of_several_noises_that_fit_the_one_that_predicts_other_pictures_is_taken(seed):
-    world = World(seed, seed % 2 == 0, count=8)
-    rng = np.random.default_rng([9, seed])
+    world, rng = World(seed, seed % 2 == 0, count=8), np.random.default_rng([9, seed])
     for k, corners in enumerate(world.corners[0]):  # they err together: 2.4 and 2.5 px before
         along = (corners - corners.mean(axis=0)) / np.ptp(corners)
         world.corners[0][k] = corners + rng.normal(0, 0.6, 2) + along @ rng.normal(0, 1, (2, 2))
@@ -234,8 +244,7 @@ def test_of_squares_that_were_counted_wrong_the_right_ones_are_named():
     squares = np.indices((6, 9)).sum(axis=0) % 2
     page = np.pad(np.kron(squares, np.ones((30, 30))), 30, constant_values=1)
     pictures = [(255 * page).astype(np.uint8)] * 4
-    poses = np.tile(np.eye(4), (4, 1, 1))
-    words = "give `board='9x6:22mm'`, which"
+    poses, words = np.tile(np.eye(4), (4, 1, 1)), "give `board='9x6:22mm'`, which"
     refused(calib.LogError, words, calib.handeye, pictures=pictures, poses=poses, board="8x6:22mm")
 
 
@@ -260,7 +269,19 @@ def test_poses_of_the_board_alone_are_enough():
     seen, rng = world.boards, np.random.default_rng(0)
     rig = calib.handeye(poses=world.flange, boards=seen, eye="hand")
     np.testing.assert_allclose(rig.hand["position"], world.camera[:3, 3], atol=1e-6)
-    refused(calib.OptionError, "z > 0", calib.handeye, poses=world.flange, boards=-seen, eye="hand")
+    hole, flange = np.where(np.arange(len(seen))[:, None, None] == 3, np.nan, 1.0), world.flange
+    for words, boards, poses in (
+        ("z > 0", -seen, flange),
+        (r"boards\[3\] holds what is no number", hole * seen, flange),
+        (r"poses\[3\] holds what is no number", seen, hole * flange),
+        ("boards: 16, poses: 15: expected a board of each pose", seen, flange[1:]),
+        ("boards: 15, poses: 16", seen[1:], flange),  # the last pose was ignored
+    ):
+        refused(calib.OptionError, words, calib.handeye, poses=poses, boards=boards, eye="hand")
+    in_mm = seen.copy()
+    in_mm[:, :3, 3] *= 1e3
+    rig = calib.handeye(poses=flange, boards=in_mm, eye="hand")
+    assert "1000 times too long by the arm's motions, as where they are in mm" in str(rig.notes)
     # of small tags: with their scatter, and their size
     seen[:, :3, :3] @= Rotation.from_rotvec(rng.normal(0.0, 0.06, (len(seen), 3))).as_matrix()
     seen[:, :3, 3] *= 1.02
@@ -275,19 +296,21 @@ def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):
     world = World(7, in_hand=False, count=10, second=True)
     for number, name in enumerate(("left", "right")):
         (tmp_path / "rig" / name).mkdir(parents=True)
-        for k in range(world.count):
+        for k in range(world.count + 1):
             mark = np.full((SIZE[1], SIZE[0]), 10 * number, np.uint8)
             mark[0, 1] = k
             cv2.imwrite(str(tmp_path / "rig" / name / f"{k}.png"), mark)
 
     def find(board, grey):  # drawing the pictures takes longer than all the rest
-        return dict(enumerate(world.corners[grey[0, 0] // 10][grey[0, 1]]))
+        seen = [*world.corners[grey[0, 0] // 10], ()]  # nothing in the last picture
+        return dict(enumerate(seen[grey[0, 1]]))
 
     monkeypatch.setattr("calib.recording.board.Chessboard.find", find)
-    np.savetxt(tmp_path / "flange.txt", world.flange.reshape(-1, 16))
+    np.savetxt(tmp_path / "flange.txt", world.flange[[*range(10), 0]].reshape(-1, 16))
     words = ["--poses-file", tmp_path / "flange.txt", "--board", world.board, "--eye", "base"]
     made = ("--transform", tmp_path / "t.json", "--json")
     done = run.done("handeye", tmp_path / "rig", *words, *made)
+    assert re.search("note: left: no board(.*\n)+note: right: no board", done.err)
     left, right = done.document["cameras"]
     assert (left["name"], right["name"]) == ("left", "right")
     assert (misses(left["base"], world.camera) < 2.0).all()

@@ -80,8 +80,7 @@ def make(folder, scene=None, joints="joints.csv", **more):
 @pytest.fixture(scope="module")
 def film(tmp_path_factory):
     """Eight seconds at 20 frames a second, stops between moves; joints by a clock of their own."""
-    folder = tmp_path_factory.mktemp("film")
-    rng = np.random.default_rng(5)
+    folder, rng = tmp_path_factory.mktemp("film"), np.random.default_rng(5)
     scene = Desk(Camera(size=(400, 300), focal=380.0), **TWO, shadow=0.0)
     goals = rng.uniform([0.1, 0.2], [1.2, 1.4], (16, 2))
 
@@ -105,8 +104,7 @@ def test_pixels_in_the_order_of_numbers(shot):
     made = make(shot.folder)
     assert made.unit == "px"
     assert tuple(made.pictures[9:12]) == ("img_9.png", "img_10.png", "img_11.png")
-    miss = made.x - shot.scene.tip_pixels(shot.q)
-    assert np.sqrt((miss**2).sum(1).mean()) < 0.1
+    assert np.sqrt(((made.x - shot.scene.tip_pixels(shot.q)) ** 2).sum(1).mean()) < 0.1
     assert made.source["dropped"] == {}
     assert 0.01 < made.source["noise"] < 0.1
 
@@ -147,8 +145,7 @@ def test_a_bump_within_a_recording_is_told(shot, copy):
     made = make(copy.folder, scene)
     assert tuple(made.pictures) == tuple(f"img_{k}.png" for k in range(13))
     assert any("3 pictures left out: the reference is elsewhere" in note for note in made.notes)
-    miss = np.linalg.norm(made.x - truth_on_board(copy.scene, made.q), axis=1)
-    assert miss.max() < 2.5e-3
+    assert np.linalg.norm(made.x - truth_on_board(copy.scene, made.q), axis=1).max() < 2.5e-3
     take(copy.folder, bumped, copy.q[10:13], rng, 10)
     refused(CalibError, "in 6 of 16 pictures: was the camera bumped", make, copy.folder, scene)
 
@@ -164,8 +161,7 @@ def test_an_arm_or_a_tag_that_never_moves(copy):
 def test_joints_that_are_a_row_late_are_refused(tmp_path):
     rng = np.random.default_rng(0)
     (tmp_path / "p").mkdir()
-    scene = Desk(CAMERA, **TWO)
-    q = rng.uniform([0.1, 0.2], [1.2, 1.4], (80, 2))
+    scene, q = Desk(CAMERA, **TWO), rng.uniform([0.1, 0.2], [1.2, 1.4], (80, 2))
     pixels = scene.tip_pixels(q)
     q = q[((pixels > 40) & (pixels < np.array(CAMERA.size) - 40)).all(axis=1)][:22]
     take(tmp_path, scene, q, rng)
@@ -222,8 +218,7 @@ def test_a_video_becomes_rests(film):
     made = log_video(film.folder / "run.mp4", film.joints, TagScene(7))
     assert abs(made.source["time_offset"] - 51.0) < 3e-3
     assert 5 <= len(made) <= 9
-    miss = made.x - film.scene.tip_pixels(made.q)
-    assert np.sqrt((miss**2).sum(1).mean()) < 0.15
+    assert np.sqrt(((made.x - film.scene.tip_pixels(made.q)) ** 2).sum(1).mean()) < 0.15
     assert made.source["dropped"]["the arm moves"] > 40
     assert made.source["dropped"]["a jump of the track"] == 1
 
@@ -251,8 +246,7 @@ def test_videos_that_make_no_log(film, tmp_path):
 
 
 def test_the_commands(run, shot, film, tmp_path):
-    done = run.done("tag", 7, "-o", tmp_path / "tag.svg", "--size", "30mm")
-    assert "30 mm" in done.out
+    assert "30 mm" in run.done("tag", 7, "-o", tmp_path / "tag.svg", "--size", "30mm").out
     printed = ("--board", "5x4:40mm:31mm:5x5_100")
     run.done("tag", *printed, "-o", tmp_path / "board.svg")
     joints = ("--joints-file", shot.folder / "joints.csv", "--tag", 7)
@@ -271,11 +265,9 @@ def test_the_commands(run, shot, film, tmp_path):
 @pytest.fixture(scope="module")
 def photographed(tmp_path_factory, run):
     """Models of pixels with and without a photo, whose right half is bright."""
-    folder = tmp_path_factory.mktemp("photo")
-    rng = np.random.default_rng(0)
+    folder, rng = tmp_path_factory.mktemp("photo"), np.random.default_rng(0)
     q = rng.uniform([0.0, 0.2], [1.3, 1.6], (40, 2))
-    desk = Desk(Camera(), **TWO)
-    x = desk.tip_pixels(q) + rng.normal(0, 0.05, (40, 2))
+    x = Desk(Camera(), **TWO).tip_pixels(q) + rng.normal(0, 0.05, (40, 2))
     columns = {"a": q[:, 0], "b": q[:, 1], "x": x[:, 0], "y": x[:, 1]}
     source = {"unit": "px", "size": [1280, 720], "reference": {"kind": "pixels"}}
     write_columns(folder / "log.csv", columns, about=source | {"photo": "seen.png"})
@@ -318,8 +310,7 @@ def test_the_tip_is_found_to_a_tenth_of_a_pixel_among_decoys():
     rng = np.random.default_rng(0)
     desk = Desk(CAMERA, still=(tag(3, 0.03, (0.0, 0.25, 0, 0.3)), tag(12, 0.05, (0.4, 0.2, 0, 1))))
     finder = TagFinder("36h11", [7])
-    q = desk.postures(12, rng)
-    errors = []
+    q, errors = desk.postures(12, rng), []
     for row in q:
         found = finder.find(desk.picture(row, rng))
         assert [t.number for t in found] == [7]
@@ -366,8 +357,7 @@ def test_lens_round_trip(tmp_path, monkeypatch):
 
 
 def test_a_lens_is_calibrated_from_pictures_of_a_board():
-    rng = np.random.default_rng(6)
-    desk = Desk(Camera(size=(640, 360), focal=550.0))
+    rng, desk = np.random.default_rng(6), Desk(Camera(size=(640, 360), focal=550.0))
     pictures = board_shots(desk, board(7, 5, 0.024, 0.018, (0, 0, 0, 0)), 8, rng)
     lens = calibrate_lens([CHARUCO.find(p) for p in pictures], CHARUCO, desk.camera.size)
     assert lens.rms < 0.09
@@ -410,8 +400,7 @@ def test_a_printed_tag_has_its_true_size_and_is_found(run, tmp_path):
 @pytest.mark.parametrize("is_upward", [False, True])
 def test_tags_of_a_grid_are_found_in_rows_down_or_up_but_for_one_that_is_there_twice(is_upward):
     grid, known = parse_board("grid:3x2:60mm:20mm:t36h11"), cv2.aruco.DICT_APRILTAG_36h11
-    page = np.full((300, 500), 255, np.uint8)
-    places = grid.points()[::4, :2] * 1000 + 30
+    page, places = np.full((300, 500), 255, np.uint8), grid.points()[::4, :2] * 1000 + 30
     for number, (x, y) in enumerate([*places.astype(int), (300, 200)]):
         row, column = divmod(number % 6, 3)
         number = 3 * (1 - row) + column if is_upward else number % 6

@@ -41,6 +41,8 @@ BAD = [  # what a file holds, what is asked of it, and what the refusal says
     ("a,b,x,y,sensor\n1,2,3,4,l\n2,3,4,5,r\n", {}, "several sensors, l, r: expected a log of one"),
     (b"a,b,x,y,c\n1,2,3,4,\xb0\n", {}, "UTF-8"),
     (b"PAR1 and nothing else", {}, "cannot be read"),
+    (b"PK\3\4" + bytes(200), {}, "is a workbook or an archive: .* save it as CSV"),
+    (b"\x1f\x8b" + bytes(200), {}, "is compressed: expected a table itself"),
     (MODEL, {}, "is a model, not a log; .log. takes a log .CSV or Parquet."),
     (b"a" * (1 << 20), {}, "no positions"),
     ('a,b,x,y\n1,2,3,"4\n' + "5" * 200_000, {}, "cannot be read"),
@@ -87,8 +89,7 @@ def test_any_finite_numbers_come_back(tmp_path, rows, suffix):
 @pytest.mark.parametrize(("sep", "code"), [(";", "utf-8"), ("\t", "utf-16"), (";", "utf-8-sig")])
 def test_tables_of_spreadsheets_have_commas_in_their_decimals(sep, code, file):
     rows = [["a", "b", "x", "y"], ["-0,5", "1", "2,25e-1", ",5"], ["0,5", "3,0", "4", "1,5"]]
-    text = "\n".join(map(sep.join, rows))
-    log = read_log(file(text.encode(code)), joints=["a", "b"])
+    log = read_log(file("\n".join(map(sep.join, rows)).encode(code)), joints=["a", "b"])
     assert log.q.tolist() == [[-0.5, 1.0], [0.5, 3.0]]
     assert log.x.tolist() == [[0.225, 0.5], [4.0, 1.5]]
 
@@ -118,12 +119,16 @@ def test_bad_files_are_refused_in_one_line(file, content, options, message):
     unread(file(content), message, OptionError if options else LogError, **options)
 
 
-def test_files_that_are_none(tmp_path, file):
+def test_files_that_are_none(tmp_path, file, run):
     unread(tmp_path / "no.csv", "No such file")
     unread(tmp_path, "no table.*calib log")
     unread("a\0b", "cannot read")
     unread("/dev/zero", "is a device")
+    np.save(tmp_path / "log.npy", np.eye(4))  # the robot was said to be none
+    run.refused(1, "no names of columns", "train", "two_link", "--data", tmp_path / "log.npy")
     assert len(read_log(file(GOOD, "log.parquet"), joints=["a", "b"])) == 3  # by its content
+    lines = pl.read_csv(file(GOOD)).write_ndjson()
+    assert len(read_log(file(lines, "log.jsonl"), joints=["a", "b"])) == 3
 
 
 def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(arm, file):
@@ -300,6 +305,8 @@ def test_degrees_are_read_as_radians_and_counts_of_an_encoder_are_neither(arm, f
     assert_allclose([log.lower, log.upper], [arm.lower, arm.upper], atol=1e-12)
     unread(path, "give `degrees=True`", arm=arm, joints=None)
     unread(path, "90 rad.*3.14.*degrees=True", joints=["shoulder"])
+    turned = file("shoulder,elbow,x,y\n0.1,7.85,1,2\n0.2,1.2,2,3\n0.3,2.0,2,5\n")  # no degrees
+    assert read_log(turned, arm).notes == ("elbow: 1 values wrapped by whole turns",)
     log = read_log(file(GOOD), joints="a,b", degrees=True, prismatic=["b"])
     assert_allclose(log.q[:, 0], np.deg2rad([0.1, 0.2, 0.3]))
     assert log.q[:, 1].tolist() == [0.2, 0.4, 0.1]  # a sliding joint's are metres

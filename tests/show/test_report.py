@@ -222,8 +222,7 @@ def test_an_arm_in_space_has_its_reach_its_rows_and_no_maps_until_they_are_asked
     away = places["Predicted tip/ball"] - places[f"Arm/{calib.load_arm('spatial_three').tip}"]
     assert lengths(away) == pytest.approx(held, abs=5e-3)
     # Play goes through the rows in their order
-    moved = places["Measured tip/ball"]
-    rows = found["Rows/positions"]["points"]
+    moved, rows = places["Measured tip/ball"], found["Rows/positions"]["points"]
     steps = [lengths(rows - place).argmin() for place in moved]
     assert steps == sorted(steps)
     assert len(set(steps)) == len(moved) == 60
@@ -254,8 +253,7 @@ def test_a_rig_is_drawn_where_it_is_and_reported_with_its_pictures(in_hand, tmp_
     data = data_of(page.read_text(encoding="utf-8"))
     hand, setup = ("Arm/flange", "Setup") if in_hand else ("Setup", "Arm/flange")
     for name, frame in ((f"{hand}/camera", world.camera), (f"{setup}/board", world.placed)):
-        place = np.reshape(data["places"][name], (4, 4)).T
-        np.testing.assert_allclose(place, frame, atol=5e-3)
+        np.testing.assert_allclose(np.reshape(data["places"][name], (4, 4)).T, frame, atol=5e-3)
     np.testing.assert_allclose(tracks(data)["Arm/flange"], rig.flange, atol=1e-6)
     assert run("report", path, "-o", page, "--data", "x.csv").code == 2
     # a page said 0.0000573 deg, the least that a fit looks for

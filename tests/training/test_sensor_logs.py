@@ -1,5 +1,6 @@
 """Several sensors of one arm: files or a column, repeated poses, one model, its own answers."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -38,7 +39,8 @@ def test_files_and_a_column_make_the_same_model_of_two_sensors(logs, run, tmp_pa
     assert sensors == [("left", 40), ("right", 60)]
     one = run.done(*train[:-1], "--data", both, "-o", tmp_path / "one.calib")
     assert ", 100 rows, " in one.out
-    assert "left (40 rows), right (60 rows)" in run("info", tmp_path / "one.calib").out
+    told = run("info", tmp_path / "one.calib").out
+    assert re.search("100 rows of 2 logs, (.*\n)+.*left .40 rows., right .60 rows.", told)
     assert (tmp_path / "two.calib").read_bytes() == (tmp_path / "one.calib").read_bytes()
     words = ("evaluate", tmp_path / "two.calib", "--data", tmp_path / "right.csv", "--json")
     assert run(*words).document["learned"] == 60
@@ -114,12 +116,18 @@ def test_the_play_of_a_joint_is_as_its_best_sensor_shows_it():
 def test_two_sensors_see_a_planar_arm_from_both_sides_in_units_of_their_own(run, tmp_path):
     arm, rng, rows = calib.load_arm("two_link"), np.random.default_rng(0), []
     sides = (("front", "m", np.ones(2)), ("back", "mm", np.array([1e3, -1e3])))
+    train = ["train", "two_link", "--size", "3"]
     for name, unit, axes in sides:
         q = rng.uniform(arm.lower, arm.upper, (40, 2))
         z = axes * (arm.forward(q) + 0.1 + rng.normal(0.0, NOISE / 2, (40, 2)))
         rows.append(log_of(arm, q, z, sensor=name, unit=unit))
-    both = calib.train(rows, size=3)
-    fresh = rng.uniform(arm.lower, arm.upper, (100, 2))
+        table = pl.DataFrame(np.hstack([q, z]), (*arm.joint_names, *"xy"))
+        table.write_csv(tmp_path / f"{name}.csv")
+        train += ["--data", tmp_path / f"{name}.csv"]
+    run.refused(1, "or name the columns `x [mm]`", *train)  # no `--unit` is right for both
+    table.rename({"x": "x [mm]", "y": "y [mm]"}).write_csv(tmp_path / "back.csv")
+    run.done(*train, "-o", tmp_path / "both.calib")
+    both, fresh = calib.train(rows, size=3), rng.uniform(arm.lower, arm.upper, (100, 2))
     for name, _, axes in sides:
         missed = both.by(name).forward(fresh) / axes - arm.forward(fresh) - 0.1
         assert lengths(missed).max() < 1e-4
@@ -146,17 +154,18 @@ def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused(logs):
 
 def test_poses_that_are_read_again_are_no_new_poses(logs):
     log, _ = logs[0]
-    with pytest.raises(calib.LogError, match="poses: 8, in 160 rows: too few"):
-        calib.train(log.take(np.tile(np.arange(8), 20)))
+    few = log.take(np.tile(np.arange(8), 20))
+    refused(calib.LogError, "poses: 8, in 160 rows: too few", calib.train, few)
     twice = calib.train(log.take(np.tile(np.arange(40), 2)), size=3)
     assert twice.about.errors == calib.train(log, size=3).about.errors
     assert twice.about.samples == 40
+    notes = calib.train([log, replace(log, sensor="again")], size=3).notes
+    assert any("again: 40 of its 40 rows are those of left" in note for note in notes)
 
 
 def test_a_sensor_is_asked_by_its_name(two, run, tmp_path):
-    path = tmp_path / "two.calib"
+    path, q = tmp_path / "two.calib", [0.3, 0.6, -0.9]
     two.save(path)
-    q = [0.3, 0.6, -0.9]
 
     def position(*frame):
         return run.done("query", "forward", path, *q, *frame, "--json").document["position"]
@@ -179,12 +188,35 @@ def test_a_sensor_is_asked_by_its_name(two, run, tmp_path):
     told = run("evaluate", path, "--in", "right", "--json").document
     assert told["errors"] == two.by("right").about.errors
     for command in ("info", "evaluate"):
-        assert "right: " in run(command, path).out
+        assert {"left: ", "right: "} <= set(re.findall("left: |right: ", run(command, path).out))
     run("export", path, "-o", tmp_path / "first.h")
     run("export", path, "-o", tmp_path / "right.h", "--in", "right")
     assert (tmp_path / "first.h").read_bytes() != (tmp_path / "right.h").read_bytes()
     nameless = replace(two, others=(), about=replace(two.about, sensor=""))
     refused(calib.OptionError, "'base': expected none", nameless.forward, q, sensor="base")
+
+
+def test_a_log_that_names_no_sensor_of_the_model_is_not_taken_for_the_first(two, run, tmp_path):
+    """It was: a fresh log of the second one had drifted by 80 deg, and was adapted to."""
+    path, new = tmp_path / "two.calib", tmp_path / "new.csv"
+    two.save(path)
+    calib.write_log(seen_from("right", 40, 7, 0.5)[0], new)
+    for command in ("check", "adapt", "recognise", "evaluate", f"report -o {tmp_path}/page.html"):
+        words = [*command.split(), path, "--data", new]
+        run.refused(1, "of the model's, left, right; say --in SENSOR", *words)
+        assert run(*words, "--in", "right").code == (3 if command == "adapt" else 0)
+        run.refused(2, "'top': expected left, right", *words, "--in", "top")
+    check = ("check", path, "--data", new)
+    assert "--in left re-calibrates it" in run(*check, "--in", "left").out
+    for names in (["other"], ["other", "right"], ["right"]):
+        table = pl.read_csv(new, comment_prefix="#")
+        table.with_columns(sensor=np.resize(names, 40)).write_csv(new)
+        if names != ["right"]:
+            run.refused(1, f"names {', '.join(names)}: expected one of the model's", *check)
+        assert run.done(*check, "--in", "right", "--json").document["samples"] >= 20
+    run.done(*check)
+    assert calib.read_log(new, joints=two.about.joint_names).sensor == "right"
+    run.refused(2, "--in left: the column", *check, "--in", "left")
 
 
 def test_a_log_is_judged_as_its_sensor_sees_the_arm(two):

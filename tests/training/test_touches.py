@@ -1,5 +1,6 @@
 """Touches through the public face: a log of sockets becomes a model like any other."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -90,8 +91,7 @@ def test_a_change_is_found_and_mended_by_touches_of_other_sockets(group, place, 
     assert left.mean() < 0.3 * errors(model, q, true).mean()
     assert np.mean(left < made.model.model_error(q)) > 0.95
     # no touch tells a frame, which there is no sensor to have
-    offsets = calib.adapt(model, log, free="offsets").model
-    assert np.median(offsets.model_error(q)) < 0.03
+    assert np.median(calib.adapt(model, log, free="offsets").model.model_error(q)) < 0.03
 
 
 def test_a_touch_that_is_logged_again_counts_once(tmp_path):
@@ -111,14 +111,12 @@ def test_a_touch_that_is_logged_again_counts_once(tmp_path):
 def test_most_touches_are_not_left_out():
     """Touches of an arm with play, and a third under wrong names, are no strays of a few good."""
     world = World(2, each=15)
-    model = calib.train(world.log(), size=3)
-    wrong = world.number.copy()
+    model, wrong = calib.train(world.log(), size=3), world.number.copy()
     wrong[::3] = (wrong[::3] + 1) % 4
     found = calib.evaluate(model, world.log(number=wrong))
     assert found.left_out == 0
     assert found.touch["scatter"]["mean"] > 0.05
-    side = np.sign(np.diff(world.q[:, 1], prepend=0.0))
-    with_play = world.q.copy()
+    side, with_play = np.sign(np.diff(world.q[:, 1], prepend=0.0)), world.q.copy()
     with_play[:, 1] += 3e-3 * side
     assert calib.train(world.log(with_play), size=3).about.left_out == 0
 
@@ -136,8 +134,7 @@ def test_positions_of_a_sensor_stand_beside_touches(tmp_path, run):
     pl.concat([touched, measured], how="diagonal").write_csv(tmp_path / "mixed.csv")
     log = calib.read_log(tmp_path / "mixed.csv", world.arm, unit="mm")
     assert (log.touch.number < 0).sum() == 20
-    model = calib.train(log, size=5)
-    fresh = rng.uniform(*world.limits, (200, 6))
+    model, fresh = calib.train(log, size=5), rng.uniform(*world.limits, (200, 6))
     true = world.truth.predict(fresh, world.beta) @ turn.T + shift
     readings = true + 0.2e-3 * rng.standard_normal(true.shape)
     for told in (true, readings):
@@ -161,14 +158,13 @@ def test_points_of_a_plane_are_stated_on_the_command_line(tmp_path, run):
     means = np.array([tips[world.number == k].mean(axis=0) for k in range(4)])
     assert np.linalg.svd(means - means.mean(axis=0))[1][2] < 1e-4
     assert "four points" in run(*told, "--plane", "A,B,C").err
-    words = "expected two points of one setup, of A, B, C, D"
+    words = "expected two points of one setup, each once, of A, B, C, D"
     assert words in run(*told, "--distance", "A,Z=50mm").err
 
 
 def test_touches_that_tell_nothing_or_are_wrong_are_told():
     """Wrong names, a row beside its socket, one point, postures all alike, joints in degrees."""
-    world = World(4, each=12)
-    good = world.log()
+    good = World(4, each=12).log()
     named = good.touch.number.copy()
     named[5] = 2  # the wrong socket's name
     model = calib.train(replace(good, touch=replace(good.touch, number=named)), size=5)
@@ -183,7 +179,17 @@ def test_touches_that_tell_nothing_or_are_wrong_are_told():
     refused(calib.LogError, "no arm explains the touches", calib.train, shuffled, size=5)
 
 
-@pytest.mark.parametrize("text", ["A,B", "A,B=50", "A=50mm", "A,B=-5mm", "A,B=5mm+-x"])
+def test_a_distance_that_is_left_out_makes_no_bound_narrower():
+    """One ten times too long made it half as wide, and it covered 3 % of an arm .3 % too large."""
+    world, model = learned()
+    apart, log = lengths(world.points[:1] - world.points[1:2])[0], world.log()
+    touch = log.touch.with_stated_facts([f"A,B={10 * apart}m"])
+    wrong = calib.train(replace(log, touch=touch), size=5)
+    assert np.median(wrong.model_error(world.q) / model.model_error(world.q)) > 0.95
+    assert re.search("the distance is left out.*touches alone do not tell", str(wrong.notes))
+
+
+@pytest.mark.parametrize("text", ["A,B", "A,B=50", "A=50mm", "A,B=-5mm", "A,B=5mm+-x", "A,A=50mm"])
 def test_distances_are_read_as_typed_or_refused(text):
     read = Touches(np.zeros(1, int), (("", "A"), ("", "B"))).with_stated_facts
     assert read(["A,B=50mm+-0.196mm"]).facts[0].tolerance == pytest.approx(1e-4)

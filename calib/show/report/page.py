@@ -160,6 +160,7 @@ def report(
         _add(sections, entries, study, label)
     with_log = (study for study in studies if study.log is not None)
     judged = next(with_log, studies[0])
+    others = [model_of_sensor.about for model_of_sensor in model.others]
     write_page(
         path,
         title=model.about.robot or "An arm, learned from a log",
@@ -170,7 +171,7 @@ def report(
             "Next": words.next_step(judged),
         },
         sections=sections,
-        facts=facts(model.about, model.size_in_words),
+        facts=facts(model.about, model.size_in_words, others),
         notes=model.notes,
     )
     return verdict

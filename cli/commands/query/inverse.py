@@ -84,7 +84,7 @@ def inverse(
     if why:
         raise BadOption(why)
     files = Files(input_, columns, output, target)
-    query = Query.of(model, files, unit, degrees, "base" if on else frame)
+    query = Query.of(model, files, unit, degrees, frame, of_pixel=bool(on))
     near_q = query.within_range("--near", near)
     orientation = orientation_of(quaternion, rpy, degrees)
     options = InverseOptions(
