@@ -222,7 +222,7 @@ def unit_hint(ratio: float, unit: str) -> str:
     per_metre = ratio * METRES.get(unit, 1.0)
     for name, factor in METRES.items():
         if name != unit and abs(per_metre / factor - 1.0) < DIAGNOSIS.same_unit:
-            named = f"name the columns `x [{name}]`, `y [{name}]`"
+            named = f"name the columns x [{name}], y [{name}]"
             return f"; if they are in {name}, give `unit={name!r}`, or {named}"
     if ratio > DIAGNOSIS.pixels_ratio:
         mixed = "if some rows are in another unit, convert them"

@@ -124,7 +124,7 @@ def test_two_sensors_see_a_planar_arm_from_both_sides_in_units_of_their_own(run,
         table = pl.DataFrame(np.hstack([q, z]), (*arm.joint_names, *"xy"))
         table.write_csv(tmp_path / f"{name}.csv")
         train += ["--data", tmp_path / f"{name}.csv"]
-    run.refused(1, "or name the columns `x [mm]`", *train)  # no `--unit` is right for both
+    run.refused(1, "or name the columns x [mm]", *train)  # no `--unit` is right for both
     table.rename({"x": "x [mm]", "y": "y [mm]"}).write_csv(tmp_path / "back.csv")
     run.done(*train, "-o", tmp_path / "both.calib")
     both, fresh = calib.train(rows, size=3), rng.uniform(arm.lower, arm.upper, (100, 2))
