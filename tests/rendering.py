@@ -60,7 +60,8 @@ class Camera:
 
     def rays(self, pixels: Array) -> Array:
         """Return directions in the world (..., 3) of pixels (..., 2)."""
-        seen, r = (pixels - self.centre) / self.focal, np.linspace(0.0, 1.2, 4001)
+        seen = (pixels - self.centre) / self.focal
+        r = np.linspace(0.0, 1.2, 4001)
         bent = r * (1.0 + self.k1 * r**2 + self.k2 * r**4)
         inverse = np.divide(r, bent, out=np.ones_like(r), where=r > 0)
         # steps of 3e-4: linear between them is exact to 1e-8
@@ -246,7 +247,8 @@ class Desk:
 
 def board_shots(desk: Desk, made: Sticker, count: int, rng: np.random.Generator) -> list[Image]:
     """Return pictures of the board held near the camera, tilted this way and that."""
-    pictures, camera = [], desk.camera
+    pictures = []
+    camera = desk.camera
     for _ in range(count):
         pixel = camera.size * rng.uniform([0.32, 0.35], [0.68, 0.65])
         place = camera.position + rng.uniform(0.35, 0.6) * camera.rays(pixel)

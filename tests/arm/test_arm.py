@@ -136,7 +136,8 @@ def test_arms_move_as_mujoco_moves_them(text):
     mujoco = pytest.importorskip("mujoco")
     arm = arm_from_urdf(text)
     model = mujoco.MjModel.from_xml_string(text)
-    data, q = mujoco.MjData(model), random_joints(arm, 20)
+    data = mujoco.MjData(model)
+    q = random_joints(arm, 20)
     for row, place, quaternion in zip(q, *arm.pose(q), strict=True):
         for name, value in zip(arm.joint_names, row, strict=True):
             data.qpos[model.joint(name).qposadr[0]] = value
@@ -152,7 +153,8 @@ def test_a_model_is_trained_from_an_mjcf_and_written_back(run, tmp_path):
     """Its joints' offsets are put into the bodies' places."""
     file = tmp_path / "arm.xml"
     file.write_text(UR5E)
-    arm, offsets = calib.load_arm(file), np.radians([0.0, 0.5, -0.4, 0.3, 0.2, 0.0])
+    arm = calib.load_arm(file)
+    offsets = np.radians([0.0, 0.5, -0.4, 0.3, 0.2, 0.0])
     q = random_joints(arm, 120)
     x = arm.forward(q + offsets)
     log = table(tmp_path / "log.csv", [*arm.joint_names, *"xyz"], np.hstack([q, x]))

@@ -30,7 +30,8 @@ def in_plane(revolute=(True, True), view="rigid", signs=(1, 1), mirror=1):
 
 def in_space(robot, view, sensors=1):
     """An arm a little off everywhere, before a sensor that stands somewhere."""
-    arm, alone = calib.load_arm(robot), sensors == 1
+    arm = calib.load_arm(robot)
+    alone = sensors == 1
     structure = structure_of(arm, view) if alone else seen_by_two().by("right").body.structure
     rng, groups = np.random.default_rng(0), structure.groups
     beta = structure.neutral() + rng.normal(0, 1e-2, structure.size)
@@ -106,7 +107,8 @@ def curved(q):
 
 
 def test_curves_pass_the_gate_where_there_are_curves_and_only_there():
-    q, noise = rows(300, 2, seed=10), np.random.default_rng(11).normal(0, 1e-4, (300, 2))
+    q = rows(300, 2, seed=10)
+    noise = np.random.default_rng(11).normal(0, 1e-4, (300, 2))
     with_curves = fit(q, curved(q) + noise)
     without = fit(q, seen(chain(q, LENGTHS[:2])) + noise)
     assert "curves" in with_curves.member

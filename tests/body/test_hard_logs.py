@@ -206,7 +206,8 @@ def test_an_arm_on_a_wall_is_believed_and_gravity_is_a_direction():
 @pytest.mark.parametrize("drawn", [True, False])
 def test_a_gear_that_is_two_percent_wrong_is_found(drawn):
     """A chain alone missed by 7 mm of it."""
-    q, gains = random_joints(ARM, 300), np.array([1.0, 1.0, 1.02, 1.0, 0.997, 1.0])
+    q = random_joints(ARM, 300)
+    gains = np.array([1.0, 1.0, 1.02, 1.0, 0.997, 1.0])
     x = ARM.forward(gains * q) + np.random.default_rng(0).normal(0.0, 2.5e-5, (len(q), 3))
     log = log_of(ARM, q[:150], x[:150], unit="m")
     model = calib.train(log if drawn else replace(log, arm=None), size=3)
@@ -245,7 +246,8 @@ def test_the_direction_pays_where_there_is_backlash():
     assert model.approach.play[1] == pytest.approx(PLAY / 2, rel=0.03)
     q, x = true_rows("elbow.backlash=0.01")
     side = calib.Samples(q, x, arm().joint_names).side
-    blind, told = lengths(model.forward(q) - x), lengths(model.forward(q, approach=side) - x)
+    blind = lengths(model.forward(q) - x)
+    told = lengths(model.forward(q, approach=side) - x)
     assert np.nanmean(told) < 0.1 * np.nanmean(blind)
     bound = model.expected_error(q, approach=side)
     assert np.nanmean(told <= bound) > 0.92
@@ -295,7 +297,8 @@ def test_a_play_below_zero_is_none(elbow):
 def test_what_a_parameter_explains_as_well_is_no_play(seed):
     """Along a path between three poses, each joint of which turned once, play was learned."""
     rng = np.random.default_rng(seed)
-    poses, time = rng.uniform(arm().lower, arm().upper, (3, 2)), np.linspace(0.0, 2.0, 600)
+    poses = rng.uniform(arm().lower, arm().upper, (3, 2))
+    time = np.linspace(0.0, 2.0, 600)
     q = np.stack([np.interp(time, np.arange(3), joint) for joint in poses.T], axis=1)
     offset, longer = rng.normal(0.0, 1e-3, 2), 5e-4 * rng.standard_normal()
     x = two_link(q + offset, L1 + longer, L2 - 5e-4) + rng.normal(0.0, 2e-4, q.shape)

@@ -222,7 +222,8 @@ def test_a_smooth_error_of_one_log_moves_nothing_and_makes_no_belief_surer(learn
         log = rows_of(u, lambda q, u=u: arm().forward(q) + 2.4e-4 * np.sin(3 * np.pi * u), 1e-4)
         assert not calib.adapt(learned, log).improved
     rng = np.random.default_rng([0, 40])
-    u, phase = 0.7 * rng.random(2) + 0.3 * rng.random((40, 2)), rng.uniform(0, 6.28, 2)
+    u = 0.7 * rng.random(2) + 0.3 * rng.random((40, 2))
+    phase = rng.uniform(0, 6.28, 2)
     log = rows_of(u, lambda q: arm().forward(q) + 1e-4 * np.sin(2 * np.pi * u + phase), 1e-4)
     few = rows_of(np.random.default_rng(1).random((100, 2)), arm().forward, 1e-4)
     assert not calib.adapt(calib.train(few, size=6), log).improved
@@ -277,7 +278,8 @@ def test_a_correction_that_knows_nothing_leaves_no_bound_that_fails(seed, simula
 def test_a_change_without_a_name_is_known_near_the_rows_that_saw_it(seed, simulated):
     """Its doubt elsewhere made bounds of 8 and 6 mm of errors of .3 mm at the rows, too."""
     log, moved = waves_along_a_line(seed)
-    model, between = calib.adapt(simulated, log).model, (log.q[1:] + log.q[:-1]) / 2
+    model = calib.adapt(simulated, log).model
+    between = (log.q[1:] + log.q[:-1]) / 2
     assert accuracy(model, between, moved(between), "expected_error")[1] > 0.95
     assert model.expected_error(between).mean() < 2e-3
     _, covered = elsewhere(model, moved)
@@ -304,7 +306,8 @@ def waves_along_a_line(seed):
 def test_rows_of_one_pose_name_no_cause(learned):
     """A gain, a joint that turns the other way and another unit fitted them as well."""
     for offset in ([0.0, 0.02], [0.1, 0.0], [0.012, 0.0]):
-        u, q = np.full((40, 2), 0.4), random_joints(arm(), 200, 9)
+        u = np.full((40, 2), 0.4)
+        q = random_joints(arm(), 200, 9)
         found = calib.adapt(learned, rows_of(u, lambda q, o=offset: arm().forward(q + o)))
         assert [cause.cause for cause in found.changed] == ["unknown"]
         assert not found.improved
@@ -360,7 +363,8 @@ def test_local_models_follow_the_arm():
         noise = np.random.default_rng(seed).normal(0.0, 2e-4, rows.x.shape)
         return replace(rows, x=real(rows.q + offset) + noise)
 
-    offset, learned = np.array([0.0, 0.02, 0.0]), calib.train(measured(1000, 1, 0.0), size=6)
+    offset = np.array([0.0, 0.02, 0.0])
+    learned = calib.train(measured(1000, 1, 0.0), size=6)
     found = calib.adapt(learned, measured(60, 5, offset))
     q = calib.babble(robot, 500, seed=9).q
     assert found.improved
@@ -370,7 +374,8 @@ def test_local_models_follow_the_arm():
 
 def test_a_path_of_a_changed_world_leaves_the_bound_wide():
     """Of a change that no cause explains a path tells little of the rest: it covered 75 %."""
-    three, rng = calib.load_arm("three_link"), np.random.default_rng(1)
+    three = calib.load_arm("three_link")
+    rng = np.random.default_rng(1)
     waves, more = rng.normal(0.0, 3e-4, (2, 3))
     turn = np.array([[1.0, 5.75e-4], [-5.75e-4, 1.0]])
     shift = (-1.9e-4, 2e-5)

@@ -181,7 +181,8 @@ def test_rows_of_another_sensor_are_no_noise_and_no_calm(n, every):
 def test_a_simulated_arm_holds_as_its_queries_promise(changes):
     """1 deg was within a bound of 0.0000 mm, and 40 exact rows were too few to say."""
     simulated = trained("six_axis", 400, 6)
-    rows, stages = bare("six_axis", 40, 3, *changes, noise=0.0), []
+    rows = bare("six_axis", 40, 3, *changes, noise=0.0)
+    stages = []
     verdict = calib.check(simulated, rows, progress=lambda *step: stages.append(step[:2]))
     off = np.linalg.norm(simulated.forward(rows.q) - rows.x, axis=1)
     share = np.mean(off <= simulated.expected_error(rows.q) + 1e-9)
@@ -193,7 +194,8 @@ def test_a_simulated_arm_holds_as_its_queries_promise(changes):
 
 def test_rows_that_a_model_learned_show_nothing_new():
     """They hid a knock from `check` that `evaluate` saw; where there are no others they count."""
-    rows, new = bare("two_link", 400, 7), bare("two_link", 40, 8, "elbow.offset=0.01")
+    rows = bare("two_link", 400, 7)
+    new = bare("two_link", 40, 8, "elbow.offset=0.01")
     names = ("q", "x", "side")
     both = replace(rows, **{n: np.vstack([getattr(rows, n), getattr(new, n)]) for n in names})
     for log, count in ((both, 40), (rows, 400)):

@@ -97,7 +97,8 @@ def test_a_simulated_arm_that_was_adapted_promises_readings():
 def test_an_arm_that_is_built_a_little_off_its_drawing_has_no_step(seed):
     """What a play explained by chance, of residuals 20 times the noise, was left as a step."""
     body = simulated().body
-    groups, beta = body.structure.groups, body.beta.copy()
+    groups = body.structure.groups
+    beta = body.beta.copy()
     beta[groups["placement"]] += np.random.default_rng(seed).normal(0.0, 1.5e-3, 36)
     beta[groups["offset"][2]] += 0.0175
     q = np.random.default_rng(0).uniform(SIX.lower, SIX.upper, (100, 6))

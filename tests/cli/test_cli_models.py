@@ -35,7 +35,8 @@ def test_options_reach_the_training(run):
 def test_tables_of_joints_are_read_in_degrees(run, model):
     """One of the two ways to a target is asked for; no test saw joints of tables in degrees."""
     q = np.array([[0.4, 1.0], [1.2, 0.8]])
-    x, degrees = calib.load(model).forward(q), np.degrees(q)
+    x = calib.load(model).forward(q)
+    degrees = np.degrees(q)
     table("q.csv", ["shoulder", "elbow"], degrees)
     answered = read(run.done(f"query forward {model} --degrees --input q.csv").out)
     np.testing.assert_allclose(np.transpose([answered["x"], answered["y"]]), x, atol=1e-6)

@@ -120,7 +120,8 @@ def test_damaged_files_are_right_or_refused(load, tmp_path_factory):
     secret.write_text("solid secret\n")
     bundled = st.sampled_from([Path(e.path).read_bytes() for e in calib.list_robots()])
     ways = (damaged, edited, edited, lambda data: st.builds(trapped, st.just(data), snares))
-    snares, found = st.sampled_from(traps(secret)), Counter()
+    snares = st.sampled_from(traps(secret))
+    found = Counter()
 
     @inputs(120)
     @given(bundled.flatmap(lambda data: st.one_of(*(way(data) for way in ways))))

@@ -121,7 +121,8 @@ def family_count(x, n=8001):
     turn = np.linspace(-np.pi, np.pi, n)
     wrist = x - 0.15 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     cosine = ((wrist**2).sum(axis=1) - 0.30**2 - 0.25**2) / (2 * 0.30 * 0.25)
-    exists, inside = np.abs(cosine) <= 1, []
+    exists = np.abs(cosine) <= 1
+    inside = []
     for side in (1, -1):
         elbow = side * np.arccos(np.clip(cosine, -1, 1))
         fore = np.arctan2(0.25 * np.sin(elbow), 0.30 + 0.25 * np.cos(elbow))
@@ -159,7 +160,8 @@ def test_every_connected_family_is_named_once_whatever_else_is_asked():
 @pytest.mark.parametrize("free", ["x", "y", "z"])
 def test_ways_to_a_pose_with_an_open_turn_are_told_once_each(free):
     """Four ways were one: the nearest of many slid to one place."""
-    model, down = trained("six_axis", n=400, size=4), np.array([0.0, 1.0, 0.0, 0.0])
+    model = trained("six_axis", n=400, size=4)
+    down = np.array([0.0, 1.0, 0.0, 0.0])
     answers = solve_poses(model, np.array([[0.4, 0.1, 0.5]]), down, None, every=True, free=free)
     assert answers.reachable.all()
     apart = np.abs(answers.q[:, None] - answers.q[None]).max(axis=2)
@@ -188,7 +190,8 @@ def test_a_way_beside_one_that_went_stays():
 @pytest.mark.parametrize(("bound", "reached"), [(1e-3, 1e-3), (0.02, 1e-2)])
 def test_a_target_counts_as_reached_within_the_expected_error_and_a_hundredth(bound, reached):
     """Within the smaller of the expected error and 1 % of the workspace's extent."""
-    model, q = trained("two_link"), np.array([[0.7, ELBOW[0]]])
+    model = trained("two_link")
+    q = np.array([[0.7, ELBOW[0]]])
     edge, extent = two_link(q), model.solver.extent
     unsure = replace(model, bounds=np.full(model.motor.size, bound * extent))
     outwards = edge / np.linalg.norm(edge)
@@ -212,7 +215,8 @@ def test_no_attainable_point_is_closer_and_the_edge_is_reached(robot):
     grid = rng.uniform(arm.lower, arm.upper, (20_000, arm.dof))
     for k in range(arm.dof):  # the workspace ends where joints do
         grid[k::6, k] = rng.choice([arm.lower[k], arm.upper[k]], len(grid[k::6]))
-    positions, targets = arm.forward(grid), rng.uniform(-0.9, 0.9, (80, 2))
+    positions = arm.forward(grid)
+    targets = rng.uniform(-0.9, 0.9, (80, 2))
     closest = np.array([lengths(positions - x).min() for x in targets])
     # from joints far away, too: of ways that miss the one that misses least
     for near in (grid[:80], None):
@@ -237,14 +241,16 @@ def test_no_attainable_point_is_closer_and_the_edge_is_reached(robot):
 def test_a_small_step_goes_where_the_jacobian_says_and_a_gain_is_a_share_of_the_way():
     model = trained("two_link")
     q = draw(model, 50, seed=1, margin=0.2)
-    gap, x = 1e-5 * np.random.default_rng(2).normal(size=(50, 2)), two_link(q)
+    gap = 1e-5 * np.random.default_rng(2).normal(size=(50, 2))
+    x = two_link(q)
     moved = two_link(model.servo(x, x + gap, q, gain=1.0)) - x
     assert_allclose(moved, gap, rtol=0.05, atol=5e-7)
     assert_allclose(model.servo(x, x, q), q, atol=1e-12)  # on target
     for gain in (0.0, -1.0, 1.5, float("nan")):
         refused(calib.QueryError, "gain", model.servo, x, x, q, gain=gain)
     # a step keeps the limits and is never long
-    q, far = draw(model, 100, seed=6), np.random.default_rng(7).uniform(-5, 5, (100, 2))
+    q = draw(model, 100, seed=6)
+    far = np.random.default_rng(7).uniform(-5, 5, (100, 2))
     after = model.servo(two_link(q), far, q, gain=1.0)
     assert (after >= model.about.lower - 1e-12).all()
     assert (after <= model.about.upper + 1e-12).all()
@@ -327,7 +333,8 @@ def with_limits(model, limits):
 
 
 def test_a_joint_goes_on_over_the_seam_where_it_can_and_is_told_where_it_turns_round():
-    corners, model = two_link(np.array([[3.0, 1.0], [3.3, 1.0]])), turning()
+    corners = two_link(np.array([[3.0, 1.0], [3.3, 1.0]]))
+    model = turning()
     path = model.path(corners, step=0.01)
     assert len(path.jumps) == 1  # its log knows one turn
     row = path.jumps[0]
@@ -367,7 +374,8 @@ def test_a_path_of_the_base_frame_is_followed_by_pinocchios_arm():
 
 @pytest.mark.parametrize("frame", ["sensor", "base"])
 def test_joints_that_turn_fast_beside_the_first_axis_are_told(frame):
-    arm, model = calib.load_arm("spatial_three"), trained("spatial_three", n=60, size=4)
+    arm = calib.load_arm("spatial_three")
+    model = trained("spatial_three", n=60, size=4)
     path = model.path([[0.25, 0.04, 0.6], [-0.25, 0.04, 0.6]], frame=frame)
     turn = np.abs(np.diff(path.q, axis=0)).max(axis=1)
     assert np.isfinite(path.expected_error).all()

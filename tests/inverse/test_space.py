@@ -93,7 +93,8 @@ def closed_form(position: np.ndarray, frame: np.ndarray, tip: np.ndarray) -> np.
     """
     r = frame @ tip.T
     wrist = position - TOOL * r[:, 1]
-    out, far = [], np.hypot(wrist[0], wrist[1])
+    out = []
+    far = np.hypot(wrist[0], wrist[1])
     for side in (np.arcsin(SIDE / far), np.pi - np.arcsin(SIDE / far)):
         q1 = np.arctan2(wrist[1], wrist[0]) - side
         back = exponential(np.array([0.0, 0.0, -q1]))
@@ -103,7 +104,8 @@ def closed_form(position: np.ndarray, frame: np.ndarray, tip: np.ndarray) -> np.
             s5 = np.sin(q5)
             total = np.arctan2(-m[2, 1] / s5, m[0, 1] / s5)
             q6 = np.arctan2(-m[1, 2] / s5, -m[1, 0] / s5)
-            x, z = w[0] + DROP * np.sin(total), -(w[2] - HEIGHT + DROP * np.cos(total))
+            x = w[0] + DROP * np.sin(total)
+            z = -(w[2] - HEIGHT + DROP * np.cos(total))
             bend = (x * x + z * z - UPPER**2 - FORE**2) / (2 * UPPER * FORE)
             if abs(bend) > 1:
                 continue
@@ -147,7 +149,8 @@ def test_what_lies_just_inside_of_the_edge_of_a_redundant_arm_is_reached():
 @either_way
 def test_no_rows_are_no_answers(answering):
     """Once bounds in space, and compiled C asked for every way, failed at an empty batch."""
-    model, none = answering(six()), np.empty((0, 3))
+    model = answering(six())
+    none = np.empty((0, 3))
     assert model.expected_error(np.empty((0, 6))).shape == (0,)
     for every in (False, True):
         answers = solve_poses(model, none, np.empty((0, 4)), every=every)

@@ -69,7 +69,8 @@ def test_joints_alone_and_together_are_answered_as_by_numpy(kind):
     q = np.vstack([poses(model, 30), np.full(len(model.about.lower), 1e9)])
     atol = 1e-9 * model.reach
     for name in ("forward", "expected_error", "model_error", "jacobian"):
-        expected, one = getattr(model, name)(q), np.array([getattr(fast, name)(row) for row in q])
+        expected = getattr(model, name)(q)
+        one = np.array([getattr(fast, name)(row) for row in q])
         assert_allclose(one, expected, rtol=0, atol=atol)
         assert_allclose(getattr(fast, name)(q), expected, rtol=0, atol=atol)
         assert np.isnan(expected[-1]).all()
@@ -106,7 +107,8 @@ def test_one_inverse_reaches_its_target_on_the_nearest_branch(kind, away):
 def test_a_position_that_nothing_reaches_is_answered_without_the_batch(kind):
     """Once a single call fell to the batch, for a third of a second, where C found nothing."""
     model = MODELS[kind]()
-    fast, near = warm(model), (model.about.lower + model.about.upper) / 2
+    fast = warm(model)
+    near = (model.about.lower + model.about.upper) / 2
     middle = model.sensory.weights.mean(axis=0)
     far = middle + 2.0 * model.solver.extent * np.eye(len(middle))[0]
     together = model.solve(far, near)
@@ -237,7 +239,8 @@ def test_a_small_posterior_is_as_sure_as_the_whole_where_rows_were():
 def test_a_position_a_hair_beyond_a_limit_is_no_answer():
     """Once a last step that a limit cut short was not looked at, and its miss called a solution."""
     model = trained("polar")
-    fast, q = warm(model), draw(model, 50, seed=5)
+    fast = warm(model)
+    q = draw(model, 50, seed=5)
     q[:, 1] = model.about.upper[1]
     x = model.forward(q)
     beyond = x + 1e-2 * (x - model.forward(q - [0, 1e-4]))  # 1 um beyond the stop of a slide

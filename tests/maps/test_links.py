@@ -58,7 +58,8 @@ def test_a_local_bandwidth_is_that_of_each_node():
 
 def test_links_are_the_fixed_point_of_ojas_rule_but_for_weak_ones(pair):
     a_motor, a_sensory = (a.toarray() for a in pair)
-    dense, links = a_motor.T @ a_sensory / (a_sensory**2).sum(axis=0), link(*pair).toarray()
+    dense = a_motor.T @ a_sensory / (a_sensory**2).sum(axis=0)
+    links = link(*pair).toarray()
     kept = links > 0
     assert_allclose(links[kept], dense[kept], rtol=1e-6)
     weakest = np.minimum(dense.max(axis=1)[:, None], dense.max(axis=0)[None])
@@ -187,7 +188,8 @@ def polynomial(degree, d=2, seed=0):
 def test_polynomials_of_the_models_degree_are_reproduced_with_their_slopes(d, degree, n):
     value, slope = polynomial(degree, d)
     motor, u = grid({2: 18, 3: 7}[d], (False,) * d), points(3000, d=d)
-    models, fresh = fitted(motor, u, value(u), degree, n), points(300, seed=1, d=d)
+    models = fitted(motor, u, value(u), degree, n)
+    fresh = points(300, seed=1, d=d)
     blend = Blend(motor, fresh)
     said, tilt = correction(models, blend), correction_slope(models, blend)
     assert_allclose(said, value(fresh), atol=1e-6)
@@ -201,7 +203,8 @@ def test_models_join_at_the_seam_of_a_joint_that_turns_round():
         angle = 2 * np.pi * u[:, 0]
         return np.stack([np.cos(angle) + u[:, 1], np.sin(angle)], axis=1)
 
-    models, y = fitted(motor, u, truth(u), 2, 60), np.linspace(0.05, 0.95, 50)
+    models = fitted(motor, u, truth(u), 2, 60)
+    y = np.linspace(0.05, 0.95, 50)
     before, after = (np.stack([np.full(50, x), y], axis=1) for x in (1 - 1e-9, 1e-9))
     low, high = (correction(models, Blend(motor, p)) for p in (before, after))
     assert_allclose(low, high, atol=1e-6)
@@ -281,7 +284,8 @@ def test_a_defect_is_mended_and_nothing_is_said_far_from_it():
     predictor, held = chosen(u, bump(u) + noise())
     models = predictor.models
     left = lengths(predictor.value(fresh) - fresh - bump(fresh))
-    before, near = lengths(bump(fresh)), inside(fresh)
+    before = lengths(bump(fresh))
+    near = inside(fresh)
     assert left[near].mean() < 0.3 * before[near].mean()
     assert left[~near].mean() < 3e-5
     has_model = (models.coefficients != 0.0).any(axis=(1, 2))

@@ -99,7 +99,8 @@ def test_the_winner_is_found_across_the_seam_of_a_whole_turn():
 
 @pytest.mark.parametrize("turning", [[False, False], [True, False]])
 def test_a_few_places_are_answered_without_scipy_as_by_its_tree(turning, monkeypatch):
-    rng, scale = np.random.default_rng(3), box(*turning)
+    rng = np.random.default_rng(3)
+    scale = box(*turning)
     points, places = rng.random((60, 2)), rng.uniform(-0.2, 1.2, (40, 2))
     import scipy.spatial  # noqa: F401
 
@@ -246,7 +247,8 @@ def test_a_varying_density_helps_small_lattices_too(side):
 @pytest.mark.parametrize("rule", ["batch", "online"])
 def test_nodes_are_denser_at_the_contour_than_a_soms(rule):
     """The figures of docs/paper.md: 2.4 times for 0.6 (online) and 1.0 (batch)."""
-    q, density = calib.babble(calib.load_arm("two_link"), 20_000, seed=0).q, {}
+    q = calib.babble(calib.load_arm("two_link"), 20_000, seed=0).q
+    density = {}
     for name in ("som", "vdsom"):
         options = {"epochs": 3} if rule == "online" else {}
         w = SOM(30, name, rule=rule, **options).fit(q).units

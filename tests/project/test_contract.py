@@ -64,7 +64,8 @@ def joint_curves():
 
 def encoders_that_tremble():
     """Poses that were read again, by encoders that read each a little otherwise."""
-    logs, rng = repeated_poses(), np.random.default_rng(2)
+    logs = repeated_poses()
+    rng = np.random.default_rng(2)
     return [replace(log, q=log.q + 2e-6 * rng.standard_normal(log.q.shape)) for log in logs]
 
 

@@ -191,7 +191,8 @@ def test_few_pictures_tell_turns_of_the_arm_from_shifts_and_from_noise_of_corner
 
 @pytest.mark.parametrize("seed", [36, 93])
 def test_of_several_noises_that_fit_the_one_that_predicts_other_pictures_is_taken(seed):
-    world, rng = World(seed, seed % 2 == 0, count=8), np.random.default_rng([9, seed])
+    world = World(seed, seed % 2 == 0, count=8)
+    rng = np.random.default_rng([9, seed])
     for k, corners in enumerate(world.corners[0]):  # they err together: 2.4 and 2.5 px before
         along = (corners - corners.mean(axis=0)) / np.ptp(corners)
         world.corners[0][k] = corners + rng.normal(0, 0.6, 2) + along @ rng.normal(0, 1, (2, 2))
@@ -244,7 +245,8 @@ def test_of_squares_that_were_counted_wrong_the_right_ones_are_named():
     squares = np.indices((6, 9)).sum(axis=0) % 2
     page = np.pad(np.kron(squares, np.ones((30, 30))), 30, constant_values=1)
     pictures = [(255 * page).astype(np.uint8)] * 4
-    poses, words = np.tile(np.eye(4), (4, 1, 1)), "give `board='9x6:22mm'`, which"
+    poses = np.tile(np.eye(4), (4, 1, 1))
+    words = "give `board='9x6:22mm'`, which"
     refused(calib.LogError, words, calib.handeye, pictures=pictures, poses=poses, board="8x6:22mm")
 
 

@@ -31,8 +31,10 @@ CORNER = np.array([0.084, 0.06, 0.0])  # the middle of the board in OpenCV's fra
 def shots(in_hand, pictures=10, seed=0):
     """A rig, its pictures and its joints; the board lies on the desk in its own frame."""
     rig = Rig(in_hand, seed=seed, pictures=pictures)
-    z, rng = rig.structure.predict(rig.q, rig.beta), np.random.default_rng(seed)
-    made, taken = board(7, 5, 0.024, 0.018, (0.0, 0.0, 0.0, 0.0)), []
+    z = rig.structure.predict(rig.q, rig.beta)
+    rng = np.random.default_rng(seed)
+    made = board(7, 5, 0.024, 0.018, (0.0, 0.0, 0.0, 0.0))
+    taken = []
     for row in z:
         turn, shift = exponential(row[None, 3:])[0], row[:3]
         if in_hand:  # the camera's pose in the board's frame

@@ -37,7 +37,8 @@ def write_dataset(root, version, state, codec="libsvtav1", pictures=None, names=
     """Two episodes; without pictures grey frames tell their poses, from 10 on in tens."""
     if pictures is None:
         pictures = [np.full((64, 64), 10 * k, np.uint8) for k in range(1, POSES + 1)]
-    frames, half = [picture for picture in pictures for _ in range(REST)], len(state) // 2
+    frames = [picture for picture in pictures for _ in range(REST)]
+    half = len(state) // 2
     motors = [f"{name}.pos" for name in (*names, "gripper")]
     features = {"observation.state": {"dtype": "float32", "names": motors}}
     features[CAMERA] = {"dtype": "video"}

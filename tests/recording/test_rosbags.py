@@ -37,7 +37,8 @@ def write(path, kind="ros2", tip="PointStamped", n=300, late=0.0, lost=(), stamp
     store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
     types = {name.rpartition("/")[2]: made for name, made in store.types.items()}
     types["Time"] = store.types["builtin_interfaces/msg/Time"]  # std_msgs has one, too
-    joint_t, tip_t = np.arange(n) * STEP, 0.013 + np.arange(n - 2) * STEP
+    joint_t = np.arange(n) * STEP
+    tip_t = 0.013 + np.arange(n - 2) * STEP
 
     def header(t):
         stamp = types["Time"](int(100 + t), int(1e9 * (t % 1))) if stamped else types["Time"](0, 0)
@@ -49,7 +50,8 @@ def write(path, kind="ros2", tip="PointStamped", n=300, late=0.0, lost=(), stamp
         return types["JointState"](header(t), ["elbow", "shoulder"], q[::-1].copy(), none, none)
 
     def position(t, x):
-        point, turn = types["Point"](*map(float, x)), types["Quaternion"](*turn_at(t))
+        point = types["Point"](*map(float, x))
+        turn = types["Quaternion"](*turn_at(t))
         if tip == "TFMessage":
             moved = (("camera", "tag", x), ("base", "link", 2 * x))
             return types["TFMessage"]([transformed(t, *m, turn) for m in moved])

@@ -80,7 +80,8 @@ def make(folder, scene=None, joints="joints.csv", **more):
 @pytest.fixture(scope="module")
 def film(tmp_path_factory):
     """Eight seconds at 20 frames a second, stops between moves; joints by a clock of their own."""
-    folder, rng = tmp_path_factory.mktemp("film"), np.random.default_rng(5)
+    folder = tmp_path_factory.mktemp("film")
+    rng = np.random.default_rng(5)
     scene = Desk(Camera(size=(400, 300), focal=380.0), **TWO, shadow=0.0)
     goals = rng.uniform([0.1, 0.2], [1.2, 1.4], (16, 2))
 
@@ -161,7 +162,8 @@ def test_an_arm_or_a_tag_that_never_moves(copy):
 def test_joints_that_are_a_row_late_are_refused(tmp_path):
     rng = np.random.default_rng(0)
     (tmp_path / "p").mkdir()
-    scene, q = Desk(CAMERA, **TWO), rng.uniform([0.1, 0.2], [1.2, 1.4], (80, 2))
+    scene = Desk(CAMERA, **TWO)
+    q = rng.uniform([0.1, 0.2], [1.2, 1.4], (80, 2))
     pixels = scene.tip_pixels(q)
     q = q[((pixels > 40) & (pixels < np.array(CAMERA.size) - 40)).all(axis=1)][:22]
     take(tmp_path, scene, q, rng)
@@ -265,7 +267,8 @@ def test_the_commands(run, shot, film, tmp_path):
 @pytest.fixture(scope="module")
 def photographed(tmp_path_factory, run):
     """Models of pixels with and without a photo, whose right half is bright."""
-    folder, rng = tmp_path_factory.mktemp("photo"), np.random.default_rng(0)
+    folder = tmp_path_factory.mktemp("photo")
+    rng = np.random.default_rng(0)
     q = rng.uniform([0.0, 0.2], [1.3, 1.6], (40, 2))
     x = Desk(Camera(), **TWO).tip_pixels(q) + rng.normal(0, 0.05, (40, 2))
     columns = {"a": q[:, 0], "b": q[:, 1], "x": x[:, 0], "y": x[:, 1]}
@@ -310,7 +313,8 @@ def test_the_tip_is_found_to_a_tenth_of_a_pixel_among_decoys():
     rng = np.random.default_rng(0)
     desk = Desk(CAMERA, still=(tag(3, 0.03, (0.0, 0.25, 0, 0.3)), tag(12, 0.05, (0.4, 0.2, 0, 1))))
     finder = TagFinder("36h11", [7])
-    q, errors = desk.postures(12, rng), []
+    q = desk.postures(12, rng)
+    errors = []
     for row in q:
         found = finder.find(desk.picture(row, rng))
         assert [t.number for t in found] == [7]
@@ -357,7 +361,8 @@ def test_lens_round_trip(tmp_path, monkeypatch):
 
 
 def test_a_lens_is_calibrated_from_pictures_of_a_board():
-    rng, desk = np.random.default_rng(6), Desk(Camera(size=(640, 360), focal=550.0))
+    rng = np.random.default_rng(6)
+    desk = Desk(Camera(size=(640, 360), focal=550.0))
     pictures = board_shots(desk, board(7, 5, 0.024, 0.018, (0, 0, 0, 0)), 8, rng)
     lens = calibrate_lens([CHARUCO.find(p) for p in pictures], CHARUCO, desk.camera.size)
     assert lens.rms < 0.09
@@ -400,7 +405,8 @@ def test_a_printed_tag_has_its_true_size_and_is_found(run, tmp_path):
 @pytest.mark.parametrize("is_upward", [False, True])
 def test_tags_of_a_grid_are_found_in_rows_down_or_up_but_for_one_that_is_there_twice(is_upward):
     grid, known = parse_board("grid:3x2:60mm:20mm:t36h11"), cv2.aruco.DICT_APRILTAG_36h11
-    page, places = np.full((300, 500), 255, np.uint8), grid.points()[::4, :2] * 1000 + 30
+    page = np.full((300, 500), 255, np.uint8)
+    places = grid.points()[::4, :2] * 1000 + 30
     for number, (x, y) in enumerate([*places.astype(int), (300, 200)]):
         row, column = divmod(number % 6, 3)
         number = 3 * (1 - row) + column if is_upward else number % 6

@@ -88,10 +88,12 @@ def test_a_delay_that_is_unsure_or_explains_nothing_is_not_corrected():
 
 
 def test_a_delay_is_as_sure_as_its_interval_says():
-    rng, time = np.random.default_rng(0), np.linspace(-1.0, 1.0, 200)
+    rng = np.random.default_rng(0)
+    time = np.linspace(-1.0, 1.0, 200)
     velocity = np.stack([np.sin(4.0 * time), np.cos(3.0 * time)], axis=1)
     waves = [np.sin(w * time + p) for w in (1.0, 2.0, 3.0, 4.0, 5.0) for p in (0.0, 1.5)]
-    columns, errors = np.stack([waves, waves[::-1]]).transpose(2, 0, 1), []
+    columns = np.stack([waves, waves[::-1]]).transpose(2, 0, 1)
+    errors = []
     for _ in range(200):
         residual = 1e-3 * rng.standard_normal((200, 2)) - 0.02 * velocity
         delay, _ = estimate_delay(residual, velocity, columns, np.full(10, 1e-6), np.zeros(10))
@@ -109,7 +111,8 @@ def test_a_delay_is_as_sure_as_its_interval_says():
 def moving(robot, late, n=400, rate=25.0, noise=1e-4, seed=1):
     """A log along a path, its positions late by so many seconds, and the true kinematics."""
     arm = calib.load_arm(robot)
-    rng, t = np.random.default_rng(seed), np.arange(n) / rate
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) / rate
     middle, half = (arm.lower + arm.upper) / 2, np.minimum((arm.upper - arm.lower) / 2.2, 1.3)
     pace, phase = rng.uniform(0.4, 1.2, (arm.dof, 2)), rng.uniform(0, 6.28, (arm.dof, 2))
 
@@ -170,7 +173,8 @@ def test_offsets_far_from_the_drawing_leave_the_delay_of_a_fresh_log_as_sure_as_
     log = replace(log, q=log.q + np.array([0.08, -0.1, 0.02]))
     model = calib.train(log.take(slice(600)), size=4)
     for start in range(600, 1500, 150):
-        _, value, half = delay_of(calib.check(model, log.take(slice(start, start + 150))).notes)
+        notes = calib.check(model, log.take(slice(start, start + 150))).notes
+        _, value, half = delay_of(notes)
         assert abs(value - 40.0) < 2.0 * half
 
 

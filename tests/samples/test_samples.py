@@ -108,7 +108,8 @@ def screen(log):
 def spoiled(log, share, size=0.05, seed=7):
     """The log with a share of its rows moved by `size` [m] in random directions."""
     rng = np.random.default_rng(seed)
-    wrong, angle = rng.random(len(log)) < share, rng.uniform(0, 2 * np.pi, len(log))
+    wrong = rng.random(len(log)) < share
+    angle = rng.uniform(0, 2 * np.pi, len(log))
     step = size * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return replace(log, x=log.x + wrong[:, None] * step), wrong
 
@@ -150,7 +151,8 @@ def test_a_patch_that_bends_away_or_a_row_far_from_all_others_is_no_outlier():
 def test_rows_of_zeros_in_space_are_left_out_of_learning_and_of_errors(tmp_path, lost):
     """122 of them were neither dropped nor counted, and the table said 54 mm for .01."""
     rows = bare("spatial_three", 120, seed=2, noise=1e-4)
-    clean, zeros = calib.train(rows, size=6), np.isin(np.arange(120), lost)
+    clean = calib.train(rows, size=6)
+    zeros = np.isin(np.arange(120), lost)
     calib.write_log(replace(rows, x=np.where(zeros[:, None], 0.0, rows.x)), tmp_path / "log.csv")
     log = calib.read_log(tmp_path / "log.csv", rows.arm)
     model = calib.train(log, size=6)
@@ -167,7 +169,8 @@ def test_rows_of_zeros_in_space_are_left_out_of_learning_and_of_errors(tmp_path,
 
 def test_pixels_of_an_arm_in_space_are_a_cameras():
     arm = calib.load_arm("spatial_three")
-    q, pixels = np.linspace(arm.lower, arm.upper, 6), np.linspace([10, 20], [600, 400], 6)
+    q = np.linspace(arm.lower, arm.upper, 6)
+    pixels = np.linspace([10, 20], [600, 400], 6)
     samples = calib.Samples(q, pixels, arm.joint_names, arm=arm, unit="px")
     assert samples.camera.size == (640, 480)
     assert samples.take([0]).camera is samples.camera
@@ -241,7 +244,8 @@ def test_sensor_changes_apply_as_mirror_scale_rotate_shift_in_any_order_given(ar
 
 
 def test_sensor_noise_has_the_stated_deviation_on_each_axis(arm, q):
-    many, sim = np.repeat(q, 100, axis=0), Simulation(arm, 2e-3)
+    many = np.repeat(q, 100, axis=0)
+    sim = Simulation(arm, 2e-3)
     error = sim.measure(many, np.random.default_rng(0)) - sim.exact(many)
     assert_allclose(error.std(axis=0), 2e-3, rtol=0.02)
     assert_allclose(error.mean(axis=0), 0.0, atol=4e-5)
@@ -290,7 +294,8 @@ def test_refused_with_what_was_expected(arm, text, expected):
 
 def test_the_same_thing_changed_twice_is_refused(arm):
     once = ["elbow.lock=1", "shoulder.lock=1"]
-    twice, words = [*once, "elbow.lock=2"], r"elbow\.lock=2 comes after elbow\.lock=1"
+    twice = [*once, "elbow.lock=2"]
+    words = r"elbow\.lock=2 comes after elbow\.lock=1"
     refused(OptionError, words, Simulation, arm, changes=twice)
     assert [c.part for c in Simulation(arm, changes=once).changes] == ["elbow", "shoulder"]
     assert len(Simulation(arm, changes="elbow.lock=1").changes) == 1

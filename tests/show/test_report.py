@@ -222,7 +222,8 @@ def test_an_arm_in_space_has_its_reach_its_rows_and_no_maps_until_they_are_asked
     away = places["Predicted tip/ball"] - places[f"Arm/{calib.load_arm('spatial_three').tip}"]
     assert lengths(away) == pytest.approx(held, abs=5e-3)
     # Play goes through the rows in their order
-    moved, rows = places["Measured tip/ball"], found["Rows/positions"]["points"]
+    moved = places["Measured tip/ball"]
+    rows = found["Rows/positions"]["points"]
     steps = [lengths(rows - place).argmin() for place in moved]
     assert steps == sorted(steps)
     assert len(set(steps)) == len(moved) == 60

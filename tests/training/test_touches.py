@@ -111,12 +111,14 @@ def test_a_touch_that_is_logged_again_counts_once(tmp_path):
 def test_most_touches_are_not_left_out():
     """Touches of an arm with play, and a third under wrong names, are no strays of a few good."""
     world = World(2, each=15)
-    model, wrong = calib.train(world.log(), size=3), world.number.copy()
+    model = calib.train(world.log(), size=3)
+    wrong = world.number.copy()
     wrong[::3] = (wrong[::3] + 1) % 4
     found = calib.evaluate(model, world.log(number=wrong))
     assert found.left_out == 0
     assert found.touch["scatter"]["mean"] > 0.05
-    side, with_play = np.sign(np.diff(world.q[:, 1], prepend=0.0)), world.q.copy()
+    side = np.sign(np.diff(world.q[:, 1], prepend=0.0))
+    with_play = world.q.copy()
     with_play[:, 1] += 3e-3 * side
     assert calib.train(world.log(with_play), size=3).about.left_out == 0
 
@@ -134,7 +136,8 @@ def test_positions_of_a_sensor_stand_beside_touches(tmp_path, run):
     pl.concat([touched, measured], how="diagonal").write_csv(tmp_path / "mixed.csv")
     log = calib.read_log(tmp_path / "mixed.csv", world.arm, unit="mm")
     assert (log.touch.number < 0).sum() == 20
-    model, fresh = calib.train(log, size=5), rng.uniform(*world.limits, (200, 6))
+    model = calib.train(log, size=5)
+    fresh = rng.uniform(*world.limits, (200, 6))
     true = world.truth.predict(fresh, world.beta) @ turn.T + shift
     readings = true + 0.2e-3 * rng.standard_normal(true.shape)
     for told in (true, readings):
@@ -182,7 +185,8 @@ def test_touches_that_tell_nothing_or_are_wrong_are_told():
 def test_a_distance_that_is_left_out_makes_no_bound_narrower():
     """One ten times too long made it half as wide, and it covered 3 % of an arm .3 % too large."""
     world, model = learned()
-    apart, log = lengths(world.points[:1] - world.points[1:2])[0], world.log()
+    apart = lengths(world.points[:1] - world.points[1:2])[0]
+    log = world.log()
     touch = log.touch.with_stated_facts([f"A,B={10 * apart}m"])
     wrong = calib.train(replace(log, touch=touch), size=5)
     assert np.median(wrong.model_error(world.q) / model.model_error(world.q)) > 0.95

@@ -156,7 +156,8 @@ def test_a_simulated_hobby_arm_is_learned_wherever_random_chains_end():
 
 @pytest.mark.parametrize("name", ["six_axis", "two_link"])
 def test_a_drawing_that_is_trusted_leaves_zeros_and_frame(name):
-    arm, rng = calib.load_arm(name), np.random.default_rng(0)
+    arm = calib.load_arm(name)
+    rng = np.random.default_rng(0)
     zeros = np.radians(rng.normal(0.0, 1.0, arm.dof))
     zeros[0] = 0.0  # which no free frame tells from its own turn
     q = rng.uniform(arm.lower, arm.upper, (212, arm.dof))
@@ -197,7 +198,8 @@ def test_a_joint_that_never_moved_is_refused_or_ignored():
     # beside the rows the bound tells where the answers end, in batches and one by one
     beside = np.stack([np.full(81, 0.5), 1.0 + np.linspace(-0.05, 0.05, 81)], axis=1)
     bound, x = model.model_error(beside), model.forward(beside)
-    error, known = lengths(x - two_link(beside)), np.isfinite(bound)
+    error = lengths(x - two_link(beside))
+    known = np.isfinite(bound)
     assert 2 < known.sum() < 80
     assert (bound[known] <= 0.1 * model.reach).all()
     assert (error[known] <= bound[known]).all()
@@ -301,7 +303,8 @@ def test_a_simulated_model_repeats_the_errors_of_its_training():
 
 def test_another_log_is_compared_row_by_row():
     model, fresh = trained("two_link"), log(400, 1e-3, seed=5)
-    evaluation, missed = calib.evaluate(model, fresh), model.forward(fresh.q) - fresh.x
+    evaluation = calib.evaluate(model, fresh)
+    missed = model.forward(fresh.q) - fresh.x
     back = np.abs(model.inverse(fresh.x, near=fresh.q, nearest=True) - fresh.q)
     for readout, column, error in (
         ("forward", "distance", lengths(missed)),
