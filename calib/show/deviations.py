@@ -70,11 +70,13 @@ def deviations_of(model: Model) -> list[Deviation]:
     if body is None or drawn is None:
         return []
     structure = body.structure
-    steps = body.beta - drawn[1]
-    columns = _motions_of_tip(model, body)
-    sizes = np.linalg.norm(columns, axis=0)
     candidates = [k for name in _ORDER for k in structure.groups.get(name, ())]
     active = [k for k in candidates if k in body.active]
+    steps = body.beta - drawn[1]
+    before = body.beta.copy()
+    before[active] = drawn[1][active]
+    columns, moved = _motions_of_tip(model, body, before)
+    sizes = np.linalg.norm(columns, axis=0)
     units = [structure.labels[k].unit for k in active]
     of_arm = _moving(np.array(active, np.intp), sizes, np.array(units))
     chosen = _independent(of_arm, columns)
@@ -82,7 +84,11 @@ def deviations_of(model: Model) -> list[Deviation]:
     # how much of each chosen one moves the tip as the others do
     shares = solve_least_squares(columns[:, chosen], columns[:, others])
     root = body.full_root
-    values = steps[chosen] + shares @ steps[others]
+    values = solve_least_squares(columns[:, chosen], moved)[:, 0]
+    offsets = structure.groups["offset"]
+    sense = np.ones(structure.size)
+    sense[offsets] = structure.directions
+    values *= sense[chosen]
     halves = Z95 * row_lengths(root[chosen] + shares @ root[others])
     deviations = []
     for k, value, half in zip(
@@ -131,19 +137,35 @@ def error_curve(body: Body, joint: int, q: Array) -> tuple[Array, Array]:
     return np.asarray(waves @ body.beta[indices]), np.asarray(half)
 
 
-def _motions_of_tip(model: Model, body: Body) -> Array:
+def _motions_of_tip(
+    model: Model, body: Body, before: Array
+) -> tuple[Array, Array]:
     """How parameters move the tip, (postures m, d), without what sensor and tool take up.
 
-    The length of a column is the rms motion of the tip for one unit of its parameter.
+    The length of a column is the rms motion of the tip for one unit of its parameter.  The second
+    array (postures m, 1) is how far it is from where it is with the parameters `before` (d,): among
+    steps that no row determines, large ones cancel, which their first derivatives do not.
     """
     structure = body.structure
     about = model.about
     shape = SETTINGS.postures, structure.dof
     q = np.random.default_rng(0).uniform(about.lower, about.upper, shape)
-    slope = structure.linearise(q, body.beta)[1][:, structure.position]
-    columns = slope.reshape(-1, structure.size) / SETTINGS.postures**0.5
-    frame = columns[:, frame_parameters(body)]
-    return np.asarray(columns - frame @ solve_least_squares(frame, columns))
+    frame = frame_parameters(body)
+    drawn, drawn_slope = structure.linearise(q, before)
+    learned, slope = structure.linearise(q, body.beta)
+    moved = (learned - drawn)[:, structure.position].reshape(-1, 1)
+    drawn_frame = drawn_slope[:, structure.position, frame]
+    moved = _without(drawn_frame.reshape(len(moved), -1), moved)
+    columns = slope[:, structure.position].reshape(len(moved), -1)
+    moved = _without(columns[:, frame], moved)
+    columns = _without(columns[:, frame], columns)
+    factor = SETTINGS.postures**-0.5
+    return factor * columns, factor * moved
+
+
+def _without(columns: Array, x: Array) -> Array:
+    """Columns of x (n, k) less what combinations of other columns (n, j) follow of them."""
+    return np.asarray(x - columns @ solve_least_squares(columns, x))
 
 
 def _moving(indices: Index, sizes: Array, units: NDArray[np.str_]) -> Index:

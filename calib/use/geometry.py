@@ -23,6 +23,10 @@ class Quantity:
     interval: Array
 
 
+MOST_UNEXPLAINED = 0.01
+"""Share of the arm's reach that a geometry may leave unexplained."""
+
+
 @dataclass(frozen=True, eq=False)
 class Geometry:
     """A fitted geometry of an arm."""
@@ -38,6 +42,11 @@ class Geometry:
     nominal_residual: float
     # [m; px], furthest distance of the tip from the middle of its positions
     reach: float
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether it describes the model, to `MOST_UNEXPLAINED` of the reach."""
+        return self.residual <= MOST_UNEXPLAINED * self.reach
 
     @property
     def unit(self) -> str:

@@ -166,9 +166,12 @@ def body_with_zeros(model: Model) -> Body | None:
     if body is None or is_simulated(model) or not about.urdf:
         return body
     try:
-        offsets = fit_geometry(seen_in_lengths(model)).offsets()
+        geometry = fit_geometry(seen_in_lengths(model))
     except CalibError:  # no geometry is fitted to pixels of a plane in space
         return body
+    if not geometry.is_explained:  # as of a joint that counts the other way
+        return body
+    offsets = geometry.offsets()
     structure = body.structure
     beta = body.beta.copy()
     root = body.root.copy()

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,13 +23,8 @@ from ..common.arrays import Array
 from ..common.wording import for_people
 from ..errors import OptionError, RobotError
 from .edits import with_origins
+from .geometry import MOST_UNEXPLAINED, Geometry
 from .settings import FITTING
-
-if TYPE_CHECKING:
-    from .geometry import Geometry
-
-MOST_UNEXPLAINED = 0.01
-"""Share of the arm's reach that a geometry may leave unexplained."""
 
 
 def corrected_urdf(geometry: Geometry) -> str:
@@ -43,14 +37,14 @@ def corrected_urdf(geometry: Geometry) -> str:
     Raises RobotError if the geometry does not describe the model to `MOST_UNEXPLAINED` of its
     reach, or the tip has no own joint that could be moved.
     """
-    share = geometry.residual / geometry.reach
-    if not share <= MOST_UNEXPLAINED:
+    if not geometry.is_explained:
+        share = geometry.residual / geometry.reach
         factor, unit = for_people(geometry.unit)
         raise RobotError(
             f"joint offsets and link placements leave {factor * geometry.residual:.4g} {unit} rms "
             f"unexplained, {100.0 * share:.3g} % of the reach (at most {MOST_UNEXPLAINED:.0%})",
-            hint="check the joints, the tip and the unit of the log; a log in the robot's root "
-            "frame needs `view='base'` in training, one in a sensor's frame must not have it",
+            hint="check the joints and their senses, the tip and the unit of the log; a log in "
+            "the root frame needs `view='base'` in training, one in a sensor's must not have it",
         )
     text = geometry.arm.urdf
     tree = parse_robot(text)

@@ -32,9 +32,9 @@ def urdf(
 ) -> Outcome:
     from calib.common.atomic import atomic_write
     from calib.model.nominal import assumption
+    from calib.use.geometry import MOST_UNEXPLAINED
     from calib.use.geometry_fit import fit_geometry, seen_in_lengths
     from calib.use.urdf import (
-        MOST_UNEXPLAINED,
         check_output,
         corrected_urdf,
         gap_to_yourdfpy,
@@ -45,8 +45,7 @@ def urdf(
     say(assessment.bound_warnings(loaded.about))
     check_output(output, loaded.about.urdf)
     geometry = fit_geometry(loaded, geometry_is_drawn=free == "offsets")
-    explained = geometry.residual <= MOST_UNEXPLAINED * geometry.reach
-    if explained:
+    if geometry.is_explained:
         corrected = corrected_urdf(geometry)
         atomic_write(output, corrected.encode())
         gap = gap_to_yourdfpy(corrected, geometry.arm.tip)
@@ -54,7 +53,7 @@ def urdf(
             note(f"yourdfpy reads the tip of {output} {1e3 * gap:.3g} mm off")
     unit = geometry.unit
     document = {
-        "urdf": output if explained else None,
+        "urdf": output if geometry.is_explained else None,
         **geometry.document(),
         "unit": unit,
         "units": units_of(loaded.about, unit),
@@ -67,10 +66,10 @@ def urdf(
     rms = (
         f"{with_unit(geometry.residual, unit)} rms ({share:.3g} % of the reach)"
     )
-    if not explained:
+    if not geometry.is_explained:
         note(
             f"offsets and placements leave {rms} unexplained, more than {MOST_UNEXPLAINED:.0%}: "
-            "nothing was written; check the joints, the tip and the unit of the log"
+            "nothing was written; check joints and their senses, the tip and the unit of the log"
         )
         return Outcome(document, [_table(geometry)], code=EXIT_ACT)
     before = with_unit(geometry.nominal_residual, unit)
