@@ -15,6 +15,7 @@ import numpy as np
 from ...arm.rigid import rigid
 from ...common.arrays import Array
 from ...common.rows import row_lengths, spread_rows
+from ...common.scale import METRES
 from ...common.wording import quantity
 from ...maps.lattice import Lattice
 from ...model.about import Photo
@@ -76,7 +77,12 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
     # a scale that holds the errors of nodes and of rows, and the bound
     points, bound = bound_field(model)
     errors = [*node_errors(model), bound]
-    errors += [study.rows.distance for study in studies if study.rows]
+    errors += [
+        study.rows.distance * factor
+        for study in studies
+        if study.rows
+        and (factor := _factor_to(about.unit, study.model.about.unit))
+    ]
     scale = ErrorScale.of(np.concatenate(errors), about.unit, extent(model))
     if robot is not None:
         _draw_robot(canvas, robot.links, poses)
@@ -93,7 +99,15 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
             at = of_sensor.lift(rows.x) + front
             # maps of a simulation show more
             shown = study.model.about.simulation is None
-            _draw_points(canvas, layer, at, rows.distance, scale, shown=shown)
+            factor = _factor_to(about.unit, study.model.about.unit)
+            of_rows = scale
+            if factor is None:
+                unit = study.model.about.unit
+                of_rows = ErrorScale.of(
+                    rows.distance, unit, extent(study.model)
+                )
+            distance = rows.distance * (factor or 1.0)
+            _draw_points(canvas, layer, at, distance, of_rows, shown=shown)
     _draw_motion(canvas, model, placement, q, measured)
 
     measure = about.bound_of if about.source == "log" else "true position"
@@ -106,6 +120,15 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
         links=links_of(model, int(model.sensory.winners(middle)[0])),
         notes=[] if robot is not None else [NO_ARM],
     )
+
+
+def _factor_to(unit: str, own: str) -> float | None:
+    """Factor from a sensor's own unit to another one; None from pixels to a length."""
+    if own == unit:
+        return 1.0
+    if {own, unit} <= METRES.keys():
+        return METRES[unit] / METRES[own]
+    return None
 
 
 def data_of_rig(rig: HandEye) -> dict[str, object]:
