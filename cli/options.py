@@ -242,7 +242,11 @@ InFrame = Annotated[
     str, value("--in SENSOR|base", "Frame of positions (the first sensor's).")
 ]
 OfSensor = Annotated[
-    str, value("--in SENSOR", "The sensor (by default the first, or the one a log names).")
+    str,
+    value(
+        "--in SENSOR",
+        "The sensor (by default the first, or the one a log names).",
+    ),
 ]
 PositionUnit = Annotated[
     str | None,
