@@ -82,10 +82,17 @@ class Structure(Layout):
         """Which joints (dof,) turn against their drawing."""
         return np.less(self.directions, 0)
 
+    @property
+    def senses(self) -> Array:
+        """Signs (d,) of changes of parameters as they are told: offsets add to logged values."""
+        senses = np.ones(self.size)
+        senses[self.groups["offset"]] = self.directions
+        return senses
+
     def zeros(self, beta: Array) -> Array:
         """What is added to the joints' logged values (dof,), beyond the drawing [rad or m]."""
-        deviation = (beta - self.neutral())[self.groups["offset"]]
-        return np.multiply(self.directions, deviation)
+        deviation = self.senses * (beta - self.neutral())
+        return deviation[self.groups["offset"]]
 
     def offsets(self, beta: Array) -> Array:
         """Offsets that are added to the joints' values (dof,)."""

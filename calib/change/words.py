@@ -273,10 +273,7 @@ def _of_parameter(evidence: Evidence, k: int, part: Indices) -> Cause:
     structure = evidence.reference.structure
     label = structure.labels[k]
     old = float(evidence.prior.beta[k])
-    change = float(evidence.change[k])
-    if label.group == "offset":  # of what is logged
-        index = structure.joint_names.index(label.joint or "")
-        change *= structure.directions[index]
+    change = float(structure.senses[k] * evidence.change[k])
     half = _half_width(evidence, k)
     value = math.expm1(change) if label.group == "view.scale" else change
     share = abs(change / old) if old else math.nan

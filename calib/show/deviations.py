@@ -85,10 +85,7 @@ def deviations_of(model: Model) -> list[Deviation]:
     shares = solve_least_squares(columns[:, chosen], columns[:, others])
     root = body.full_root
     values = solve_least_squares(columns[:, chosen], moved)[:, 0]
-    offsets = structure.groups["offset"]
-    sense = np.ones(structure.size)
-    sense[offsets] = structure.directions
-    values *= sense[chosen]
+    values *= structure.senses[chosen]
     halves = Z95 * row_lengths(root[chosen] + shares @ root[others])
     deviations = []
     for k, value, half in zip(

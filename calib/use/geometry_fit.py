@@ -180,8 +180,8 @@ def body_with_zeros(model: Model) -> Body | None:
         index = structure.groups["offset"][k]
         if structure.labels[index].unit != units[k]:
             continue  # the direction of a planar arm's slide, which has no zero
-        zero = structure.directions[k] * offset.value
-        beta[index] = structure.neutral()[index] + zero
+        change = structure.senses[index] * offset.value
+        beta[index] = structure.neutral()[index] + change
         for row in np.flatnonzero(body.active == index):
             root[row] *= offset.interval / (Z95 * np.linalg.norm(root[row]))
     return replace(body, beta=beta, root=root)

@@ -180,6 +180,35 @@ def test_drawn_turns_are_no_zeros_and_millimetres_scale_no_lengths(written, tmp_
     assert "turns against" not in words
 
 
+def test_a_joint_that_counts_the_other_way_has_the_zero_of_the_body(written, tmp_path, run):
+    """The geometry has the drawing's senses and explains nothing: it told 49 deg for 2.8."""
+    drawn = calib.load_arm("three_link")
+    q = random_joints(drawn, 80)
+    x = drawn.forward(q) + np.random.default_rng(0).normal(0.0, 1e-4, (80, 2))
+    logged = q * [1, 1, -1] - [0.0, 0.0, 0.05]
+    log = replace(log_of(drawn, logged, x), lower=logged.min(0), upper=logged.max(0))
+    done, _ = written(calib.train(log, size=3), "--json")
+    assert (done.code, done.document["urdf"]) == (3, None)
+    words = run(f"info {tmp_path}/m.calib").out
+    told = re.search(r"wrist: .*?([+-]\d+\.\d+) ±.*turns against its log", words)
+    assert float(told[1]) == pytest.approx(2.86, abs=0.2)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_geometry_is_fitted_to_the_sensor_that_measures_lengths(written, order):
+    arm, rng = calib.load_arm("two_link"), np.random.default_rng(0)
+    real = arm.with_link_length("elbow", 0.255)
+    logs = []
+    for name, unit, size in (("tracker", "m", 1.0), ("camera", "px", 800.0)):
+        q = random_joints(arm, 60, len(name))
+        z = size * (real.forward(q) + rng.normal(0.0, 1e-4, (60, 2)))
+        logs.append(log_of(arm, q, z, sensor=name, unit=unit))
+    done, path = written(calib.train(logs[::order], size=3))
+    assert "fitted to the rows of sensor 'tracker' alone" in done.err
+    q = random_joints(arm, 50)
+    assert lengths(calib.load_arm(path).forward(q) - real.forward(q)).max() < 5e-4
+
+
 def test_nothing_differs_from_the_drawing_of_a_simulated_arm():
     """Steps that no row determines cancel: linearised, they left a wrist 48 mm and 34 deg off."""
     simulated = calib.train(calib.babble(ARMS["six_axis"], 300, noise=2e-4), size=4)

@@ -29,7 +29,7 @@ from ..placement import Placement, place_model
 from ..robot import Robot
 from ..settings import SETTINGS
 from ..setup import Thing, things_of, things_of_rig
-from ..study import StudiedRows, studies_of
+from ..study import StudiedRows, Study, studies_of
 from ..workspace import bound_field, extent, node_errors
 from .camera import OBLIQUE, camera_onto, frame_of_view
 from .canvas import Canvas, packed
@@ -77,12 +77,8 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
     # a scale that holds the errors of nodes and of rows, and the bound
     points, bound = bound_field(model)
     errors = [*node_errors(model), bound]
-    errors += [
-        study.rows.distance * factor
-        for study in studies
-        if study.rows
-        and (factor := _factor_to(about.unit, study.model.about.unit))
-    ]
+    in_unit = [_errors_in(about.unit, study) for study in studies]
+    errors += [of_rows for of_rows in in_unit if of_rows is not None]
     scale = ErrorScale.of(np.concatenate(errors), about.unit, extent(model))
     if robot is not None:
         _draw_robot(canvas, robot.links, poses)
@@ -92,22 +88,21 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
     places = placement.lift(points)
     tints = scale.colours(bound)
     canvas.add("Reach/points", "points", tints, places, size=0.005)
-    for study, of_sensor in zip(studies, placements, strict=True):
+    for study, of_sensor, of_rows in zip(
+        studies, placements, in_unit, strict=True
+    ):
         rows = study.rows
         if rows is not None:
             layer = f"Rows {study.model.about.sensor}".strip()
             at = of_sensor.lift(rows.x) + front
             # maps of a simulation show more
             shown = study.model.about.simulation is None
-            factor = _factor_to(about.unit, study.model.about.unit)
-            of_rows = scale
-            if factor is None:
-                unit = study.model.about.unit
-                of_rows = ErrorScale.of(
-                    rows.distance, unit, extent(study.model)
-                )
-            distance = rows.distance * (factor or 1.0)
-            _draw_points(canvas, layer, at, distance, of_rows, shown=shown)
+            if of_rows is not None:
+                _draw_points(canvas, layer, at, of_rows, scale, shown=shown)
+                continue
+            unit = study.model.about.unit
+            own = ErrorScale.of(rows.distance, unit, extent(study.model))
+            _draw_points(canvas, layer, at, rows.distance, own, shown=shown)
     _draw_motion(canvas, model, placement, q, measured)
 
     measure = about.bound_of if about.source == "log" else "true position"
@@ -122,13 +117,13 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
     )
 
 
-def _factor_to(unit: str, own: str) -> float | None:
-    """Factor from a sensor's own unit to another one; None from pixels to a length."""
-    if own == unit:
-        return 1.0
-    if {own, unit} <= METRES.keys():
-        return METRES[unit] / METRES[own]
-    return None
+def _errors_in(unit: str, study: Study) -> Array | None:
+    """Errors (n,) of a sensor's rows in a unit; None without rows, or of pixels and a length."""
+    own = study.model.about.unit
+    if study.rows is None or (own != unit and not {own, unit} <= METRES.keys()):
+        return None
+    factor = 1.0 if own == unit else METRES[unit] / METRES[own]
+    return study.rows.distance * factor
 
 
 def data_of_rig(rig: HandEye) -> dict[str, object]:
